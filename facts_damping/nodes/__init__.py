@@ -1,1 +1,1 @@
-"""The ROS 2 nodes, thin: parameters, wiring, one short callback a topic."""
+"""The ROS 2 nodes, kept thin: parameters, topics, and one short callback per topic."""

@@ -1,9 +1,9 @@
-"""attacker: somebody else in the ROS domain, who says at each tick what would act, if it were let in.
+"""attacker: a foreign node in the ROS domain that forges messages at each tick; a graph must refuse all of them.
 
-It hears what anybody hears, and publishes as if it were the plant, links, controllers and supervisors of a run: frames,
-setpoints at the limit, one way and the other, states that a supervisor judges by, and estimates. Where the run has keys
-it has them, too. A fault campaign starts it beside a graph (fault_injection.py); nothing of what it says may act
-(docs/refusals.md).
+It subscribes to open topics and publishes as if it were the plant, links, controllers and supervisors of a run: frames,
+setpoints at the limits with alternating sign, states that a supervisor judges by, and estimates. If the run has keys,
+it has them, too. A fault campaign starts it beside a graph (fault_injection.py); none of its messages may have an
+effect (docs/refusals.md).
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
 FRAMES = "pmu/frames"
-BEGUN = 10  # tick by which all nodes know each other; who is there before would be another graph's
-BEFORE_END_S = 1.0  # simulated time before the end in which it is silent: who leaves does not count any more
-SWING = 0.02  # p.u. of speed and the like, in forged frames
+BEGUN = 10  # tick by which all nodes know each other; publishers before it would count as another graph
+BEFORE_END_S = 1.0  # simulated time before the end in which it is silent, as refusals of an ending node are not counted
+SWING = 0.02  # p.u., amplitude of all values in forged frames
 
 
 class Attacker:
-    """Says what others would say, a tick at a time."""
+    """Forges the messages of other nodes, tick by tick."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters; listen to the plant's frames and to states."""
+        """Read parameters; subscribe to the plant's frames and to states."""
         self.case, options = read_case(node), read_options(node, joins=False)
         ticks = descriptor("first tick of which it says something", "", 0, self.case.ticks)
         self.first = max(BEGUN, int(declare(node, "first", 0, ticks)))
@@ -74,10 +74,10 @@ class Attacker:
         self.spinner = Spinner(node)
 
     def ready(self) -> None:
-        """It waits for nobody."""
+        """Wait for no other node."""
 
     def run(self) -> None:
-        """Forge until stopped, and tell how much was said."""
+        """Forge until stopped, then write the number of messages by topic."""
         try:
             while True:
                 self.spinner.spin_once(0.1)
@@ -86,9 +86,9 @@ class Attacker:
                 self.log.line(f"sent {count} {topic}")
 
     def on_frames(self, data: bytes) -> None:
-        """Say what would act in a tick that begins."""
+        """Publish forged frames and setpoints when a tick begins."""
         tick = int.from_bytes(data[TICK_END : TICK_END + 8], "little")
-        if tick <= self.tick:  # its own
+        if tick <= self.tick:  # its own frame
             return
         self.tick = tick
         if tick >= BEGUN and not self.publishers:
@@ -99,22 +99,22 @@ class Attacker:
             self.say(topic, tick, partial(make, tick))
 
     def on_state(self, topic: str, kind: type[Any], change: Callable[[Any], None], data: bytes) -> None:
-        """Say a state once more, another one."""
+        """Publish a received state once more, with changed values."""
         message = deserialize_message(data, kind)
-        if message.tick > self.told[topic]:  # not its own
+        if message.tick > self.told[topic]:  # not its own message
             self.told[topic] = message.tick
             change(message)
             self.say(topic, message.tick, partial(serialize_message, message))
 
     def say(self, topic: str, tick: int, make: Callable[[], bytes]) -> None:
-        """Publish what is made, from the first tick on."""
+        """Publish the message that `make` returns, if `tick` is within the attack."""
         if self.first <= tick < self.last and topic in self.publishers:
             self.publishers[topic].publish(make())
             self.sent[topic] += 1
 
 
 def forgeries(case: Case, start_timeout_s: float) -> dict[str, Callable[[int], bytes]]:
-    """Frames and setpoints in everybody's name, by topic: what makes the message of a tick."""
+    """Functions, by topic, that forge the frames or setpoints of a tick in the name of the topic's publisher."""
     by, names, places = signing(case, start_timeout_s), controller_names(case), controller_addresses(case)
     setpoints = {f"{places[c]}/setpoints": (name, [c]) for c, name in enumerate(names)}
     for c, address in supervisor_addresses(case).items():
@@ -132,7 +132,7 @@ def forgeries(case: Case, start_timeout_s: float) -> dict[str, Callable[[int], b
 
 
 def _setpoints(case: Case, message: SetpointsMessage, sender: str, of: Iterable[int], tick: int) -> bytes:
-    """Setpoints at the limits of all devices of some controllers, of the other sign at the next tick."""
+    """Setpoints at the limits of all devices of some controllers; the sign alternates from tick to tick."""
     pairs = [(c, name) for c in of for name in case.controllers[c].devices]
     rows = np.zeros(len(pairs), SETPOINT)
     for row, (c, name) in zip(rows, pairs, strict=True):
@@ -144,7 +144,7 @@ def _setpoints(case: Case, message: SetpointsMessage, sender: str, of: Iterable[
 
 
 def _frames(case: Case, message: FramesMessage, tick: int) -> bytes:
-    """A frame of every station, of a swing at half the frame rate."""
+    """Frames of all stations that show a swing at half the frame rate."""
     at = start_of(tick, case.run.frame_rate)
     rows = np.zeros(len(case.system.stations), DELIVERY)
     rows["station"] = np.arange(len(rows))
@@ -154,7 +154,7 @@ def _frames(case: Case, message: FramesMessage, tick: int) -> bytes:
 
 
 def of_plant(message: Any) -> None:
-    """Synchronism is lost, and no device does what it is told."""
+    """Forge a loss of synchronism and devices that do not obey their setpoints."""
     message.in_synchronism = False
     for device in message.devices:
         device.setpoint_pu, device.reference_pu = -device.setpoint_pu, -device.reference_pu
@@ -162,12 +162,12 @@ def of_plant(message: Any) -> None:
 
 
 def of_controller(message: Any) -> None:
-    """Its outputs are no numbers: a supervisor that believed it would trip."""
+    """Forge NaN outputs: a supervisor that accepted them would trip."""
     message.unlimited_outputs = [math.nan for _ in message.unlimited_outputs]
 
 
 def of_identifier(message: Any) -> None:
-    """The plant's derivatives are large, and of the other sign."""
+    """Forge a Jacobian that is large and of the opposite sign."""
     message.jacobian = [-100.0 * one for one in message.jacobian]
 
 

@@ -1,4 +1,4 @@
-"""c37118_client: streams of IEEE C37.118.2 in the place of the plant; controllers that hear them act on nothing."""
+"""c37118_client: feeds IEEE C37.118.2 streams into a graph in place of the plant; setpoints have no effect."""
 
 from __future__ import annotations
 
@@ -42,17 +42,17 @@ if TYPE_CHECKING:
 
     from facts_damping.streaming.stream_clock import Tick
 
-OURS = "tcp://127.0.0.1:4712/1"  # as c37118_server serves, if nothing else is said
-PROGRESS_S = 0.2  # wall time between two lines of progress
+OURS = "tcp://127.0.0.1:4712/1"  # default address of c37118_server
+PROGRESS_S = 0.2  # wall time between two progress lines
 LAST_S = 1.0  # wait for the answers to the last tick
-SPIN_S = 0.05  # longest wait for a stream: requests are answered meanwhile
+SPIN_S = 0.05  # longest wait for stream data before requests are answered
 
 
 class C37118Client:
-    """Streams, as the plant of a run."""
+    """Plays the plant of a run from streams."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters, wire the topics."""
+        """Read parameters, set up the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         if not self.options.paced:
             raise InputError(f"mode: '{self.options.mode}' given; allowed: free, realtime, as streams wait for nobody")
@@ -74,7 +74,7 @@ class C37118Client:
         self.member = Member(node, self.case, self.options, PLANT, hardware=", ".join(self.streams.servers))
         self.to_state = node.create_publisher(RunState, STATE, LATCHED)
         self.tick, self.misses = -1, 0
-        self.tasks: list[Future[None]] = []  # of the clients, which never end by themselves
+        self.tasks: list[Future[None]] = []  # tasks of the clients, which end only by an error
         links = link_addresses(self.case)
         self.answered = [-1 for _ in links]
         for i, link in enumerate(links):
@@ -93,11 +93,11 @@ class C37118Client:
         self.member.wait(expected | {self.to_all: len(supervisor_names(self.case)) + extra}, self.spinner)
 
     def on_setpoints(self, link: int, tick: int, _rows: NDArray[Any]) -> None:
-        """What a link delivers in a tick acts on nothing: it is only known to be there."""
+        """Note that a link has answered; its setpoints have no effect."""
         self.answered[link] = tick
 
     def run(self) -> None:
-        """Follow the streams, to the end of the run or until stopped; who follows the run hears which of both."""
+        """Follow the streams to the end of the run or until stopped; publish which of both as the run's state."""
         beside = AsyncioThread()
         for i, server in enumerate(self.sources.servers):
             client = Client(server, lambda what, i=i: self.come.put((i, time.monotonic(), what)))  # type: ignore[misc]
@@ -113,7 +113,7 @@ class C37118Client:
             self.member.message_filter.log.info(self.health().message)
 
     def follow(self) -> None:
-        """All ticks, each when it is over."""
+        """Publish all ticks, each when it is over."""
         told, began = -PROGRESS_S, time.monotonic()
         while self.tick + 1 < self.ticks:
             check_wanted()
@@ -138,12 +138,15 @@ class C37118Client:
         finish([self.to_links, self.to_all, self.to_events, self.to_state], self.options.timeout)
 
     def check_known(self) -> None:
-        """Raise `RunError` where no server has told its configuration, unless the graph runs free."""
+        """Raise `RunError` if no server has sent its configuration, unless the graph runs free."""
         if self.sources.unknown() and not self.options.free:
             raise RunError(f"no server has told its configuration: {'; '.join(self.sources.flaws())}")
 
     def receive(self) -> None:
-        """Wait for streams, a little, and take all that has come; what there is to be said of it is said."""
+        """Wait at most `SPIN_S` for stream data, take all of it, and log its events.
+
+        Raises `InputError` for a faulty stream before the first tick.
+        """
         wait, come = min(SPIN_S, self.sources.following.left_s(time.monotonic())), []
         with suppress(Empty):
             come.append(self.come.get(timeout=wait))
@@ -159,7 +162,7 @@ class C37118Client:
                 )
 
     def publish(self, tick: Tick) -> None:
-        """Publish a tick: what streams have said of it, or nothing."""
+        """Publish a tick with the stream data that came for it; the frame may be empty."""
         k = self.tick = tick.number
         start = tick_ns(k, self.case.run.frame_rate)
         if k == 0:
@@ -173,7 +176,7 @@ class C37118Client:
         self.member.tell(self.health, last=k + 1 == self.ticks)
 
     def begin(self) -> None:
-        """The first frame says when tick 0 was."""
+        """Set the time of tick 0 from the first frame. Raises `InputError` if wall stamps are more than a day off."""
         first_ns = (self.sources.following.first or 0) * NANOSECONDS // self.case.run.frame_rate
         off_s = abs(first_ns - time.time_ns()) / NANOSECONDS
         if self.stamp == "wall" and off_s * NANOSECONDS > stamps.DAY_NS:
@@ -182,19 +185,19 @@ class C37118Client:
         self.say(RunState.RUNNING, "begins")
 
     def say(self, state: int, reason: str) -> None:
-        """Tell how the run stands."""
+        """Publish the state of the run."""
         at = max(self.tick, 0)
         self.to_state.publish(state_message(state, at, tick_ns(at, self.case.run.frame_rate), reason))
 
     def health(self) -> Health:
-        """Which servers are connected, and what has not come."""
+        """State of the streams: flaws, counts and deadline misses."""
         flaws, values = self.sources.flaws(), {**self.sources.counts(), "deadline_misses": self.misses}
         level = DiagnosticStatus.WARN if flaws else DiagnosticStatus.OK
         return Health(level, "; ".join(flaws) or "all streams are there", {"mode": self.options.mode, **values})
 
 
 def _unknown(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The truth, of which streams say nothing."""
+    """Truth rows without information, as streams carry none: NaN, and 0 for flags and refusals."""
     rows = np.zeros(count, dtype)
     for name in dtype.names or ():
         rows[name] = 0.0 if name in (*FLAGS, *REFUSED) else np.nan

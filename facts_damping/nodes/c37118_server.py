@@ -1,4 +1,4 @@
-"""c37118_server: serves what the PMUs of a running graph say, as streams of IEEE C37.118.2; it only listens."""
+"""c37118_server: serves the PMU data of a running graph as IEEE C37.118.2 streams; publishes nothing in the graph."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 FRAMES = "pmu/frames"
-LISTENS = Options("free", 5.0, 30.0, recorder=False, view=False)  # whatever the graph's mode: nobody waits for it
-TELL_S = 1.0  # wall time between two looks at what has changed
+LISTENS = Options("free", 5.0, 30.0, recorder=False, view=False)  # whatever the graph's mode: no node waits for it
+TELL_S = 1.0  # wall time between two reports of changes
 
 
 class C37118Server:
-    """A run's stations as servers, and what their PMUs say."""
+    """Serves a run's stations as C37.118.2 streams."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters, listen to the plant or to a link."""
+        """Read parameters, subscribe to the plant or to a link."""
         self.case, self.asked, link = read_case(node), read_serving(node), read_link(node)
         links = link_addresses(self.case)
         if link >= len(links):
@@ -66,7 +66,7 @@ class C37118Server:
             self.message_filter.log.info(line)
 
     def on_frames(self, tick: int, rows: NDArray[Any]) -> None:
-        """What has been said, or delivered, in a tick; the first one tells when tick 0 was."""
+        """Send the frames of a tick to the clients; the first frame gives the time of tick 0."""
         if self.concentrator is None:
             start_ns = tick * NANOSECONDS // self.case.run.frame_rate
             begun_ns = stamps.epoch_ns() or time.time_ns() - start_ns
@@ -75,11 +75,11 @@ class C37118Server:
             self.beside.soon(partial(send, self.servers, instant, each=self.asked.each))
 
     def look(self, last: bool = False) -> None:
-        """Now and then: report what was refused, and who has come and gone."""
+        """Report refusals. Called periodically."""
         self.message_filter.tell(last)
 
     def run(self) -> None:
-        """Serve until stopped; say who comes and goes."""
+        """Serve until stopped; log changes of the clients, and totals at the end."""
         told_s = -TELL_S
         try:
             while True:
@@ -94,7 +94,7 @@ class C37118Server:
             self.end()
 
     def tell_changes(self) -> None:
-        """Say of which streams clients have come, or were dropped, or what was refused."""
+        """Log the streams whose counts of clients, drops or refusals have changed."""
         before, self.told = self.told, serving.counted(self.servers)
         for old, new in zip(before, self.told, strict=True):
             if {**old, "frames": 0} != {**new, "frames": 0}:
@@ -102,14 +102,14 @@ class C37118Server:
                 self.message_filter.log.info(serving.told(new))
 
     def end(self) -> None:
-        """Close all."""
+        """Close the servers and the event loop."""
         for server in self.servers:
             self.beside.wait(server.end())
         self.beside.close()
 
 
 def read_serving(node: Node) -> Serving:
-    """Declare and read how stations are served."""
+    """Declare and read the parameters of the servers."""
     host: str = declare(node, "host", "127.0.0.1", descriptor("address of this computer at which clients connect"))
     port: int = declare(node, "port", 4712, descriptor("TCP and UDP port; 0: a free one", "", 0, 60000))
     text = "HOST:PORT that data also go to by UDP, perhaps a multicast group; an empty one is none"
@@ -123,7 +123,7 @@ def read_serving(node: Node) -> Serving:
 
 
 def read_link(node: Node) -> int:
-    """Declare and read behind which link the stream is taken."""
+    """Declare and read the link behind which the stream is taken; -1: none."""
     text = "as this link of the run has delivered it, time-aligned; -1: as PMUs report it"
     return int(declare(node, "behind", -1, descriptor(text, "", -1, 15)))
 

@@ -1,4 +1,4 @@
-"""controller: subscribes to delivered frames, publishes setpoints and its state; one MIMO or several MISO."""
+"""controller: subscribes to delivered frames, publishes setpoints and its state; a run has one MIMO or several MISO."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class ControllerNode:
     """One controller of the run."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters, build the controller, wire the topics."""
+        """Read parameters, build the controller, set up the topics."""
         self.case, self.options, self.weights = read_case(node), read_options(node), WeightsFile(node)
         self.index = read_index(node, range(len(self.case.controllers)))
         self.case = self.weights.start(self.case, self.index)
@@ -79,8 +79,8 @@ class ControllerNode:
         message_filter.hear_run()
         self.spinner = self.member.spin()
         extra = int(self.options.recorder)
-        guarded = len(supervisor_addresses(self.case)) > 0  # then the supervisor hears it, and nobody else
-        heard_as_well = guarded and self.controller.fallback_of is None  # also the health of its controller
+        guarded = len(supervisor_addresses(self.case)) > 0  # then only the supervisor subscribes to the setpoints
+        heard_as_well = guarded and self.controller.fallback_of is None  # the supervisor also subscribes to the state
         self.listeners = {self.to_link: 1 + bool(identifier and not guarded) + extra}
         self.listeners[self.to_recorder] = int(heard_as_well) + extra
 
@@ -89,7 +89,7 @@ class ControllerNode:
         self.member.wait(self.listeners, self.spinner)
 
     def run(self) -> None:
-        """Serve until stopped, then save what was learnt."""
+        """Serve until stopped, then save the weights."""
         try:
             self.ticks.spin(self.spinner)
         finally:
@@ -98,11 +98,11 @@ class ControllerNode:
                 self.member.message_filter.log.line(f"steps {' '.join(map(repr, took))}")
 
     def learnt(self) -> Weights | None:
-        """What it has learnt so far."""
+        """The adapted weights; None if there are none."""
         return adapted(self.controller, self.index, self.state, None)
 
     def health(self) -> Health:
-        """Whether frames arrive; of a program of the user's own also how long its steps take."""
+        """Whether frames arrive; for a user's own program also its step times."""
         took = {
             name: f"{value:.6g}"
             for times in step_times(self.programs).values()
@@ -116,7 +116,7 @@ class ControllerNode:
         return Health(DiagnosticStatus.WARN, text, own.values | {"late_steps": self.late})
 
     def act(self, tick: int, delivered: NDArray[Any], estimates: list[Estimate]) -> None:
-        """One tick: act on what was delivered, answer also when nothing was; disarmed, say nothing that acts."""
+        """Process one tick: publish setpoints and state, also without frames; while disarmed, no setpoints."""
         c = self.index
         self.member.begin(tick)
         self.restarts.begin(tick)

@@ -1,4 +1,4 @@
-"""What `ros2 run facts_damping NODE` calls: loads a node, and says what takes long and where it was interrupted."""
+"""Entry points of `ros2 run facts_damping NODE`: compile kernels if needed, load the node, run it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from facts_damping.terminal import INTERRUPTIONS, heeded
 
 
 def _start(node: str, *, computes: bool = True) -> None:
-    """Load a node and be it; `computes`: it needs kernels, which the first one on a machine compiles."""
+    """Load and run a node; `computes`: it needs kernels, which are compiled if this machine has none."""
     for number in heeded():
-        signal.signal(number, lambda *_: os._exit(0))  # until the node takes them: nothing is there to clean up
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)  # a launch has them wait until here
+        signal.signal(number, lambda *_: os._exit(0))  # until the node handles signals: nothing to clean up yet
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)  # a launch blocks them until here
     if computes:
         importlib.import_module("facts_damping.nodes.base.warmup").compile_once()
     importlib.import_module(f"facts_damping.nodes.{node}").main()

@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Weights
 
 
-SHARED = ["clip", "projection", "stale"]  # guards that hold for identifiers too
+SHARED = ["clip", "projection", "stale"]  # parameters of the controller that an identifier uses too
 
 
 class IdentifierNode:
     """The identifier of one controller of the run."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters, build the identifier, wire the topics."""
+        """Read parameters, build the identifier, set up the topics."""
         self.case, self.options, self.weights = read_case(node), read_options(node), WeightsFile(node)
         addresses = identifier_addresses(self.case)
         self.index = read_index(node, addresses)
@@ -74,18 +74,18 @@ class IdentifierNode:
         self.member.wait({self.to_controller: 1 + int(self.options.recorder)}, self.spinner)
 
     def run(self) -> None:
-        """Serve until stopped, then save what was learnt."""
+        """Serve until stopped, then save the weights."""
         try:
             self.ticks.spin(self.spinner)
         finally:
             self.weights.keep(self.learnt, last=True)
 
     def learnt(self) -> Weights | None:
-        """What it has learnt so far."""
+        """The adapted weights; None if there are none."""
         return adapted(self.controller, self.index, None, (self.own, self.state))
 
     def learn(self, tick: int, delivered: NDArray[Any], setpoints: list[NDArray[Any]]) -> None:
-        """One tick: take in the setpoints of the ticks before, learn from what was delivered; tell, if armed."""
+        """Process one tick: store earlier setpoints, learn from the frames and, if armed, publish the estimate."""
         self.member.begin(tick)
         learner = self.identifiers, self.state, self.own
         for rows in setpoints:

@@ -1,4 +1,4 @@
-"""What several others say of a tick, put together: nobody's order of speaking changes a result."""
+"""Collects the messages of several nodes by tick, so that their order of arrival cannot change a result."""
 
 from __future__ import annotations
 
@@ -14,32 +14,33 @@ if TYPE_CHECKING:
     from facts_damping.nodes.base.parameters import Options
     from facts_damping.nodes.base.spinner import Spinner
 
-AWAITED = 3  # ticks: by the clock, who has said nothing for longer is not waited for until it speaks again
-PATIENCE = 0.9  # share of the time-out: after those who wait for others, before those who wait for this node
+AWAITED = 3  # ticks: paced by the clock, a sender silent for longer is not waited for until it sends again
+PATIENCE = 0.9  # share of the time-out: more than UnitDelay's, less than that of nodes waiting for this one
 
 
 class InputCollector:
-    """Ticks in turn: in lockstep when all have spoken; by the clock at the latest when the next frames come.
+    """Calls a step for each tick in turn: in lockstep when all parts are there; else at latest with the next frames.
 
-    That is a tick late. By the clock nobody waits for who is silent by now: what stands in for it is in time.
+    A step forced by the next frames is one tick late. Paced by the clock, a sender silent for more than `AWAITED` ticks
+    is not waited for, so that its fallback acts in time.
     """
 
     def __init__(
         self, options: Options, senders: Mapping[str, str], step: Callable[[int, dict[str, Any]], None]
     ) -> None:
-        """`senders`: who says each part; `step(tick, parts)`: called for each tick, with what has come by then.
+        """`senders`: node name by part; `step(tick, parts)`: called for each tick with the parts that have come.
 
-        Of a part that comes again before it is used, which in real time may be, all is there, in a list.
+        Each part except the frames is a list, as in real time several messages may come before it is used.
         """
         self._options, self._senders, self._step = options, dict(senders), step
         self._parts: dict[str, list[tuple[int, Any]]] = {name: [] for name in senders}
         self._newest = dict.fromkeys(senders, -1)
-        self.heard = dict.fromkeys(senders, -1)  # tick of the newest message of each that is used
+        self.heard = dict.fromkeys(senders, -1)  # tick of the newest used message, by part
         self._frames: list[tuple[int, Any]] = []
         self._heard = time.monotonic()
 
     def taking(self, part: str) -> Callable[..., None]:
-        """What takes the messages of a part."""
+        """Callback for the messages of a part."""
         return partial(self._take, part)
 
     def _take(self, part: str, tick: int, content: Any) -> None:
@@ -48,9 +49,9 @@ class InputCollector:
         self._proceed()
 
     def frames(self, tick: int, content: Any) -> None:
-        """The frames of a tick."""
+        """Take the frames of a tick."""
         if self._options.paced and self._frames:
-            self._go_on()  # who is late is late
+            self._go_on()  # without the parts that are late
         self._frames.append((tick, content))
         self._heard = time.monotonic()
         self._proceed()
@@ -60,7 +61,7 @@ class InputCollector:
             self._go_on()
 
     def _done(self, newest: int, tick: int) -> bool:
-        """Whether a sender, whose newest tick is given, has spoken in a tick, or is not waited for."""
+        """Whether a sender with tick `newest` has sent its message of `tick` or is not waited for."""
         return newest >= tick or (self._options.paced and newest < tick - AWAITED)
 
     def _go_on(self) -> None:
@@ -72,7 +73,7 @@ class InputCollector:
         self._step(tick, {"frames": content, **parts})
 
     def spin(self, spinner: Spinner, publishers: Mapping[str, Callable[[], int]]) -> None:
-        """Spin until stopped. Raises `RunError` naming who, in lockstep, is silent or has left while frames wait."""
+        """Spin until stopped. In lockstep, raises `RunError` naming senders that are silent while frames wait."""
         while True:
             spinner.spin_once(0.1)
             if not self._frames or self._options.paced:

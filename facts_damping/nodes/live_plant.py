@@ -1,4 +1,4 @@
-"""The plant as its node has it: goes on tick by tick, under the setpoints that come, and is changed under way."""
+"""The plant as its node uses it: advanced tick by tick with the received setpoints, and changed during the run."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
 
-DRAWS = 36_000  # frames after which the noise of a graph without end repeats itself: ten minutes
+DRAWS = 36_000  # frames after which measurement noise repeats in an endless graph: ten minutes at 60 frames/s
 
 
 class LivePlant:
-    """State of a plant, what was measured last, and its events."""
+    """State of a plant, its latest measurement, and its events."""
 
     def __init__(self, case: Case) -> None:
-        """Build it, at its equilibrium, and compile what it needs."""
-        self._begun = self._case = case  # as the run began; with the events that were asked for under way
-        self.tick = -1  # the tick that is going on
+        """Build the plant at its equilibrium."""
+        self._begun = self._case = case  # case at the start; case with the changes made during the run
+        self.tick = -1  # current tick
         built = build_plant(case)
         self._plant, self.state = built.plant, built.state
         self._work = workspace(self._plant, self.state)
@@ -52,33 +52,33 @@ class LivePlant:
         return self.frame, self.measured_ns, self.status, self.machines, self.devices, self._work
 
     def start(self, tick: int) -> int:
-        """When a tick begins, ns."""
+        """Start of a tick, ns."""
         return tick_ns(tick, self._case.run.frame_rate)
 
     def measure(self, tick: int) -> None:
-        """Begin a tick: what PMUs report, and the truth; `sound` says whether there is synchronism."""
+        """Begin a tick: compute PMU reports and truth; `sound` is false once synchronism is lost."""
         self.tick = tick
         self.sound = bool(measure_with_pmus(*self._parts(), tick, *self._measured()))
 
     def entries(self) -> NDArray[Any]:
-        """What PMUs report in the tick (DELIVERY)."""
+        """PMU reports of the current tick (DELIVERY)."""
         return entries(self.start(self.tick), self.frame, self.measured_ns, self.status)
 
     def due(self) -> list[dict[str, Any]]:
-        """The events of the grid that have happened by now, and were not told yet."""
+        """Grid events that have happened and were not returned before."""
         count = sum(event["time_ns"] <= self.start(self.tick) for event in self.events)
         told, self.events = self.events[:count], self.events[count:]
         return told
 
     def advance(self, come: Sequence[NDArray[Any]]) -> None:
-        """Go on to the next tick under the setpoints that have come, whichever link's came first."""
+        """Advance to the next tick with the received setpoints (SETPOINT), whatever the order of the links."""
         table, count = np.zeros(sum(map(len, come)), SETPOINT), 0
         for rows in come:
             count = merge(table, count, rows, len(rows))
         advance_with_pmus(*self._parts(), self.tick, table, count, self._work)
 
     def change_measurement(self, name: str, value: float) -> Callable[[int], None]:
-        """What has PMUs measure with a number changed, `noise.angle`, from the next tick on.
+        """Prepare a change of a measurement's number, such as `noise.angle`. Returns the function that applies it.
 
         Raises `InputError` for a value that is not allowed.
         """
@@ -90,9 +90,9 @@ class LivePlant:
         return act
 
     def ask_event(self, text: str) -> Callable[[int], None]:
-        """What has an event happen at the next tick, after what was asked for before.
+        """Prepare an event at the next tick, after those requested before. Returns the function that applies it.
 
-        Raises `InputError` where it cannot happen then.
+        Raises `InputError` if the event cannot happen then.
         """
         asked = with_event(self._case, text, self.start(self.tick + 1))
         plant, self._case = build_plant(asked).plant, asked
@@ -103,7 +103,7 @@ class LivePlant:
         return act
 
     def ask_reset(self) -> Callable[[int], None]:
-        """What has the plant begin again at the next tick: at its equilibrium, with the scenario from there on."""
+        """Prepare a reset at the next tick: equilibrium, and the scenario from its start. Returns what applies it."""
         built, asked = reset_plant(self._begun, self.start(self.tick + 1))
         self._case = replace(self._case, scenario=asked.scenario)
 
@@ -115,15 +115,15 @@ class LivePlant:
         return act
 
     def released(self) -> list[str]:
-        """The devices that are released."""
+        """Names of the released devices."""
         return [name for d, name in enumerate(self._case.run.devices) if self.state.watch["released"][d]]
 
     def rearm(self, tick: int) -> None:
-        """Have all released devices take setpoints again, from the start of a tick."""
+        """Let all released devices take setpoints again from the start of a tick."""
         rearm(self.state.watch, self.start(tick))
 
     def late(self) -> list[tuple[str, Callable[[int], None]]]:
-        """Devices that have accepted nothing for a time-out by the wall clock, too, and what releases each."""
+        """Devices that have accepted no setpoint for the time-out in wall time, and the function that releases each."""
         watchdog = self._case.run.watchdog
         if watchdog is None:
             return []
@@ -134,5 +134,5 @@ class LivePlant:
         let_go(self.state.watch, device)
 
     def excuse(self, seconds: float) -> None:
-        """Have the wall time of a pause count for no time-out."""
+        """Exclude the wall time of a pause from the time-outs."""
         self._heard["at_s"] += seconds

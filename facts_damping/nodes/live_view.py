@@ -1,4 +1,4 @@
-"""live_view: shows a running graph in Foxglove, by a WebSocket server of foxglove-sdk; it only listens."""
+"""live_view: shows a running graph in Foxglove by foxglove-sdk's WebSocket server; publishes nothing in the graph."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from facts_damping.recording.simulated import stamp_ns
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-# Best effort: a publisher waits for no reader of this kind, so a slow view misses messages and holds nobody up.
+# Best effort: publishers do not wait for such a reader, so a slow view misses messages but delays no node.
 LISTENING = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.BEST_EFFORT, depth=1000)
 
-CLOCK = "plant/state"  # the topic whose stamps are the time that clients are told
+CLOCK = "plant/state"  # topic whose stamps give the time broadcast to clients
 HOST, PORT = "127.0.0.1", 8765
 
 
 class LiveView:
-    """Subscribes to everything and hands it on as it is, at the time of its stamp."""
+    """Subscribes to all topics and forwards the raw messages at the time of their stamps."""
 
     def __init__(self, node: Node) -> None:
         """Read parameters, advertise the topics, subscribe."""
@@ -47,7 +47,7 @@ class LiveView:
         self.log, self.spinner = NodeLog(node), Spinner(node)
 
     def ready(self) -> None:
-        """Start the server."""
+        """Start the server. Raises `InputError` if host or port cannot be used."""
         host, port, time = self.host, self.port, self.sdk.Capability.Time
         try:
             self.server = self.sdk.start_server(name="facts_damping", host=host, port=port, capabilities=[time])
@@ -56,7 +56,7 @@ class LiveView:
         self.address = f"ws://{host}:{self.server.port}"
 
     def on_message(self, channel: Any, tells_time: bool, data: bytes) -> None:
-        """Hand on one message."""
+        """Forward one message."""
         stamp = stamp_ns(data)
         if tells_time:
             self.server.broadcast_time(stamp)
@@ -74,7 +74,7 @@ class LiveView:
 
 
 def library() -> Any:
-    """The library, which is an extra."""
+    """The module foxglove, an optional dependency. Raises `InputError` if it is missing."""
     try:
         import foxglove  # noqa: PLC0415 (an extra)
     except ImportError as error:

@@ -39,14 +39,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rclpy.node import Node
 
-PROGRESS_S = 0.2  # wall time between two lines of progress
+PROGRESS_S = 0.2  # wall time between two progress lines
 
 
 class PlantSim:
-    """The plant's node: publishers, and the setpoints that have come."""
+    """Node of the plant: publishers, and the setpoints received."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters, build the plant, wire the topics."""
+        """Read parameters, build the plant, set up the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         self.stamp = read_stamp(node, self.options)
         self.plant = LivePlant(self.case)
@@ -87,7 +87,7 @@ class PlantSim:
         self.waiting[link].append(rows)
 
     def publish(self, tick: int) -> None:
-        """Publish what was measured in a tick: the frame first, since others wait for it."""
+        """Publish the measurements, truth, clock and events of a tick; the frame first, since others wait for it."""
         plant, start_ns = self.plant, self.plant.start(tick)
         entries = plant.entries()
         self.to_links.publish(self.frames.fill(tick, start_ns, entries, len(entries)))
@@ -97,11 +97,11 @@ class PlantSim:
             self.to_events.publish(grid_event(event))
 
     def change_measurement(self, name: str, value: float) -> None:
-        """A number of the measurement, from the next tick on."""
+        """Queue a new value of a measurement's number for the next tick."""
         self.member.change("parameter", name, value, self.plant.change_measurement(name, value))
 
     def health(self) -> Health:
-        """How the plant keeps time, and which devices are released."""
+        """Deadline misses, released devices, and loss of synchronism."""
         if not self.plant.sound:
             lost = synchronism_lost(self.plant.start(self.plant.tick))
             return Health(DiagnosticStatus.ERROR, lost, {"mode": self.options.mode})
@@ -114,7 +114,7 @@ class PlantSim:
         return Health(level, "; ".join(flaws) or "on time", values)
 
     def tell_released(self) -> None:
-        """Say which devices are released, or take setpoints again, and what that needs."""
+        """Log devices that were released or take setpoints again."""
         now = self.plant.released()
         if now == self.released:
             return
@@ -132,12 +132,12 @@ class PlantSim:
         self.released = now
 
     def progress(self) -> None:
-        """Tell the program that runs the graph how far it is: `tick K N MISSES`."""
+        """Write the progress line `tick K N MISSES` for the program that runs the graph."""
         self.member.message_filter.log.line(f"tick {self.plant.tick + 1} {self.ticks} {self.misses}")
 
     def wait_lockstep(self, tick: int) -> None:
-        """Wait for the setpoints of a tick; a link that stays silent is named."""
-        # A link gives up on a silent controller first, and names it: its patience is shorter.
+        """Wait for the setpoints of a tick. Raises `RunError` naming silent links."""
+        # A link waits less long for a silent controller, so it gives up first and names the controller.
         patience = self.options.patience(tick)
         deadline = time.monotonic() + patience + 1.0
         while min(self.answered) < tick:
@@ -146,9 +146,9 @@ class PlantSim:
                 raise RunError(f"{who} is silent: no setpoints of tick {tick} within {patience:g} s")
 
     def wait_paced(self, tick: int, wall_end: float) -> None:
-        """Take what comes until the clock says that the tick is over; count it if its setpoints are not there.
+        """Take messages until the end of the tick in wall time; count a deadline miss if setpoints have not come.
 
-        Where the graph runs free, only those of links that have answered within the last second are missed.
+        In a free graph, only links that have answered within the last second count.
         """
         while (left := wall_end - time.monotonic()) > 0:
             self.spinner.spin_once(left)
@@ -157,7 +157,7 @@ class PlantSim:
         self.misses += any(oldest <= newest < tick for newest in self.answered)
 
     def run(self) -> None:
-        """The run, to its end or until it is told to stop; who follows it hears which of both."""
+        """Run to the end or until stopped; publish which of both as the run's state."""
         try:
             self.simulate()
         except Stopped:
@@ -166,7 +166,7 @@ class PlantSim:
             raise
 
     def simulate(self) -> None:
-        """All ticks, or until the plant is no longer sound; without end where the graph runs free and none is given."""
+        """Simulate all ticks or until synchronism is lost; without end in a free graph without a duration."""
         plant, wall_start, told = self.plant, time.monotonic(), -PROGRESS_S
         for k in range(self.ticks):
             check_wanted()
@@ -183,7 +183,7 @@ class PlantSim:
             if not self.options.paced or (k == 0 and not self.options.free):
                 self.wait_lockstep(k)
             if k == 0:
-                wall_start = time.monotonic()  # the clock starts when all have answered once
+                wall_start = time.monotonic()  # pacing starts when all nodes have answered once
             if self.options.paced:
                 self.wait_paced(k, wall_start + plant.start(k + 1) * 1e-9)
             if time.monotonic() - told > PROGRESS_S or k + 1 == self.ticks or not plant.sound:
@@ -200,7 +200,7 @@ class PlantSim:
         self.end(k, plant.sound)
 
     def end(self, tick: int, sound: bool) -> None:
-        """Say that the run has ended, and why."""
+        """Publish and log that the run has ended, and why."""
         log, start = self.member.message_filter.log, self.plant.start(tick)
         text = run_done(tick, self.case.run.frame_rate) if sound else synchronism_lost(start)
         self.control.say(RunState.ENDED, tick, text, sound)

@@ -1,4 +1,4 @@
-"""recorder: writes every topic of the graph as it is, raw CDR, to an MCAP recording."""
+"""recorder: writes every topic of the graph as raw CDR to an MCAP recording."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
 
-FLUSH_S = 0.5  # wall time after which the chunk in progress goes to disk: the most that a kill can cost
+FLUSH_S = 0.5  # wall time between two flushes of the current chunk to disk: the most data that a kill can lose
 QUIET_S = 0.2  # wall time without a message after which a stopped recorder is done
-BEHIND_S = 10.0  # wall time that a stopped recorder takes at most for what waits, as behind a flood that it refuses
-REPORT_S = 1.0  # wall time between two reports of how it goes
-POLL_S = 0.01  # wall time between two looks at the queues
+BEHIND_S = 10.0  # longest wall time that a stopped recorder spends on queued messages, such as a refused flood
+REPORT_S = 1.0  # wall time between two diagnostics
+POLL_S = 0.01  # wall time between two polls of the queues
 
 TOPICS = {
     "pmu/frames": messages.PmuDataFrame,
@@ -63,25 +63,25 @@ OF_A_CONTROLLER = {SETPOINTS: messages.VoltageSetpoints, "state": messages.Contr
 OF_A_SUPERVISOR = {SUPERVISED: messages.VoltageSetpoints, "state": messages.SupervisorState}
 
 
-STAMP_END, TICK_END = 12, 20  # where in a message that of the header ends, and its frame_id, which is empty
-NO_FRAME = b"\1\0\0\0\0"  # three bytes follow that may be any
+STAMP_END, TICK_END = 12, 20  # byte offsets: end of the header's stamp; end of its empty frame_id
+NO_FRAME = b"\1\0\0\0\0"  # followed by three bytes of padding with any value
 UNTICKED = ("plant/events", "link/statistics", "/diagnostics", REFUSED, CHANGES, STATE)  # not begun at tick 0
-LATE = (CHANGES, STATE)  # what was said before it came is heard, too
+LATE = (CHANGES, STATE)  # earlier messages are received, too
 
 
 def begins_a_run(data: bytes) -> bool:
-    """Whether a message, of those that begin with header and tick, is of tick 0."""
+    """Whether a message that begins with header and tick is of tick 0."""
     return data[STAMP_END:].startswith(NO_FRAME) and int.from_bytes(data[TICK_END : TICK_END + 8], "little") == 0
 
 
 def topics(case: Case) -> dict[str, Any]:
-    """Topics of a case and their types."""
+    """Topics of a case and their message classes."""
     own = {link.topic(name): kind for link in link_addresses(case) for name, kind in OF_A_LINK.items()}
     for controller, address in zip(case.controllers, controller_addresses(case), strict=True):
         own |= {
             f"{address}/{name}": kind
             for name, kind in OF_A_CONTROLLER.items()
-            if name == SETPOINTS or not kind_of(controller).node  # one of the user's own need not tell its state
+            if name == SETPOINTS or not kind_of(controller).node  # a user's own node need not publish its state
         }
     own |= {f"{one}/estimate": messages.JacobianEstimate for one in identifier_addresses(case).values()}
     supervisors = supervisor_addresses(case).values()
@@ -90,23 +90,23 @@ def topics(case: Case) -> dict[str, Any]:
 
 
 def message_type(kind: Any) -> str:
-    """Name of a class of messages: `std_msgs/msg/Header`."""
+    """ROS name of a message class, such as `std_msgs/msg/Header`."""
     package, _, module = kind.__module__.partition(".")
     return f"{package}/{module.split('.')[0]}/{kind.__name__}"
 
 
 class Recorder:
-    """Subscribes to everything and writes it."""
+    """Subscribes to all topics and writes the messages."""
 
     def __init__(self, node: Node) -> None:
         """Read parameters, subscribe."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         self.folder: str = declare(node, "output", "recording", descriptor("folder of the new recording"))
-        self.taken: list[tuple[int, int, str, bytes]] = []  # source's time, sequence, topic, data
+        self.taken: list[tuple[int, int, str, bytes]] = []  # source timestamp in ns, sequence number, topic, data
         self.refused, self.run_state = (node.resolve_topic_name(name) for name in (REFUSED, STATE))
         self.member = Member(node, self.case, self.options, RECORDER, hardware=self.folder, say=self.on_refused)
         self.message_filter, self.clock = self.member.message_filter, node.resolve_topic_name(PLANT)
-        waited = self.options.recorder and not self.options.free  # others wait for it: it hears all from the first on
+        waited = self.options.recorder and not self.options.free  # others wait for it: it gets all first messages
         self.topics: dict[str, str] = {}
         for topic, kind in topics(self.case).items():
             name, unticked = node.resolve_topic_name(topic), topic.endswith(UNTICKED)
@@ -129,12 +129,12 @@ class Recorder:
             self.writer.add_topic(name, kind)
 
     def on_refused(self, data: bytes) -> None:
-        """Keep what the recorder itself has refused."""
+        """Keep the recorder's own report of refusals for the recording."""
         self.taken.append((time.time_ns(), 0, self.refused, data))
 
     def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
-        """Take one message."""
-        sequence = information["publication_sequence_number"] or 0  # not every middleware counts
+        """Keep one message for the recording."""
+        sequence = information["publication_sequence_number"] or 0  # not every middleware numbers messages
         self.taken.append((information["source_timestamp"], sequence, topic, data))
         if topic == self.clock and len(data) >= STAMP_END:
             self.member.at_ns = stamp_ns(data)
@@ -143,27 +143,27 @@ class Recorder:
                 self.message_filter.on_run(*run_state(data))
 
     def take(self) -> bool:
-        """Take what has come and write it; whether there may be more."""
+        """Take the queued messages and write them. Returns whether there may be more."""
         more = self.spinner.take_all()
         self.write()
         return more
 
     def write(self) -> None:
-        """Write what was taken, in the order in which it was published."""
+        """Write the taken messages in the order of their publication."""
         for source_ns, sequence, topic, data in sorted(self.taken):
             self.writer.write(topic, data, time.time_ns(), source_ns, sequence)
         self.written += len(self.taken)
         self.taken.clear()
 
     def health(self) -> Health:
-        """How much was written, and lost."""
+        """Numbers of messages written and lost."""
         lost = sum(self.message_filter.lost().values())
         text = f"{self.written} messages written" + (f", {lost} lost" if lost else "")
         values = {"mode": self.options.mode, "written": self.written, "lost": lost}
         return Health(DiagnosticStatus.WARN if lost else DiagnosticStatus.OK, text, values)
 
     def run(self) -> None:
-        """Record until a signal, or the run's end, and then until nothing more comes; what was published is written."""
+        """Record until a signal or the end of the run, then until no more messages come; close the recording."""
         try:
             self.drain()
         except BeginAgain:
@@ -177,7 +177,7 @@ class Recorder:
         self.message_filter.log.info(f"{self.folder}: {self.health().message}")
 
     def drain(self) -> None:
-        """Empty the queues, rest, and flush by the clock; told to stop, until nothing comes, for a while at most."""
+        """Poll the queues and flush periodically; after a stop signal, until the queues are empty or time is up."""
         flushed = reported = told = time.monotonic()
         more = True
         while not told_to_stop() or time.monotonic() - told < (
@@ -187,7 +187,7 @@ class Recorder:
             if now - flushed > FLUSH_S:
                 self.writer.flush()
                 flushed = now
-            if now - reported > REPORT_S and self.member.at_ns:  # what time it is, the plant says
+            if now - reported > REPORT_S and self.member.at_ns:  # the time comes from the plant
                 self.member.publish(self.health())
                 reported = now
             if not told_to_stop():

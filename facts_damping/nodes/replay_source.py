@@ -1,4 +1,4 @@
-"""replay_source: a recording in the place of plant and links; publishes what was delivered, tick by tick."""
+"""replay_source: replaces plant and links by a recording; publishes the delivered frames tick by tick."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rclpy.node import Node
 
-PROGRESS_S = 0.2  # wall time between two lines of progress
+PROGRESS_S = 0.2  # wall time between two progress lines
 
 
 class ReplaySource:
-    """A recording, and who has answered."""
+    """Replays a recording and waits for the controllers' answers."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters and recording, wire the topics."""
+        """Read parameters and recording, set up the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         path: str = declare(node, "recording", "", descriptor("recording to be replayed"))
         self.record = fitted(load(path), self.case)
@@ -78,7 +78,7 @@ class ReplaySource:
         self.member = Member(node, self.case, self.options, PLANT, hardware=path)
         self.state = node.create_publisher(RunState, STATE, LATCHED)
         for c, speaker in self.heard.items():
-            # In the place of its link, and of its identifiers, which hear the recorded setpoints.
+            # One subscription in place of its link, and one for each identifier, which gets the recorded setpoints.
             for i in range(1 + hearing.count(c)):
                 use = partial(self.on_setpoints, speaker.place) if i == 0 else _nothing
                 setpoints = SetpointsMessage(self.case, speaker.name, [c])
@@ -97,11 +97,11 @@ class ReplaySource:
         self.member.wait(self.expected, self.spinner)
 
     def on_setpoints(self, controller: str, tick: int, _rows: NDArray[Any]) -> None:
-        """A controller, or its supervisor, has answered: it has the estimates of the tick before."""
+        """Note the answer of a controller or its supervisor, which thus has the previous tick's estimates."""
         self.answered[controller] = tick
 
     def publish(self, at: int, tick: int, start: int) -> None:
-        """What was delivered, and recorded, in a tick: first what others wait for."""
+        """Publish the recorded messages of a tick, first those that others wait for; `at`: row in the recording."""
         record, self.tick = self.record, tick
         arrived, issued, applied = (
             rows[slice(*np.searchsorted(rows["tick"], [tick, tick + 1]))]
@@ -122,7 +122,7 @@ class ReplaySource:
         self.to_state.publish(self.truth.fill(tick, start, sound, record.machines[at], record.devices[at]))
 
     def run(self) -> None:
-        """All ticks that can be replayed, each when all controllers have answered the one before."""
+        """Replay all ticks, each when all controllers have answered the one before."""
         events, ticks, told = list(self.record.events), self.record.ticks.tolist(), -PROGRESS_S
         self.tell(RunState.RUNNING, 0, "begins")
         for at, (tick, start) in enumerate(zip(ticks, self.record.time_ns.tolist(), strict=True)):
@@ -141,12 +141,12 @@ class ReplaySource:
         finish([*self.delivered, *self.applied, self.to_all, self.to_state, self.to_events], self.options.timeout)
 
     def tell(self, state: int, at: int, reason: str, sound: bool = True) -> None:
-        """How the run stands at a tick of the recording, as its plant would say it."""
+        """Publish the state of the run at row `at` of the recording, in place of the plant."""
         tick, start = int(self.record.ticks[at]), int(self.record.time_ns[at])
         self.state.publish(state_message(state, tick, start, reason, sound))
 
     def wait(self, tick: int) -> None:
-        """Wait for the answers to a tick; who stays silent is named."""
+        """Wait for the answers to a tick. Raises `RunError` naming silent nodes."""
         patience = self.options.patience(tick)
         deadline = time.monotonic() + patience + 1.0
         while min(self.answered.values()) < tick:
@@ -156,7 +156,7 @@ class ReplaySource:
 
 
 def _nothing(_tick: int, _rows: NDArray[Any]) -> None:
-    """For who need not listen."""
+    """Callback of a subscription that only stands in for an identifier's."""
 
 
 def main() -> None:

@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from facts_damping.nodes.base.spinner import Spinner
     from facts_damping.nodes.live_plant import LivePlant
 
-REMIND_S = 0.4  # wall time between two reports of a pause: less than that after which others say that nothing comes
+REMIND_S = 0.4  # wall time between two reports of a pause: shorter than the time after which nodes report silence
 
 
 class RunControl:
-    """Whether the run goes on, and the services that say so."""
+    """Services that control the run, and its paused state."""
 
     def __init__(self, node: Node, member: Member, plant: LivePlant, progress: Callable[[], None]) -> None:
-        """Offer the services; `progress` tells the program that runs the graph that it still goes on."""
+        """Create the services; during a pause, `progress` tells the calling program that the run is alive."""
         self._member, self._plant, self._progress = member, plant, progress
         self._paused: bool = False
         self._steps = 0
@@ -54,12 +54,12 @@ class RunControl:
         node.add_on_set_parameters_callback(self.on_set)
 
     def _next(self) -> str:
-        """From when on a change acts, in words."""
+        """Text that tells from which tick and time a change acts."""
         tick = self._plant.tick + 1
         return f"from tick {tick} on, {self._plant.start(tick) / NANOSECONDS:.3f} s"
 
     def on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Let no tick begin until the run is resumed or stepped."""
+        """Pause: no tick begins until the run is resumed or stepped."""
         response.success = not self._paused
         there = f"the run is paused after tick {self._plant.tick}, {self._steps} to be stepped"
         response.message = f"paused {self._next()}" if response.success else there
@@ -69,7 +69,7 @@ class RunControl:
         return response
 
     def on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Go on."""
+        """Resume a paused run."""
         response.success = self._paused
         response.message = f"goes on {self._next()}" if response.success else "the run is not paused"
         if response.success:
@@ -79,7 +79,7 @@ class RunControl:
         return response
 
     def on_step(self, request: Step.Request, response: Step.Response) -> Step.Response:
-        """Let a paused run go on for some ticks."""
+        """Let a paused run go on for `request.ticks` ticks."""
         if not self._paused:
             response.message = "the run is not paused"
             return response
@@ -92,7 +92,7 @@ class RunControl:
         return response
 
     def on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Have the plant begin again; time goes on."""
+        """Reset the plant to its start; time goes on."""
         self._member.change("reset", act=self._plant.ask_reset())
         response.success, response.message = True, f"the plant begins again {self._next()}"
         return response
@@ -107,11 +107,11 @@ class RunControl:
         return response
 
     def _ask_event(self, text: str) -> None:
-        """Have an event happen at the next tick. Raises `InputError` where it cannot."""
+        """Queue an event for the next tick. Raises `InputError` if it cannot happen."""
         self._member.change("event", "", text, self._plant.ask_event(text))
 
     def on_set(self, parameters: list[Parameter[Any]]) -> SetParametersResult:
-        """Have an event happen that is given as a parameter."""
+        """Queue an event that is set by the parameter `event`."""
         try:
             for one in parameters:
                 if one.name == "event" and one.value:
@@ -121,7 +121,7 @@ class RunControl:
         return SetParametersResult(successful=True)
 
     def on_apply(self, request: Apply.Request, response: Apply.Response) -> Apply.Response:
-        """Have an event happen now."""
+        """Queue an event for the next tick."""
         try:
             self._ask_event(request.change)
         except InputError as error:
@@ -131,7 +131,7 @@ class RunControl:
         return response
 
     def hold(self, tick: int, spinner: Spinner) -> float:
-        """Wait, before a tick, while the run is paused; the wall time that took, s."""
+        """Wait before a tick while the run is paused. Returns the wall time waited, s."""
         if not self._paused:
             return 0.0
         began, told = time.monotonic(), 0.0
@@ -148,11 +148,11 @@ class RunControl:
         return self._paused and self._steps == 0
 
     def say(self, state: int, tick: int, reason: str, sound: bool = True) -> None:
-        """Tell how the run stands at a tick."""
+        """Publish the state of the run at a tick."""
         at = max(tick, 0)
         self._publisher.publish(state_message(state, at, self._plant.start(at), reason, sound))
 
     @property
     def publisher(self) -> Any:
-        """Of how the run stands."""
+        """Publisher of the state of the run."""
         return self._publisher

@@ -1,4 +1,4 @@
-"""supervisor: hears frames and the setpoints of a controller, passes on what may act, and says what it sees."""
+"""supervisor: subscribes to frames and a controller's setpoints, passes on permitted setpoints, publishes its state."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 
     from facts_damping.nodes.transport.signing import Signing
 
-LEVELS = {ARMED: DiagnosticStatus.OK, TRIPPED: DiagnosticStatus.ERROR}  # of others: WARN
+LEVELS = {ARMED: DiagnosticStatus.OK, TRIPPED: DiagnosticStatus.ERROR}  # all other states: WARN
 FROM = {ARM: (SHADOW,), DISARM: (SHADOW, ARMED, FALLBACK, TRIPPED), RESET: (DISARMED, TRIPPED), PROBE: (SHADOW,)}
 
 
@@ -73,7 +73,7 @@ class SupervisorNode:
     """The supervisor of one controller of the run."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters, build the supervisor, wire the topics."""
+        """Read parameters, build the supervisor, set up the topics."""
         self.case, self.options = read_case(node), read_options(node)
         addresses = supervisor_addresses(self.case)
         self.index = read_index(node, addresses, "supervised controllers")
@@ -99,13 +99,16 @@ class SupervisorNode:
         self.spinner = self.member.spin()
 
     def wire(self, node: Node, graph: str, by: Signing | None) -> tuple[InputCollector, dict[str, Callable[[], int]]]:
-        """Hear the link, the plant, the controller, and its fallback."""
+        """Subscribe to the link, the plant, the controller and its fallback.
+
+        Returns the collector of their messages, and a function by part that counts its publishers.
+        """
         case, message_filter, heard = self.case, self.member.message_filter, self.heard
         places, names = controller_addresses(case), controller_names(case)
         senders = {names[c]: str(places[c]) for c in heard} | {"plant": "plant_sim"}
         topics = {names[c]: f"{graph}{places[c]}/setpoints" for c in heard}
         topics["plant"] = f"{graph}{PLANT_STATE}"
-        if not kind_of(case.controllers[self.index]).node:  # one of the user's own need not tell its state
+        if not kind_of(case.controllers[self.index]).node:  # a user's own node need not publish its state
             senders["state"], topics["state"] = str(places[self.index]), f"{graph}{places[self.index]}/state"
         gathering = InputCollector(self.options, senders, self.act)
         for c in heard:
@@ -131,7 +134,7 @@ class SupervisorNode:
         self.gathering.spin(self.spinner, self.publishers)
 
     def act(self, tick: int, parts: dict[str, Any]) -> None:
-        """One tick: pass on what may act, answer also when nothing may."""
+        """Process one tick: publish the permitted setpoints, also if there are none, and the state when it is due."""
         self.member.begin(tick)
         row, s = self.state.rows[self.own], self.own
         for inner in parts.get("state", [])[-1:]:
@@ -151,7 +154,7 @@ class SupervisorNode:
         self.member.tell(self.health)
 
     def report(self, start_ns: int) -> None:
-        """Say to people when the state changes."""
+        """Log a change of state; shadow is not logged."""
         state = int(self.told["state"][0])
         if state not in (self.before, SHADOW):
             reason = reason_of(self.told[0], self.made.thresholds[self.own])
@@ -164,7 +167,7 @@ class SupervisorNode:
         self.before = state
 
     def health(self) -> Health:
-        """Its state, and why."""
+        """State of the supervisor and its reason."""
         state = int(self.told["state"][0])
         reason = reason_of(self.told[0], self.made.thresholds[self.own])
         level = LEVELS.get(state, DiagnosticStatus.WARN)
@@ -172,7 +175,7 @@ class SupervisorNode:
         return Health(level, f"{STATES[state]}: {reason}" if reason else STATES[state], values)
 
     def on_command(self, name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """What an operator asks for, from the next tick on; or why not."""
+        """Queue an operator's command for the next tick, or answer why it is refused."""
         code, row = COMMANDS[name], self.state.rows[self.own]
         state = int(row["state"])
         if state not in FROM[code]:

@@ -1,4 +1,4 @@
-"""What one node tells another each tick, to be used in the tick after: message order cannot change a result."""
+"""Delays the messages of one sender by one tick, so that the order of arrival cannot change a result."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ if TYPE_CHECKING:
     from facts_damping.nodes.base.parameters import Options
     from facts_damping.nodes.base.spinner import Spinner
 
-PATIENCE = 0.8  # share of the time-out: a node that waits names who is silent before others name it
+PATIENCE = 0.8  # share of the time-out: a waiting node names the silent one before others name the waiting node
 
 
 class UnitDelay:
-    """Frames wait, in lockstep, until the message of the tick before them is there; it is used then, not earlier."""
+    """Pairs the frames of a tick with the sender's messages of earlier ticks; in lockstep, frames wait for them."""
 
     def __init__(
         self, options: Options, frame_rate: int, sender: str, step: Callable[[int, Any, list[Any]], None]
     ) -> None:
-        """`step(tick, frames, told)` is called for each tick in turn; `sender`: who tells, empty for nobody."""
+        """`step(tick, frames, told)` is called for each tick in turn; `sender`: node that is waited for, or empty."""
         self._waits = bool(sender) and not options.paced
         self._sender, self._step, self._options = sender, step, options
         self._told: list[tuple[int, Any]] = []
         self._frames: list[tuple[int, Any]] = []
         self._newest, self._heard = -1, time.monotonic()
-        self._rate, self._tick, self._arrived = frame_rate, -1, -1  # the tick that is used; the last one with an entry
-        self.heard = -1  # tick of the newest message that is used
+        self._rate, self._tick, self._arrived = frame_rate, -1, -1  # current tick; newest tick with an entry
+        self.heard = -1  # tick of the newest message used
 
     def receive(self, tick: int, content: Any) -> None:
         """Take a message of the sender."""
@@ -41,7 +41,7 @@ class UnitDelay:
         self._proceed()
 
     def frames(self, tick: int, content: Any) -> None:
-        """The frames of a tick."""
+        """Take the frames of a tick."""
         self._frames.append((tick, content))
         self._heard = time.monotonic()
         self._proceed()
@@ -56,14 +56,14 @@ class UnitDelay:
             self._step(tick, content, told)
 
     def health(self, does: str, **more: str) -> Health:
-        """Whether frames arrive; `does`: what the node does with them; `more`: other values to be told."""
+        """Whether frames arrive; `does`: message if they do; `more`: further values."""
         values = {"mode": self._options.mode, **more, "tick": self._tick}
         if self._tick - self._arrived > self._rate:
             return Health(DiagnosticStatus.WARN, "no frame has arrived for a second", values)
         return Health(DiagnosticStatus.OK, does, values)
 
     def spin(self, spinner: Spinner) -> None:
-        """Spin until stopped. Raises `RunError` naming the sender when it is silent while frames wait."""
+        """Spin until stopped. Raises `RunError` naming the sender if it is silent while frames wait."""
         while True:
             spinner.spin_once(0.1)
             if not self._frames:

@@ -1,4 +1,4 @@
-"""wan_link: delivers PMU data frames to its controllers and their setpoints to the plant, late by its delays."""
+"""wan_link: delivers PMU data frames to its controllers and their setpoints to the plant, with the link's delays."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 
-PATIENCE_S = 2.0  # beyond the time-out, with the plant: it may wait for other links, and names them a second after it
+PATIENCE_S = 2.0  # added to the time-out for the plant, which names other silent links 1 s after its own time-out
 
 
 class WanLink:
-    """One link of the run, both directions, and what has come in the tick that is going on."""
+    """One link of the run, both directions, and the messages of the current tick."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters, build the link, wire the topics."""
+        """Read parameters, build the link, set up the topics."""
         self.case, self.options = read_case(node), read_options(node)
         self.index = read_index(node, range(len(self.case.links)), "links")
         by, address = signing(self.case, self.options.start_timeout), link_addresses(self.case)[self.index]
         graph = graph_prefix(node, address)
         self.member = Member(node, self.case, self.options, LINK, self.index, graph=graph, hardware=str(address))
-        self.links, self.now = build_links(self.case), self.case  # by now: as changed under way
+        self.links, self.now = build_links(self.case), self.case  # `now`: case as changed during the run
         self.stages = StageParameters(node, self.case.links[self.index], self.change_number)
         node.create_service(Apply, "~/apply", self.on_apply)
         self.frames = FramesMessage(self.case, seal(by, address.topic("pmu/delivered")))
@@ -55,7 +55,7 @@ class WanLink:
         heard = {c: one for c, one in speakers(self.case).items() if c in served(self.case, self.index)}
         self.places = {one.name: one.place for one in heard.values()}
         self.frame = np.full((len(self.case.system.stations), len(CHANNELS)), np.nan)
-        self.measured_ns = np.full(len(self.frame), LOST)  # where a station is absent from a frame
+        self.measured_ns = np.full(len(self.frame), LOST)  # LOST: the station is absent from the frame
         self.status = np.zeros(len(self.frame), np.int64)
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", PUBLISHER_QOS)
         self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", PUBLISHER_QOS)
@@ -67,8 +67,8 @@ class WanLink:
             message_filter.subscribe(VoltageSetpoints, f"{graph}{topic}", use, setpoints.read, lambda: self.tick)
         self.tick = -1
         self.missing: set[str] = set()
-        self.answered = dict.fromkeys(self.places, 0)  # the newest tick that a controller has answered
-        self.behind: Counter[str] = Counter()  # answers of each that came after their tick, since it was told
+        self.answered = dict.fromkeys(self.places, 0)  # newest answered tick, by controller
+        self.behind: Counter[str] = Counter()  # late answers since the last report, by controller
         self.publishers = {one.name: partial(node.count_publishers, f"{graph}{one.topic}") for one in heard.values()}
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
         message_filter.hear_run("pmu/frames")
@@ -76,18 +76,18 @@ class WanLink:
 
     @property
     def measured(self) -> tuple[Any, ...]:
-        """What has come up: values, stamps and status of the stations."""
+        """Measurements of the stations: values, times and status."""
         return self.frame, self.measured_ns, self.status
 
     def ready(self) -> None:
-        """Wait for the plant, whoever hears what it delivers, and the recorder."""
+        """Wait for the plant, the subscribers of delivered frames, and the recorder."""
         extra = int(self.options.recorder)
         expected = {self.to_controllers: listeners(self.case, self.index) + extra}
         expected |= {self.to_plant: 1 + extra, self.to_recorder: extra}
         self.member.wait(expected, self.spinner)
 
     def change_number(self, name: str, value: float) -> None:
-        """A number of a stage, for what is sent from the next tick on."""
+        """Queue a new value of a stage's number; it acts on messages sent from the next tick on."""
 
         def act(_tick: int) -> None:
             self.links, self.now = renumbered(self.links, self.now, self.index, name, value)
@@ -95,7 +95,7 @@ class WanLink:
         self.member.change("parameter", name, value, act)
 
     def on_apply(self, request: Apply.Request, response: Apply.Response) -> Apply.Response:
-        """Have the link be another one from the next tick on."""
+        """Replace the link by another one from the next tick on."""
         try:
             asked = with_link(self.now, self.index, request.change)
         except InputError as error:
@@ -107,12 +107,12 @@ class WanLink:
             self.links = relinked(self.links, asked, self.index)
 
         self.stages.replace(asked.links[self.index])
-        self.member.change("link", "", asked.links[self.index].model_dump(), act)  # whatever its name stands for later
+        self.member.change("link", "", asked.links[self.index].model_dump(), act)  # in full, not by name
         response.success, response.message = True, f"from tick {self.tick + 1} on"
         return response
 
     def health(self) -> Health:
-        """Which controllers do not answer, or answer late."""
+        """Controllers that do not answer or answer late."""
         silent = ", ".join(sorted(self.places[name] for name in self.places if self.late(name)))
         late = ", ".join(f"{count} of {self.places[name]}" for name, count in self.behind.items())
         self.behind.clear()
@@ -131,9 +131,9 @@ class WanLink:
         return tick_ns(tick, rate), tick_ns(tick + 1, rate)
 
     def on_frame(self, tick: int, rows: NDArray[Any]) -> None:
-        """A new tick: send its frame up, deliver what arrives in it."""
+        """Begin a tick: put its frame into the uplink and publish the frames that arrive in it."""
         if self.missing:
-            self.answer()  # by the clock: the plant did not wait for a controller that is late
+            self.answer()  # paced by the clock, the plant does not wait for late controllers
         self.tick = tick
         self.member.begin(tick)
         start, end = self.span(self.tick)
@@ -147,11 +147,11 @@ class WanLink:
             self.answer()
 
     def gone(self, controller: str) -> bool:
-        """Whether, by the clock, a controller is not waited for by others, as it has not answered for a second."""
+        """Whether the link, paced by the clock, does not wait for a controller that has been silent for a second."""
         return self.options.paced and self.late(controller)
 
     def on_setpoints(self, controller: str, tick: int, rows: NDArray[Any]) -> None:
-        """A controller's setpoints; the last one's bring the answer to the plant."""
+        """Keep a controller's setpoints; when the last controller has answered, answer the plant."""
         self.given[controller].append(rows)
         self.answered[controller] = tick
         if tick < self.tick:
@@ -162,7 +162,7 @@ class WanLink:
                 self.answer()
 
     def answer(self) -> None:
-        """Send the setpoints down, in the order of the controllers; if armed, deliver what arrives in the tick."""
+        """Put the setpoints into the downlink, in order of controllers; publish those that arrive, none if disarmed."""
         start, end = self.span(self.tick)
         rows = [row for kept in self.given.values() for row in kept]
         given = np.concatenate(rows) if rows else np.zeros(0, SETPOINT)
@@ -180,14 +180,14 @@ class WanLink:
         self.member.tell(self.health)
 
     def publish_statistics(self) -> None:
-        """Delays and losses of all channels so far."""
+        """Publish delays and losses of all channels so far."""
         up_rows, down_rows = (way.statistics[self.index] for way in (self.links.up, self.links.down))
         up = dict(zip([s.name for s in self.case.system.stations], up_rows, strict=True))
         down = dict(zip(self.case.run.devices, down_rows, strict=False))
         self.to_recorder.publish(link_statistics(self.tick, self.span(self.tick)[0], up, down))
 
     def run(self) -> None:
-        """Serve until stopped; in lockstep, name who stays silent."""
+        """Serve until stopped. In lockstep, raises `RunError` naming the node that is silent or has left."""
         while True:
             if self.spinner.spin_once(0.1):
                 continue
@@ -199,7 +199,7 @@ class WanLink:
                 raise RunError(f"{who} {what}: nothing after tick {self.tick} within {patience:g} s")
 
     def owed(self) -> bool:
-        """Whether, in lockstep, a controller owes its setpoints or the plant its next frame."""
+        """Whether, in lockstep, setpoints of a controller or the plant's next frame are due."""
         if self.options.paced or self.tick < 0 or self.member.message_filter.over:
             return False
         return bool(self.missing) or self.tick + 1 < self.case.ticks

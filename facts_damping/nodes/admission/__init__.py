@@ -1,1 +1,1 @@
-"""Whose messages a node lets in: senders, what was refused, who comes later or comes back."""
+"""Admission of messages: known publishers, refusals, and nodes that join late or replace another."""

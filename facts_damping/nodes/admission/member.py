@@ -1,4 +1,4 @@
-"""What all nodes of a graph do alike: wait for others, let in what may act, tell how they are and what is changed."""
+"""What all nodes of a graph have in common: wait for peers, filter messages, publish diagnostics and changes."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
 
 (PLANT, LINK, CONTROLLER, IDENTIFIER, SUPERVISOR), RECORDER = ROLES, "recorder"  # a recorder changes nothing
-NUMBERED = (LINK, CONTROLLER, IDENTIFIER, SUPERVISOR)  # of which a run may have several
-IDLE_S = 1.0  # wall time without a message after which a node says so, and from then on between two such reports
+NUMBERED = (LINK, CONTROLLER, IDENTIFIER, SUPERVISOR)  # roles that a run may have several nodes of
+IDLE_S = 1.0  # wall time without a message before a node reports it, and between two such reports
 
 
 class Member:
-    """A node's part in the graph of a run."""
+    """Membership of a node in the graph of a run: message filter, arming, changes, diagnostics."""
 
     def __init__(
         self,
@@ -52,9 +52,9 @@ class Member:
         hardware: str = "",
         say: Callable[[bytes], None] | None = None,
     ) -> None:
-        """`role`, `index`: what it is in the run; `hardware`: what it stands for, or commands.
+        """`role`, `index`: the node's place in the run; `hardware`: what it represents or commands, for diagnostics.
 
-        `graph`: what leads to the graph's topics (topics.py); `say`: as in MessageFilter.
+        `graph`: prefix of the graph's topics (base/topics.py); `say`: as in MessageFilter.
         """
         self._node, self._options, self._role, self._index, self._hardware = node, options, role, index, hardware
         self._rate, self._name = case.run.frame_rate, node.get_fully_qualified_name()
@@ -62,7 +62,7 @@ class Member:
         self.message_filter = MessageFilter(node, case, options, graph, say, leads=role == PLANT)
         self.joining = Joining(
             node, options, arms=role in (LINK, CONTROLLER, IDENTIFIER)
-        )  # a supervisor begins in shadow
+        )  # a supervisor starts in shadow and has its own arming
         self._changes: Publisher[Any] = node.create_publisher(RunChange, f"{graph}{CHANGES}", LOGGED)
         self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, PUBLISHER_QOS)
         self._pending: list[tuple[str, str, Any, Callable[[int], None] | None]] = []
@@ -72,31 +72,34 @@ class Member:
         self.at_ns = 0  # start of the newest tick
 
     def spin(self) -> Spinner:
-        """What waits for messages: to be made once the node has all its subscriptions and services."""
+        """Make the node's spinner. Call this after the last subscription and service is created."""
         return Spinner(self._node, self)
 
     def wait(self, expected: dict[Publisher[Any], int], spinner: Spinner) -> None:
-        """Wait for the others of the graph, those that hear each publisher, and the recorder that hears all nodes."""
+        """Wait for the peers; `expected`: number of subscribers per publisher.
+
+        If a recorder is awaited, it must also subscribe to changes and diagnostics.
+        """
         self.say_started()
         extra = int(self._options.recorder)
         self.message_filter.wait_for_peers(expected | {self._changes: extra, self._diagnostics: extra}, spinner.serve)
 
     def say_started(self) -> None:
-        """Say what has started: the version, the run, the mode."""
+        """Log the version, the run and the mode."""
         of = f"{self._what} of {self._run}, mode {self._options.mode}"
         self.message_filter.log.info(f"started: facts_damping {__version__}, {of}")
 
     def change(self, kind: str, name: str = "", value: Any = None, act: Callable[[int], None] | None = None) -> None:
-        """Have something changed from the next tick on, whose number `act` is called with; it is told then."""
+        """Queue a change for the next tick: `act(tick)` is called and the change is published then."""
         self._pending.append((kind, name, value, act))
 
     def change_weights(self, controller: Controller) -> None:
-        """Tell what a node begins with that has resumed what was learnt before."""
+        """Queue the report of the weights with which a resumed node begins."""
         if isinstance(controller.weights, Weights):
             self.change("weights", "", controller.weights.model_dump())
 
     def begin(self, tick: int) -> None:
-        """Begin a tick: what was asked for since the last one acts from here on, and is told."""
+        """Begin a tick: apply and publish the changes queued since the last one."""
         start = tick_ns(tick, self._rate)
         if self._tick < 0 < tick:
             self._pending.insert(
@@ -120,7 +123,7 @@ class Member:
         self._changes.publish(run_change(self._name, self._role, self._index, *told))
 
     def tell(self, health: Callable[[], Health], last: bool = False) -> None:
-        """Tell how the node is, once a simulated second, and at the `last` tick."""
+        """Publish the node's diagnostics once per simulated second, and at the `last` tick."""
         if not (last or self._tick % self._rate == 0):
             return
         own, joined = health(), self.joining.health()
@@ -130,12 +133,12 @@ class Member:
         self.publish(own)
 
     def publish(self, health: Health) -> None:
-        """Tell how the node is."""
+        """Publish the node's diagnostics now."""
         self._told_at = time.monotonic()
         self._diagnostics.publish(diagnostics(self._name.lstrip("/"), self._hardware, health, self.at_ns))
 
     def look(self, last: bool = False) -> None:
-        """Now and then: report what was refused, and that nothing comes, where that is so."""
+        """Report refusals, peers that come or go, and silence. Called periodically."""
         self.message_filter.tell(last)
         self.message_filter.who_is_there()
         now = time.monotonic()

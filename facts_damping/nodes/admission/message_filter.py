@@ -1,7 +1,7 @@
-"""What a node lets in: each message is checked before anything is done with it, and what is refused is counted.
+"""Message filter: checks each message before it is used, and counts refusals.
 
-A message must come from the one publisher of its topic that this graph has, be newer by that publisher's count, be
-what `read` takes (length, format, names, stamps), and be of the next tick. Nothing else acts, and nobody ends of it.
+A message must come from its topic's one publisher in this graph, have a newer sequence number of that publisher, pass
+`read` (length, format, names, stamps), and belong to the next tick. A refused message changes nothing and ends no node.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.nodes.base.parameters import Options
 
-NOTICED_S = SILENT_S + 0.2  # wall time in which others have noticed that a node was killed
-FOUND_S = 0.5  # wall time in which nodes find each other, if nothing else goes on
-LOOK_S = 0.5  # wall time between two looks at who is there
-QUIET_S = 0.5  # wall time without a message after which nothing more comes of a run that has ended
+NOTICED_S = SILENT_S + 0.2  # wall time within which peers notice that a node was killed
+FOUND_S = 0.5  # wall time within which nodes discover each other on an idle machine
+LOOK_S = 0.5  # wall time between two checks of which nodes are there
+QUIET_S = 0.5  # wall time without a message after which an ended run is taken to send nothing more
 
 
 class MessageFilter:
-    """Subscribes for a node, and lets through what may act."""
+    """Subscribes for a node and passes on only admitted messages."""
 
     def __init__(
         self,
@@ -57,20 +57,21 @@ class MessageFilter:
         peer: bool = True,
         leads: bool = False,
     ) -> None:
-        """`graph`: what leads from the node to the topics of its graph (node.py); `say`: takes reports, if not all.
+        """`graph`: prefix of the graph's topics (base/topics.py); `say`: takes refusal reports instead of publishing.
 
-        `peer`: the node is one of its graph; else it only listens, and nobody waits for it. `leads`: it begins the run.
+        `peer`: the node is part of its graph; else it only listens, and no node waits for it. `leads`: it begins the
+        run.
         """
-        self.node, self.heard = node, time.monotonic()  # when something was last let through
+        self.node, self.heard = node, time.monotonic()  # when a message was last admitted
         self.log, self._leads = NodeLog(node), leads
-        self.over = False  # whether the plant has said that the run has ended
+        self.over = False  # whether the plant has announced the end of the run
         self._rate, self._options = case.run.frame_rate, options
-        self._last = sys.maxsize if options.free else case.ticks - 1  # tick that the run has at most
+        self._last = sys.maxsize if options.free else case.ticks - 1  # last tick that the run can have
         self._graph = graph
         self.who = Publishers(node, options, graph)
-        self._own: list[Subscription[Any]] = []  # what was subscribed to here
+        self._own: list[Subscription[Any]] = []  # subscriptions made here
         self.refusals = Refusals(node, graph, say, peer=peer)
-        self._there: dict[str, bool] = {}  # nodes that have been heard, and whether they are still there
+        self._there: dict[str, bool] = {}  # nodes that have sent messages, and whether they are still there
         self._looked_at = 0.0
 
     def subscribe(
@@ -86,12 +87,12 @@ class MessageFilter:
         leads: bool = False,
         qos: QoSProfile = SUBSCRIBER_QOS,
     ) -> None:
-        """Listen to a topic; `common`: all nodes of the graph may speak there; `plant`: it alone is heard.
+        """Subscribe to a topic. `common`: all nodes of the graph may publish there; `plant`: admit only the plant.
 
-        `read` makes of a message its tick (none on a topic that all share) and more, or raises `Refused`; `use` is
-        called with that; without `read` it gets the bytes and what the middleware knows of them. `newest`: the newest
-        tick that it may be of. `begins`: whether a message is the first of a run: its publisher is this graph's.
-        `leads`: its ticks are the run's.
+        `read` decodes a message into its tick (absent on common topics) and further values, or raises `Refused`; `use`
+        is called with these. Without `read`, `use` gets the bytes and the middleware's message information.
+        `newest`: returns the newest tick allowed. `begins`: tells whether a message is the first of a run; its
+        publisher is then this graph's. `leads`: the topic's ticks are the run's.
         """
         heard = TopicState(self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads)
         self.who.topics.append(heard)
@@ -99,13 +100,13 @@ class MessageFilter:
         def take(data: bytes, information: Any) -> bool:
             return self.take(heard, data, information)
 
-        taking: Any = take  # the spinner wants to know whether a message was let through
+        taking: Any = take  # returns whether the message was admitted, for the spinner
         self._own.append(self.node.create_subscription(kind, topic, taking, qos, raw=True))
 
     def hear_run(self, topic: str = PLANT) -> None:
-        """Hear from the plant how the run stands: whether it is over, and why.
+        """Subscribe to the state of the run, which tells whether and why it has ended.
 
-        The plant is who publishes `topic`.
+        The plant is the node that publishes `topic`.
         """
         self.who.know_plant(topic)
         self.subscribe(
@@ -119,7 +120,7 @@ class MessageFilter:
         )
 
     def on_run(self, state: int, in_synchronism: bool, reason: str) -> None:
-        """Say why a run has ended; a pause is told so that nobody takes it for a plant that is silent."""
+        """Log why the run has ended. Reports of a pause only show that the plant is alive."""
         if state != RunState.ENDED or self.over:
             return
         self.over, text = True, " ".join(reason.split())
@@ -129,23 +130,26 @@ class MessageFilter:
             self.log.error(text)
 
     def done(self) -> bool:
-        """Whether the run has ended and nothing more comes: then a node ends, if nobody supervises it."""
+        """Whether the node should end: the run is over and messages have stopped.
+
+        Always false in a free graph, and where a program runs the graph (parameter `progress`).
+        """
         if self._options.free or self.log.lines or not self.over:
             return False
         return time.monotonic() - self.heard > QUIET_S
 
     def who_is_there(self) -> None:
-        """Say, once, of each node that is heard, that it has joined, or that it has left or is silent."""
+        """Log once for each sending node that it has joined, has left or is silent."""
         now = time.monotonic()
         if self.over or now - self._looked_at < LOOK_S:
             return
         self._looked_at = now
-        newest: dict[str, TopicState] = {}  # topic of each node by which something has come last
+        newest: dict[str, TopicState] = {}  # topic of the newest message, by node
         for heard in sorted(self.who.topics, key=lambda one: one.at):
             if heard.publisher is not None and not heard.common and heard.tick >= 0:
                 newest[self.who.name(heard.topic, heard.publisher)] = heard
         for name, heard in newest.items():
-            silent, others = now - heard.at > SILENT_S, now - self.heard < SILENT_S  # others go on: no pause
+            silent, others = now - heard.at > SILENT_S, now - self.heard < SILENT_S  # others send: no pause
             gone = silent and self.node.count_publishers(heard.topic) == 0
             if not silent and not self._there.get(name):
                 self._there[name] = True
@@ -156,11 +160,11 @@ class MessageFilter:
                 self.log.warning(f"{name} {what}: nothing of {heard.topic} after tick {heard.tick}")
 
     def wait_for_peers(self, expected: dict[Publisher[Any], int], serve: Callable[[], None]) -> None:
-        """Wait until the graph is there (node.py); whose its topics are is known from then on.
+        """Wait for the graph's other nodes (base/discovery.py), then note the publishers of the topics.
 
-        Who runs free waits for nobody, only until those who are there can have found it. So does, in real time, who
-        begins the run: whoever only listens hears it from the first frame on. Who joins waits until others have noticed
-        that the one before it is silent.
+        A node in mode free waits only until running nodes can have discovered it. In real time the node that begins
+        the run does so as well, so that listeners receive the first frame. A joining node waits until peers have
+        noticed that its predecessor is silent.
         """
         if not self._options.free:
             heard = [one.topic for one in self.who.topics if not one.common and not one.silent]
@@ -175,7 +179,7 @@ class MessageFilter:
             self._skip()
 
     def _skip(self) -> None:
-        """Pass over what came while a node waited to join, but for the newest message of each topic."""
+        """Skip the messages that came while the node waited to join, except the newest of each topic."""
         for subscription in self._own:
             newest: Any = None
             for _ in range(DEPTH):
@@ -187,7 +191,7 @@ class MessageFilter:
                 subscription.callback(*newest)
 
     def lost(self) -> dict[tuple[str, str], int]:
-        """How many messages were missed, by topic and publisher."""
+        """Number of missed messages, by topic and node."""
         counts: Counter[tuple[str, str]] = Counter()
         for heard in self.who.topics:
             for publisher, count in heard.lost.items():
@@ -195,7 +199,7 @@ class MessageFilter:
         return counts
 
     def publishers(self) -> dict[str, str]:
-        """Nodes whose messages were let in, by `topic identity`."""
+        """Nodes whose messages were admitted, by `topic identity`."""
         return {
             f"{heard.topic} {publisher.hex()}": self.who.name(heard.topic, publisher)
             for heard in self.who.topics
@@ -203,10 +207,10 @@ class MessageFilter:
         }
 
     def take(self, heard: TopicState, data: bytes, information: dict[str, Any]) -> bool:
-        """Take a message; whether it was let through."""
+        """Check a message and use it. Returns whether it was admitted."""
         publisher: bytes = information["publisher_gid"]["data"]
         if heard.plant and not self.who.is_plant(publisher):
-            return False  # not for this node: who listens to all says what is nobody's
+            return False  # not for this node, and not counted as a refusal
         epoch = stamps.epoch_ns()
         try:
             self.who.admit(heard, data, publisher)
@@ -220,21 +224,21 @@ class MessageFilter:
                 if not heard.common:
                     self._check_tick(heard, message[0], publisher)
         except Refused as refused:
-            stamps.restore(epoch)  # what is refused has taught nothing
+            stamps.restore(epoch)  # a refused message must not set the epoch
             self.refusals.add(heard.topic, refused.cause, publisher)
             return False
         if not heard.common:
-            heard.publisher = publisher  # also a successor's, whose first message is sound
+            heard.publisher = publisher  # may be a successor, since its first message passed all checks
         self.heard = heard.at = time.monotonic()
         heard.use(*message)
         return True
 
     def _count(self, heard: TopicState, publisher: bytes, sequence: int | None) -> None:
-        """Refuse a message that its publisher sent before one that has come; count those that did not come."""
-        if sequence is None:  # not every middleware counts
+        """Refuse a message that is older than one received from its publisher; count the missing ones."""
+        if sequence is None:  # not every middleware numbers messages
             return
         if publisher not in self.who.names:
-            self.who.name(heard.topic, publisher)  # it may have left when it is told
+            self.who.name(heard.topic, publisher)  # look its name up now: it may have left by the time of the report
         newest = heard.sequences.get(publisher, sequence - 1)
         if sequence <= newest:
             raise Refused("sequence")
@@ -243,10 +247,10 @@ class MessageFilter:
         heard.sequences[publisher] = sequence
 
     def _check_tick(self, heard: TopicState, tick: int, publisher: bytes) -> None:
-        """Refuse a tick that is not the next one; by the clock as many may be missing as that allows.
+        """Refuse a tick that is not the next one; paced by the clock, ticks may be missing as far as time allows.
 
-        Who does not begin with tick 0 is of another graph, that was there before: then the publisher is unknown again.
-        Where the graph runs free, somebody new with an earlier tick is of a new run, for which the node begins again.
+        A publisher whose first tick is not 0 belongs to an older graph and is forgotten, unless this node may be late.
+        In a free graph, a new publisher with an earlier tick has begun a new run. Raises `BeginAgain` then.
         """
         if heard.tick < 0 and tick > 0 and not self._options.late:
             heard.publisher = None
@@ -262,19 +266,19 @@ class MessageFilter:
         heard.tick = tick
 
     def refuse(self, topic: str, cause: str) -> None:
-        """Count a request that was refused."""
+        """Count a refused request."""
         self.refusals.add(topic, cause)
 
     def tell(self, last: bool = False) -> None:
-        """Report what was refused, now and then, or for the `last` time."""
+        """Report refusals, at most once per second, and at the `last` call."""
         self.refusals.tell(start_of(self.newest(), self._rate), last)
 
     def newest(self) -> int:
-        """The newest tick that the node has heard of; 0 before the first."""
+        """The newest tick of all topics; 0 before the first."""
         return max((heard.tick for heard in self.who.topics if heard.tick > 0), default=0)
 
     def remark(self) -> str:
-        """What to add to an error, where others are at it: a silent node may be one that is not listened to."""
+        """Text to append to an error: a peer that seems silent may be one whose messages were refused; else empty."""
         foreign = self.refusals.foreign()
         if not foreign:
             return ""

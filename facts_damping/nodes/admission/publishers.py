@@ -1,4 +1,4 @@
-"""Who speaks on the topics of a graph: the one publisher that each has, the plant's, and who comes after it."""
+"""Publishers of a graph's topics: the one publisher of each topic, the plant, and successors."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
     from facts_damping.nodes.base.parameters import Options
 
-KNOW_S = 0.01  # wall time between two looks at who publishes, at least
-SILENT_S = 1.0  # wall time without a message after which one of the same name may take the place of a node
-PLANT = "plant/state"  # who publishes it is the plant
+KNOW_S = 0.01  # minimum wall time between two queries of the publishers
+SILENT_S = 1.0  # wall time without a message after which a node of the same name may replace a node
+PLANT = "plant/state"  # its publisher is the plant
 
 
 def now() -> float:
-    """Wall time, s, since some moment."""
+    """Monotonic wall time, s."""
     return time.monotonic()
 
 
 @dataclass
 class TopicState:
-    """A topic that is listened to, and what has come by it."""
+    """A subscribed topic and what has come on it; the arguments are those of MessageFilter.subscribe."""
 
     topic: str
     read: Callable[[bytes], tuple[Any, ...]] | None
@@ -39,30 +39,30 @@ class TopicState:
     use: Callable[..., None]
     begins: Callable[[bytes], bool] | None
     common: bool
-    plant: bool = False  # the plant alone is heard, where all may speak
-    leads: bool = False  # frames: who is new there with an earlier tick begins another run
+    plant: bool = False  # only the plant's messages are admitted, though all nodes may publish there
+    leads: bool = False  # frames: a new publisher with an earlier tick begins another run
     silent: bool = False  # not subscribed to: only its publisher is known
-    publisher: bytes | None = None  # identity of who publishes it in this graph, once that is known
-    sequences: dict[bytes, int] = field(default_factory=dict)  # of the newest message, by publisher
-    lost: Counter[bytes] = field(default_factory=Counter)  # messages that did not come, by the gaps of those
-    tick: int = -1  # of the newest message
-    at: float = field(default_factory=now)  # when it came
+    publisher: bytes | None = None  # identity (GID) of its publisher in this graph, once known
+    sequences: dict[bytes, int] = field(default_factory=dict)  # sequence number of the newest message, by publisher
+    lost: Counter[bytes] = field(default_factory=Counter)  # missing sequence numbers, by publisher
+    tick: int = -1  # tick of the newest message
+    at: float = field(default_factory=now)  # wall time of its arrival
 
 
 class Publishers:
-    """Who publishes what a node hears, as far as that is known; who may."""
+    """Known and permitted publishers of the topics that a node subscribes to."""
 
     def __init__(self, node: Node, options: Options, graph: str) -> None:
-        """`graph`: what leads from the node to the topics of its graph (node.py)."""
+        """`graph`: prefix of the graph's topics (base/topics.py)."""
         self.topics: list[TopicState] = []
-        self.names: dict[bytes, str] = {}  # of nodes whose messages were let in, by publisher
+        self.names: dict[bytes, str] = {}  # node names by publisher, of nodes whose messages were admitted
         self.plant: TopicState | None = None  # a topic that the plant publishes
         self._node, self._options, self._graph = node, options, graph
         self._looked_at = self._sought_at = 0.0
-        self._heirs: dict[str, bytes] = {}  # by topic: who is alone where its publisher has left
+        self._heirs: dict[str, bytes] = {}  # successor of the publisher, by topic
 
     def know_plant(self, topic: str = PLANT) -> None:
-        """Know the plant by a topic that it publishes, whether that is listened to or not."""
+        """Identify the plant by a topic that it publishes, whether the node subscribes to it or not."""
         name = self._node.resolve_topic_name(f"{self._graph}{topic}")
         self.plant = next((heard for heard in self.topics if heard.topic == name), None)
         if self.plant is None:
@@ -70,20 +70,20 @@ class Publishers:
             self.topics.append(self.plant)
 
     def is_plant(self, publisher: bytes) -> bool:
-        """Whether a publisher is of the plant's node."""
+        """Whether a publisher belongs to the plant's node."""
         if self.plant is not None and self.plant.publisher is None:
             self.know()
         known = self.plant.publisher if self.plant is not None else None
         return known is not None and publisher[:NODE] == known[:NODE]
 
     def name(self, topic: str, publisher: bytes) -> str:
-        """The node of a publisher, kept once it is known; until then its identity."""
+        """Node name of a publisher, cached once known; until then its identity in hexadecimal."""
         if publisher not in self.names and (name := node_name(self._node, topic, publisher)):
             self.names[publisher] = name
         return self.names.get(publisher, publisher.hex())
 
     def know(self) -> None:
-        """Look who publishes: the only one is this graph's, for good."""
+        """Query the publishers: a topic's only publisher becomes this graph's, and stays so."""
         if time.monotonic() - self._looked_at < KNOW_S:
             return
         self._looked_at = time.monotonic()
@@ -94,7 +94,10 @@ class Publishers:
                     heard.publisher = there[0]
 
     def another_plant(self, heard: TopicState, publisher: bytes) -> bool:
-        """Whether somebody new speaks where the plant did; or for a link, and the plant is another one by now."""
+        """Whether, in a free graph, a new publisher shows that the plant was replaced.
+
+        It publishes on a topic of the plant; or on a leading topic of a link, and the old plant no longer publishes.
+        """
         if not self._options.free or heard.common or heard.publisher in (None, publisher) or self.plant is None:
             return False
         before = self.plant.publisher
@@ -104,7 +107,7 @@ class Publishers:
         return heard.leads and bool(there) and before not in there
 
     def admit(self, heard: TopicState, data: bytes, publisher: bytes) -> None:
-        """Refuse a message of somebody else's."""
+        """Raise `Refused` for a message of a publisher that is not this graph's."""
         if publisher == heard.publisher:
             return
         if not heard.common:
@@ -115,7 +118,10 @@ class Publishers:
                 raise Refused("publisher")
 
     def _recognise(self, heard: TopicState, data: bytes, publisher: bytes) -> None:
-        """Whose a topic is, when a message comes before that is known: who begins, else who is alone or first."""
+        """Decide whether an unknown publisher is the topic's: the one that begins the run, else the only or first one.
+
+        A successor is admitted, too. Raises `Refused` otherwise.
+        """
         if heard.publisher is None:
             self.know()
         if heard.publisher is None and (heard.begins is None or heard.begins(data)):
@@ -124,10 +130,11 @@ class Publishers:
             raise Refused("publisher")
 
     def _succeeding(self, heard: TopicState | None = None) -> set[bytes]:
-        """Nodes that, unless in lockstep, take the place of a topic's publisher (of any topic, if none is given).
+        """Nodes that may, unless in lockstep, succeed the publisher of a topic (of any topic if none is given).
 
-        It has left, and they are alone; or it is silent, and they have its name: DDS takes 20 s to see that a node was
-        killed. In real time as long as the plant is there: without it the run is over, and it has no successor.
+        Either the publisher has left and the successor is the only one; or the publisher is silent and the successor
+        has its name, since DDS takes 20 s to see that a node was killed. In real time the plant itself has no
+        successor, and the others have none once it has left: the run is over then.
         """
         if self._options.paced and time.monotonic() - self._sought_at > KNOW_S:
             self._sought_at = time.monotonic()
@@ -143,7 +150,7 @@ class Publishers:
         return {gid[:NODE] for topic, gid in self._heirs.items() if heard is None or topic == heard.topic}
 
     def _heir(self, heard: TopicState) -> bytes | None:
-        """Who alone takes the place of a topic's publisher; None: nobody."""
+        """The only possible successor of a topic's publisher; None: there is none."""
         there = self.of(heard.topic)
         others = [publisher for publisher in there if publisher != heard.publisher]
         if len(others) != 1:
@@ -157,22 +164,22 @@ class Publishers:
         return others[0]
 
     def of(self, topic: str) -> list[bytes]:
-        """Identities of all that publish on a topic now."""
+        """Identities (GIDs) of all current publishers of a topic."""
         return [bytes(one.endpoint_gid) for one in self._node.get_publishers_info_by_topic(topic)]
 
     def _complete(self) -> bool:
-        """Whether all nodes are known: until then one that speaks on a common topic first may be this graph's."""
+        """Whether all publishers are known; until then an unknown node on a common topic may be this graph's."""
         return all(heard.publisher is not None for heard in self.topics if not heard.common and not heard.silent)
 
     def _nodes(self) -> set[bytes]:
         return {heard.publisher[:NODE] for heard in self.topics if heard.publisher is not None}
 
     def _myself(self) -> set[bytes]:
-        """This node, as others know it: where it hears on a topic on which it speaks."""
+        """GUID prefix of this node, from its own publisher of refusals: it may receive its own messages."""
         name, place = self._node.get_name(), self._node.get_namespace()
         there = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(f"{self._graph}{TOPIC}"))
         return {bytes(one.endpoint_gid)[:NODE] for one in there if (one.node_name, one.node_namespace) == (name, place)}
 
 
 def _nothing() -> None:
-    """For a topic that nothing is heard of."""
+    """Callback of a topic that is not subscribed to."""

@@ -1,4 +1,4 @@
-"""What a node has refused: counted by topic, cause and source, told and published, at most once a second."""
+"""Refusals of a node: counted by topic, cause and source; logged and published at most once per second."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-TELL_S = 1.0  # wall time between two reports at least
-MOST = 200  # counts by topic, cause and source that are kept apart; what comes on top is counted as of others
+TELL_S = 1.0  # minimum wall time between two reports
+MOST = 200  # separate counts by topic, cause and publisher; further publishers are counted together as others
 OTHERS = b""
-UNKNOWN = "_NODE_NAME_UNKNOWN_"  # what the middleware calls a node that it has not heard of yet
+UNKNOWN = "_NODE_NAME_UNKNOWN_"  # the middleware's name of a node that it has not discovered yet
 
 
 class Refusals:
-    """Counts of a node, and how it tells them."""
+    """Counts and reports the refusals of a node."""
 
     def __init__(self, node: Node, graph: str, say: Callable[[bytes], None] | None, *, peer: bool = True) -> None:
-        """`graph`: what leads to the graph's topics; `say`, `peer`: as in MessageFilter."""
+        """`graph`, `say`, `peer`: as in MessageFilter."""
         self._node, self._log, self._say = node, NodeLog(node), say
-        if peer:  # by its publisher others know it as one
+        if peer:  # others recognise a peer by this publisher
             publisher = node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", PUBLISHER_QOS)
             self._say = say or publisher.publish
         self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
         self._told: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
-        self._sources = {OTHERS: "others"}  # of publishers that were refused: what they were told as
+        self._sources = {OTHERS: "others"}  # reported source, by refused publisher
         self._told_at = 0.0
 
     def add(self, topic: str, cause: str, publisher: bytes = OTHERS) -> None:
-        """Count a message or request that was refused."""
+        """Count a refused message or request."""
         if not self._refused:
-            self._told_at = time.monotonic()  # who a newcomer is, one hears after what it says
+            self._told_at = time.monotonic()  # report later: a new node's name is known only after its first message
         if len(self._refused) < MOST or (topic, cause, publisher) in self._refused:
             self._refused[topic, cause, publisher] += 1
         else:
             self._refused[topic, cause, OTHERS] += 1
 
     def tell(self, at_ns: int, last: bool = False) -> None:
-        """Report what is new: lines `refused N CAUSE TOPIC SOURCE`, and a message; at once if it is the `last` time.
+        """Report new refusals as lines `refused N CAUSE TOPIC SOURCE` and a message; at once at the `last` call.
 
         `at_ns`: start of the newest tick.
         """
@@ -62,7 +62,7 @@ class Refusals:
         for (topic, cause, source), count in counts.items():
             if count != self._told[topic, cause, source]:
                 self._log.line(f"refused {count} {cause} {topic} {source}")
-                if (topic, cause, source) not in self._told:  # the rest is counted, and told at the end
+                if (topic, cause, source) not in self._told:  # log only the first; the total is logged at the end
                     self._log.warning(f"refused a message by {topic} of {source}: {cause}")
         if last:
             self._log.warning(f"refused {counts.total()} messages in all")
@@ -78,18 +78,18 @@ class Refusals:
         self._say(serialize_message(message))
 
     def _source(self, topic: str, publisher: bytes) -> str:
-        """What a publisher is told as, once and for all: its node's full name, else its identity."""
+        """Reported source of a publisher, cached: its node's full name, else its identity."""
         if publisher not in self._sources:
             self._sources[publisher] = node_name(self._node, topic, publisher) or publisher.hex()
         return self._sources[publisher]
 
     def foreign(self) -> int:
-        """How many messages were of publishers that are not this graph's."""
+        """Number of refused messages of publishers that are not this graph's."""
         return sum(count for (_, cause, _), count in self._refused.items() if cause == "publisher")
 
 
 def node_name(node: Node, topic: str, publisher: bytes) -> str:
-    """Full name of the node that a publisher of a topic is of; empty where it is not known yet, or has left."""
+    """Full name of the node of a topic's publisher; empty if it is not known yet or has left."""
     there = node.get_publishers_info_by_topic(topic)
     one = next((one for one in there if bytes(one.endpoint_gid) == publisher), None)
     if one is None or one.node_name == UNKNOWN:

@@ -1,1 +1,1 @@
-"""What all nodes share: parameters, log, QoS, discovery, waiting, start and end."""
+"""Common parts of all nodes: parameters, log, QoS, discovery, spinner, start and end."""

@@ -1,4 +1,4 @@
-"""An event loop beside a node: sockets are served in a thread of their own, while the node waits for messages."""
+"""An asyncio event loop in a second thread: it serves sockets while the node waits for messages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 class AsyncioThread:
-    """The loop and its thread, until `close`."""
+    """Event loop and its thread. Call `close` at the end."""
 
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
@@ -22,19 +22,19 @@ class AsyncioThread:
         self._thread.start()
 
     def begin(self, task: Coroutine[Any, Any, T]) -> Future[T]:
-        """Begin a task; its future, which cancels it, too."""
+        """Start a task. Its future can also cancel it."""
         return asyncio.run_coroutine_threadsafe(task, self._loop)
 
     def wait(self, task: Coroutine[Any, Any, T]) -> T:
-        """Do a task, and wait for its end."""
+        """Run a task and wait for its result."""
         return self.begin(task).result()
 
     def soon(self, act: Callable[..., object], *given: Any) -> None:
-        """Have something called in the loop."""
+        """Schedule a call in the loop's thread."""
         self._loop.call_soon_threadsafe(act, *given)
 
     def close(self) -> None:
-        """Cancel what still goes on, and end the thread."""
+        """Cancel all running tasks and end the thread."""
         self.wait(_cancel_all())
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
@@ -44,7 +44,7 @@ class AsyncioThread:
 async def _cancel_all() -> None:
     own = asyncio.current_task()
     others = [task for task in asyncio.all_tasks() if task is not own]
-    while others:  # a task may be about to end of itself, and not hear of it the first time
+    while others:  # a task that is about to finish may miss the first cancellation
         for task in others:
             task.cancel()
         others = list((await asyncio.wait(others, timeout=0.1))[1])

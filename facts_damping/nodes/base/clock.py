@@ -12,17 +12,17 @@ from facts_damping.nodes.transport.messages import set_time
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-LAST = QoSProfile(depth=1)  # reliable; who is late misses all but the last
+LAST = QoSProfile(depth=1)  # reliable; a slow subscriber gets only the newest time
 
 
 class SimulatedClock:
     """Publishes the start of each tick."""
 
     def __init__(self, node: Node) -> None:
-        """Make the publisher; `/clock` is everybody's, whatever the namespace."""
+        """Make the publisher; `/clock` is global, whatever the node's namespace."""
         self._publisher, self._message = node.create_publisher(Clock, "/clock", LAST), Clock()
 
     def tell(self, start_ns: int) -> None:
-        """Tell a time, ns."""
-        set_time(self._message.clock, start_ns)  # of what is stamped by the wall clock, that
+        """Publish the time of a tick; `start_ns`: its simulated start."""
+        set_time(self._message.clock, start_ns)  # with `stamp: wall` this is wall time
         self._publisher.publish(self._message)

@@ -1,4 +1,4 @@
-"""Discovery: whether the peers of a node are there, and whether another graph is."""
+"""Discovery: waits for the peers of a node and detects other graphs in the domain."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
     from facts_damping.nodes.base.parameters import Options
 
-BAG = "rosbag2_recorder"  # how the node of `ros2 bag record` is called
-NODE = 12  # first bytes of a publisher's identity that all of a node's have
-PATIENT_S = 1.0  # wall time after which a node says what it waits for
+BAG = "rosbag2_recorder"  # name of the node of `ros2 bag record`
+NODE = 12  # leading bytes of a publisher's identity (GID) that are the same for all endpoints of a node
+PATIENT_S = 1.0  # wall time after which a node logs what it waits for
 
 
 def shared_topic(node: Node, topics: Iterable[str], *, joins: bool) -> str | None:
-    """The first of topics, each of which has one publisher in a graph, that somebody else publishes, too.
+    """The first topic with more publishers than the one that a graph has; None if there is none.
 
-    `joins`: one of the same name may be there still, whose place the node takes: others let it in once that is silent.
+    `joins`: publishers of the same node name count once, as the node's predecessor may still be there.
     """
     for topic in topics:
         there = node.get_publishers_info_by_topic(topic)
@@ -48,11 +48,11 @@ def wait_for_peers(
     options: Options,
     serve: Callable[[], None],
 ) -> None:
-    """Wait until every publisher has its subscribers and every topic that is `heard` a publisher; name what is missing.
+    """Wait until every publisher has its `expected` subscribers and every topic in `heard` a publisher.
 
-    Subscribers that count are nodes that publish what is heard, or on the topic `peers`, as all nodes of a graph do:
-    whoever else listens is nobody's peer. Who joins a graph also waits until the one whose place it takes has left.
-    Meanwhile requests are answered, by `serve`.
+    Only subscribers of peers count: nodes that publish on a topic in `heard`, or on `peers`, as all nodes of a graph
+    do. A joining node also waits until publishers with another name have left. `serve` answers requests meanwhile.
+    Raises `RunError` if another graph publishes the same topics, or names what is missing after the time-out.
     """
     log, told = NodeLog(node), False
     deadline, topics = time.monotonic() + options.start_timeout, [*heard, *(p.topic_name for p in expected)]
@@ -79,21 +79,21 @@ def wait_for_peers(
 
 
 def pause_briefly(serve: Callable[[], None]) -> None:
-    """Wait a little, and answer requests; messages that come meanwhile wait in their queues."""
+    """Wait 10 ms and answer requests; messages stay in their queues. Raises `Stopped` after a signal."""
     time.sleep(0.01)
     serve()
     check_wanted()
 
 
 def _participant(end: TopicEndpointInfo) -> bytes:
-    """Which node an end of a topic is of: the GUID prefix of its identity (RTPS 2.5, 8.2.4.1)."""
+    """DDS participant of a topic endpoint: the GUID prefix of its identity (RTPS 2.5, 8.2.4.1)."""
     return bytes(end.endpoint_gid)[:NODE]
 
 
 def _readers(node: Node, publisher: Publisher[Any], own: set[bytes], options: Options) -> int:
-    """Number of a publisher's readers that are peers; and where they are wanted, of one live view and one `ros2 bag`.
+    """Number of a publisher's readers that are peers, plus one live view and one `ros2 bag` if these are awaited.
 
-    A live view may miss messages. At most as many as the publisher itself has found.
+    A live view is recognised by best-effort QoS. The publisher's own count of matched readers is the upper limit.
     """
     readers = node.get_subscriptions_info_by_topic(publisher.topic_name)
     peers = sum(_participant(reader) in own for reader in readers)
@@ -104,7 +104,7 @@ def _readers(node: Node, publisher: Publisher[Any], own: set[bytes], options: Op
 
 
 def finish(publishers: Iterable[Publisher[Any]], timeout: float) -> None:
-    """Wait, `timeout` seconds at most, until every reader has acknowledged what was published."""
+    """Wait at most `timeout` seconds in total until every reader has acknowledged all messages."""
     deadline = time.monotonic() + timeout
     for publisher in publishers:
         left = max(0.0, deadline - time.monotonic())

@@ -1,8 +1,8 @@
-"""An end for a process whose middleware does not end.
+"""Ends a process whose middleware hangs at exit.
 
-Now and then, once in some fifty runs on a loaded machine, a destructor of Fast DDS waits for ever (3.2, in
-`ResourceEvent::unregister_timer`), with Python's lock held: no Python, no handler of a signal runs any more. A timer of
-the C library then calls its `_exit` in a thread of its own (POSIX.1-2017, timer_create with SIGEV_THREAD).
+About once in fifty runs on a loaded machine, a destructor of Fast DDS 3.2 waits for ever (in
+`ResourceEvent::unregister_timer`) while it holds Python's GIL, so neither Python code nor signal handlers run.
+A POSIX timer then calls `_exit` in a thread of its own (POSIX.1-2017, timer_create with SIGEV_THREAD).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ SIGEV_THREAD = 2
 
 
 class _Event(ctypes.Structure):
-    """What a timer does: sigevent of <signal.h>, 64 bytes."""
+    """Action of a timer: sigevent of <signal.h>, 64 bytes."""
 
     _fields_ = (
         ("value", ctypes.c_void_p),
@@ -28,13 +28,13 @@ class _Event(ctypes.Structure):
 
 
 class _Times(ctypes.Structure):
-    """When, once: itimerspec of <time.h>."""
+    """Time of a one-shot timer: itimerspec of <time.h>."""
 
     _fields_ = tuple((name, ctypes.c_long) for name in ("every_s", "every_ns", "after_s", "after_ns"))
 
 
 def end_after(seconds: float, status: int) -> None:
-    """Have this process end after so long with an exit status, whatever it is then doing."""
+    """End this process with exit status `status` after `seconds`, whatever it is doing. Raises `OSError`."""
     library = ctypes.CDLL(None, use_errno=True)
     exit_ = ctypes.cast(library._exit, ctypes.c_void_p)  # noqa: SLF001 (that is its name)
     event, timer = _Event(value=status, notify=SIGEV_THREAD, function=exit_), ctypes.c_void_p()

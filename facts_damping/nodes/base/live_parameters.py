@@ -1,4 +1,4 @@
-"""Parameters that may be changed while a run goes on: of controllers, identifiers, links, PMUs."""
+"""Parameters that can be changed during a run: of controllers, identifiers, links and PMUs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.measurement import Measurement
     from facts_damping.parameters.run import Controller
 
-FIXED = ("window", "start", "duration")  # of a link's stage: not to be changed while it runs
+FIXED = ("window", "start", "duration")  # fields of a link's stage that cannot be changed during a run
 FREE = "other numbers of its stages; or another link, by the service ~/apply"
 
 
@@ -40,11 +40,11 @@ def declare_settings(
     swing: NDArray[np.float64],
     change: Callable[..., None],
 ) -> None:
-    """Declare parameters of a controller or its identifier; those that are safe to change may, into `rows` (SETTINGS).
+    """Declare parameters of a controller or its identifier; changes of live ones go into `rows` (SETTINGS).
 
-    `swing` is that of the signals (control/bank.py); `change` has a change act in the next tick (member.py).
-    Raises `InputError` for a value that is not allowed, and where one that shapes the start differs from the run's:
-    other nodes would not know.
+    `swing`: mode shape of the signals (control/bank.py); `change`: queues a change for the next tick (member.py).
+    Raises `InputError` for a value that is not allowed, or if a parameter that is not live differs from the run's
+    value, as other nodes would not know of it.
     """
     table = kind_of(controller).parameters
     counts = sizes(controller)
@@ -85,20 +85,20 @@ def _check_free(name: str) -> None:
 
 
 class StageParameters:
-    """The numbers of a link's stages as a node's parameters, `up.0.delay`.
+    """Numbers of a link's stages as node parameters, such as `up.0.delay`.
 
-    Windows of a replay and times of a start are the run's, the others may change while it runs.
+    Those in `FIXED` (replay window, start time, duration) cannot be changed during a run; the others can.
     """
 
     def __init__(self, node: Node, link: Link, change: Callable[[str, float], None]) -> None:
-        """`change` is called with the name and value of each that is not the link's own."""
+        """Declare the parameters. `change(name, value)` is called for each value that differs from the link's."""
         self._node, self._link, self._change = node, link, change
         self._names: list[str] = []
         self._declare(link)
         node.add_on_set_parameters_callback(self._set)
 
     def replace(self, link: Link) -> None:
-        """Have the parameters of another link."""
+        """Replace the parameters by those of another link."""
         names, self._names = self._names, []
         for name in names:
             self._node.undeclare_parameter(name)
@@ -138,10 +138,10 @@ class StageParameters:
 
 
 class MeasurementParameters:
-    """The numbers of a measurement as the plant's parameters, `noise.angle`, `stations.G1.clock.offset`."""
+    """Numbers of a measurement as parameters of the plant, such as `noise.angle`, `stations.G1.clock.offset`."""
 
     def __init__(self, node: Node, measurement: Measurement, change: Callable[[str, float], None]) -> None:
-        """`change` is called with the name and value of each that is not the measurement's own."""
+        """Declare the parameters. `change(name, value)` is called for each value that differs from `measurement`'s."""
         self._measurement, self._change = measurement, change
         self._names = list(numbers(measurement))
         for name, wanted in numbers(measurement).items():
@@ -165,7 +165,7 @@ class MeasurementParameters:
 
 
 def _field(measurement: Any, path: str) -> Any:
-    """The declaration of the field at a path."""
+    """Declaration of the field at a dotted path."""
     *above, last = path.split(".")
     for key in above:
         if isinstance(measurement, list):

@@ -1,4 +1,4 @@
-"""What a node says: to people, by the log of ROS 2, and in lines to the program that started it."""
+"""Log of a node: ROS 2 log messages, and lines for the program that started it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 class NodeLog:
-    """What a node says: to people, by ROS 2's logging, and in lines to a program that started it (`progress`)."""
+    """Writes ROS 2 log messages and, with parameter `progress`, lines on standard output for a calling program."""
 
     def __init__(self, node: Node) -> None:
-        """Declare the parameter, if that has not been done."""
+        """Declare the parameter `progress`, if that has not been done."""
         text = "true: progress and reasons as lines on standard output and error, for a program that runs the graph"
         if not node.has_parameter("progress"):
             declare(node, "progress", False, descriptor(text))
@@ -24,26 +24,26 @@ class NodeLog:
         self.lines = bool(node.get_parameter("progress").value)
 
     def line(self, text: str) -> None:
-        """A line for the program."""
+        """Write a line for the program."""
         if self.lines:
             sys.stdout.write(f"{escaped(text)}\n")
             sys.stdout.flush()
 
     def info(self, text: str) -> None:
-        """Something to be known."""
+        """Log a message at level info."""
         self._logger.info(escaped(text))
 
     def warning(self, text: str) -> None:
-        """Something that may be wrong."""
+        """Log a warning."""
         self._logger.warning(escaped(text))
 
     def error(self, text: str) -> None:
-        """Something that is wrong, to both."""
+        """Log an error and write it as a line."""
         self.line(text)
         self._logger.error(escaped(text))
 
     def fatal(self, text: str, details: str) -> None:
-        """Why the node ends; `details`: where that is from, in lines."""
+        """Log why the node ends; `details`: traceback lines for standard error."""
         self._logger.fatal(escaped(text))
         sys.stderr.write(escaped(details))
         if self.lines:

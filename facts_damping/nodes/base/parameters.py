@@ -1,4 +1,4 @@
-"""Parameters of the nodes: declared from the fields of a run, with meaning, unit and range."""
+"""ROS parameters of the nodes, declared from the fields of a run with meaning, unit and range."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
 
-# Fields of a run that are parameters of every node; the others are reached through `set`.
+# Fields of a run that are parameters of every node; the others are changed by the parameter `set`.
 RUN_FIELDS = ("system", "scenario", "link", "measurement", "frame_rate", "duration", "seed")
 
-FIRST_ANSWERS = 1  # tick by which every node has been heard: an identifier's first estimate is waited for in tick 1
+FIRST_ANSWERS = 1  # tick by which every node has answered once: tick 1 waits for the identifiers' first estimates
 
-FREE_RUN = "two_area_free"  # at rest, and it stays there
+FREE_RUN = "two_area_free"  # a run that starts at rest and stays there
 MODES = ("free", "lockstep", "realtime")
 STAMPS = ("simulated", "wall")
 OPTIONS: dict[str, tuple[Any, str]] = {
@@ -46,7 +46,7 @@ OPTIONS: dict[str, tuple[Any, str]] = {
 
 @dataclass(frozen=True)
 class Options:
-    """Options of every node."""
+    """Options of every node (OPTIONS)."""
 
     mode: str
     timeout: float
@@ -62,35 +62,35 @@ class Options:
 
     @property
     def free(self) -> bool:
-        """Whether nodes come and go as they like: nobody waits for anybody, and the plant may be another one."""
+        """Whether nodes may come and go: no node waits for another, and the plant may be replaced."""
         return self.mode == "free"
 
     @property
     def late(self) -> bool:
-        """Whether the first that a node hears may be of any tick."""
+        """Whether the first message that a node receives may be of any tick."""
         return self.join or self.free
 
     def patience(self, tick: int) -> float:
-        """Longest wait for an answer to a tick, s: until the first ones are there, nodes may still be starting."""
+        """Longest wait for an answer to a tick, s; longer for the first ticks, when nodes may still be starting."""
         return max(self.timeout, self.start_timeout) if tick <= FIRST_ANSWERS else self.timeout
 
 
 def descriptor(description: str, unit: str = "", low: Any = None, high: Any = None, read_only: bool = True) -> Any:
-    """A ROS parameter's descriptor with meaning, unit and range, for `declare`."""
+    """ROS parameter descriptor with meaning, unit and range, for `declare`."""
     made = ParameterDescriptor(description=f"{description} [{unit}]" if unit else description, read_only=read_only)
     if low is not None and high is not None:
         made.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high), step=0.0)]
     return made
 
 
-# Duration that is not given, and what the parameter means then.
+# Values of parameters that stand for a field of the run that is not given or is no plain value.
 SCENARIOS = 0.0
-INLINE = ""  # of a field that stands inline in the run
+INLINE = ""  # of a field whose content stands in the run itself
 DURATION = descriptor("simulated time; 0: the scenario's, and no end where the graph runs free", "s", 0.0, 1e5)
 
 
 def field_descriptor(field: FieldInfo, read_only: bool = True) -> Any:
-    """The descriptor of a field of a run or of a stage, from its declaration."""
+    """ROS parameter descriptor of a field of a run or of a link's stage, from its declaration."""
     low = next((m.ge if isinstance(m, Ge) else m.gt for m in field.metadata if isinstance(m, (Ge, Gt))), None)
     high = next((m.le if isinstance(m, Le) else m.lt for m in field.metadata if isinstance(m, (Le, Lt))), None)
     extra = field.json_schema_extra
@@ -99,9 +99,9 @@ def field_descriptor(field: FieldInfo, read_only: bool = True) -> Any:
 
 
 def declare(node: Node, name: str, default: Any, wanted: Any) -> Any:
-    """Declare a parameter and give its value, plain; a whole number is taken for a float.
+    """Declare a parameter and return its value as plain Python.
 
-    Its type is that of the default, and so is that of its range.
+    The default gives the type of the parameter and of its range; whole numbers are accepted for floats.
     """
     if type(default) is int and wanted.floating_point_range:
         whole = [int(one) for limit in wanted.floating_point_range for one in (limit.from_value, limit.to_value)]
@@ -114,7 +114,7 @@ def declare(node: Node, name: str, default: Any, wanted: Any) -> Any:
 
 
 def as_declared(default: Any, value: Any) -> Any:
-    """A value as one of the type of the default: whole numbers as floats, where these are wanted."""
+    """Convert whole numbers to floats where the default is a float or a list of floats."""
     value = plain(value)
     if isinstance(default, float) and type(value) is int:
         return float(value)
@@ -124,7 +124,7 @@ def as_declared(default: Any, value: Any) -> Any:
 
 
 def accept_whole_numbers(node: Node) -> None:
-    """Have `ros2 param set NODE gain 12` do what is meant: 12.0, as the parameter is a float."""
+    """Accept whole numbers for float parameters: `ros2 param set NODE gain 12` sets 12.0."""
 
     def convert(changed: list[Parameter[Any]]) -> list[Parameter[Any]]:
         return [
@@ -138,14 +138,14 @@ def accept_whole_numbers(node: Node) -> None:
 
 
 def check_declared(node: Node) -> None:
-    """Raise `InputError` where a parameter was given that the node has not."""
+    """Raise `InputError` if a parameter was given that the node does not have."""
     for name in node._parameter_overrides:  # noqa: SLF001 (as in `declare`)
         if not node.has_parameter(name) and not name.startswith("qos_overrides."):
             raise InputError(f"parameter {name}: given; allowed: {', '.join(sorted(node._parameters))}")  # noqa: SLF001
 
 
 def usage(node: Node, does: str) -> str:
-    """What `--help` says: what a node does, its parameters as declared, an example."""
+    """Text of `--help`: what the node does, its declared parameters, an example."""
     name = node.get_name()
     lines = [f"usage: ros2 run facts_damping {name} [--ros-args -p NAME:=VALUE ...]", "", does, "", "parameters:"]
     for own in sorted(node._parameters):  # noqa: SLF001 (rclpy lists them by a service only)
@@ -159,7 +159,7 @@ def usage(node: Node, does: str) -> str:
 
 
 def read_case(node: Node) -> Case:
-    """Declare the run's parameters and read the case that they describe; a graph that runs free begins at rest."""
+    """Declare the run's parameters and load the case that they describe; in mode free the default run is at rest."""
     text = "name of a run under config/runs, or path of a YAML file; empty: all defaults"
     mode = node._parameter_overrides.get("mode")  # noqa: SLF001 (as in `declare`)
     free = (OPTIONS["mode"][0] if mode is None else mode.value) == "free"
@@ -180,7 +180,7 @@ def read_case(node: Node) -> Case:
 
 
 def read_options(node: Node, joins: bool = True) -> Options:
-    """Declare and read the options of every node; `joins`: whether one of its kind may join a graph under way."""
+    """Declare and read the options of every node; `joins`: whether this kind of node may join a running graph."""
     limits = {"timeout": (0.05, 3600.0), "start_timeout": (0.05, 3600.0)}
     values = {
         name: declare(node, name, default, descriptor(text, "", *limits.get(name, ())))
@@ -196,7 +196,7 @@ def read_options(node: Node, joins: bool = True) -> Options:
 
 
 def read_stamp(node: Node, options: Options) -> str:
-    """Declare and read what messages are stamped by."""
+    """Declare and read the parameter `stamp`: simulated or wall time in message headers."""
     stamp: str = declare(node, "stamp", STAMPS[0], descriptor(f"what messages are stamped by: {', '.join(STAMPS)}"))
     allowed = STAMPS if options.paced else STAMPS[:1]
     if stamp not in allowed:
@@ -205,12 +205,12 @@ def read_stamp(node: Node, options: Options) -> str:
 
 
 def plain(value: Any) -> Any:
-    """A parameter's value as YAML has it: rclpy gives numbers of a list in an array."""
+    """Parameter value as plain Python: rclpy returns lists of numbers as arrays."""
     return value.tolist() if isinstance(value, array) else value
 
 
 def read_index(node: Node, allowed: Iterable[int], what: str = "controllers") -> int:
-    """Declare and read which of the run's controllers (or links) a node is or serves."""
+    """Declare and read the index of the run's controller (or link) that a node is or serves. Raises `InputError`."""
     indices = list(allowed)
     text = f"which of the run's {what} this is, or serves"
     first = indices[0] if indices else 0

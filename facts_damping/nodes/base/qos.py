@@ -1,16 +1,16 @@
-"""Quality of service of all topics: what a publisher offers and a subscriber asks for."""
+"""Quality of service (QoS) that publishers offer and subscribers request."""
 
 from __future__ import annotations
 
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 
-# Only the emulated link may lose data, so all topics are reliable and a subscriber keeps all that it has not taken. A
-# publisher keeps DEPTH messages for slow subscribers; one that stops reading for longer misses some, and blocks nobody.
+# Only the emulated link may lose data, so all topics are reliable and a subscriber keeps all messages not yet taken. A
+# publisher keeps DEPTH messages for slow subscribers; one that stops reading for longer misses some and blocks no node.
 DEPTH = 5000
 SUBSCRIBER_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
 PUBLISHER_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.RELIABLE, depth=DEPTH)
 
-# Late subscribers receive these, too: LATCHED the newest message (state of the run), LOGGED all (changes of the run).
+# For late subscribers, LATCHED keeps the newest message (state of the run), LOGGED up to 1000 (changes of the run).
 LATCHED, LOGGED = (
     QoSProfile(
         history=QoSHistoryPolicy.KEEP_LAST,

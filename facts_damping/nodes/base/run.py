@@ -1,4 +1,4 @@
-"""A node from its start to its end: middleware, errors, exit status."""
+"""Life of a node's process: middleware set-up, errors, exit status."""
 
 from __future__ import annotations
 
@@ -34,24 +34,24 @@ if TYPE_CHECKING:
     from facts_damping.nodes.base.spinner import Spinner
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-FAST_DDS = {"fastdds": "3.", "fastrtps": "2."}  # how wheels, variables and our profiles are named after its versions
-LEAVE_S = 5.0  # wall time that a node takes at most to leave the graph
+FAST_DDS = {"fastdds": "3.", "fastrtps": "2."}  # name in wheels, variables and profiles; Fast DDS version
+LEAVE_S = 5.0  # longest wall time for a node to leave the graph
 
 
 class NodeBody(Protocol):
-    """What a node is beside its ROS side: set up by its constructor, made ready, then run."""
+    """Interface of a node's application class: constructed, made ready, then run."""
 
     spinner: Spinner
 
     def ready(self) -> None:
-        """Wait for others, and take what is needed from here on."""
+        """Wait for peers and open files or ports."""
 
     def run(self) -> None:
         """Work until done or interrupted."""
 
 
 def profile(this_host: bool) -> tuple[str, Path] | None:
-    """Our profile in the words of the wheels' Fast DDS, and the variable that it is given by; others would complain."""
+    """Environment variable and file of our profile for the installed Fast DDS wheel; None without such a wheel."""
     for name, major in FAST_DDS.items():
         with suppress(PackageNotFoundError):
             if version(f"ros-{name}").startswith(major):
@@ -61,9 +61,9 @@ def profile(this_host: bool) -> tuple[str, Path] | None:
 
 
 def _set_up_middleware() -> None:
-    """Have Fast DDS use UDP alone and, if it is that of wheels, a profile of ours, unless the user says otherwise.
+    """Make Fast DDS use only UDP and, if it comes from a wheel, our profile, unless the user sets the variables.
 
-    In shared memory a node that is killed would leave what is its own to whoever comes next in the domain.
+    With shared memory, a killed node would leave its segments behind for the next nodes in the domain.
     """
     os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     this_host = os.environ.get(RANGE) == "LOCALHOST"
@@ -72,19 +72,20 @@ def _set_up_middleware() -> None:
         return
     os.environ[ours[0]] = str(ours[1])
     if this_host:
-        os.environ[RANGE] = "SYSTEM_DEFAULT"  # as the profile says
+        os.environ[RANGE] = "SYSTEM_DEFAULT"  # the profile limits discovery instead
 
 
 def run_node(name: str, make: Callable[[Node], NodeBody], does: str) -> None:
-    """Make a node and run it to its end: exit status 0 done or interrupted, 1 failed, 2 bad input.
+    """Make a node, run it and exit: status 0 done or interrupted, 1 failed, 2 bad input.
 
-    One line says why. `does`: what `--help` says first. Where the graph runs free, another plant has it made anew.
+    An error is logged in one line. `does`: first line of `--help`. In a free graph the node is made anew whenever the
+    plant was replaced.
     """
     _set_up_middleware()
     stop_by_signals()
-    warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)  # who asked may have left
+    warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)  # the client may have left
     if _asks_for_help():
-        os.environ[RANGE] = "OFF"  # nobody need know of a node that does not run
+        os.environ[RANGE] = "OFF"  # a node that only prints its help need not be discovered
     status = None
     while status is None:
         try:
@@ -107,7 +108,7 @@ def _asks_for_help() -> bool:
 
 
 def _run(node: Node, make: Callable[[Node], NodeBody], does: str) -> int | None:
-    """Run a node to its end; its exit status, or None where it has to begin again."""
+    """Run a node to its end. Returns the exit status, or None if the node must begin again."""
     accept_whole_numbers(node)
     log = NodeLog(node)
     try:
@@ -139,8 +140,8 @@ def _run(node: Node, make: Callable[[Node], NodeBody], does: str) -> int | None:
 
 
 def _limit_the_end(status: int) -> None:
-    """Have a process whose work is done and written end as it should, also if its middleware does not let it."""
+    """Make sure that a finished process ends with `status`, even if its middleware hangs."""
     for number in INTERRUPTIONS:
-        signal.signal(number, signal.SIG_IGN)  # it ends; Python, when it ends, would let them kill it
+        signal.signal(number, signal.SIG_IGN)  # else a signal during Python's shutdown would kill the process
     sys.stdout.flush()
     end_after(LEAVE_S, status)

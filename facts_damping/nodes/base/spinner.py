@@ -1,6 +1,6 @@
-"""A wait set that is kept between turns: rclpy's executors build theirs anew at every spin.
+"""Spinner: an executor that keeps its wait sets; rclpy's executors build new ones at every spin.
 
-Measured with five processes, that alone doubles the ticks per second of a lockstep graph. It serves
+With five processes this doubles the measured ticks per second of a lockstep graph. It serves
 subscriptions and services (so `ros2 param` works); the nodes here have no timers and no actions.
 """
 
@@ -23,25 +23,25 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 
-REQUESTS_S = 0.05  # wall time between two looks for requests, and for whether the node was told to stop
-HEARD_S = 2.0  # wall time that a node that was stopped waits at most for its last messages to arrive
-MOST = 100  # messages of a subscription that are taken at once: others' turn comes, whoever floods it
+REQUESTS_S = 0.05  # wall time between two checks for requests and for a stop signal
+HEARD_S = 2.0  # longest wall time that a stopped node waits for its last messages
+MOST = 100  # most messages of a subscription per turn, so that a flood does not starve the other subscriptions
 
-_told: ContextVar[Event | None] = ContextVar("_told", default=None)  # None: the process takes no signals
+_told: ContextVar[Event | None] = ContextVar("_told", default=None)  # None: the process handles no signals
 
 
 class Stopped(Exception):  # noqa: N818 (not an error: a signal told the node to stop)
-    """What a node was waiting for is not wanted any more."""
+    """The node was told to stop, or the run is over."""
 
 
 class BeginAgain(Exception):  # noqa: N818 (not an error: another run has begun)
-    """The plant, where it runs free, is another one: what a node knows is of the run before."""
+    """The plant of a free graph was replaced: the node's state belongs to the previous run."""
 
 
 def stop_by_signals() -> None:
-    """Take interruptions, here and not in rclpy, which shuts the middleware down under a node that works.
+    """Handle interruptions here: rclpy's handlers would shut the middleware down while the node works.
 
-    Who takes them already has heard those that have come.
+    A repeated call keeps signals that have already come.
     """
     told = _told.get() or Event()
     _told.set(told)
@@ -50,46 +50,46 @@ def stop_by_signals() -> None:
 
 
 def told_to_stop() -> bool:
-    """Whether such a signal has come."""
+    """Whether a stop signal has come."""
     told = _told.get()
     return told is not None and told.is_set()
 
 
 def check_wanted() -> None:
-    """Raise `Stopped` once such a signal has come."""
+    """Raise `Stopped` if a stop signal has come."""
     if told_to_stop():
         raise Stopped
 
 
 class Refuses(Protocol):
-    """What a spinner needs of a message filter."""
+    """Interface of a message filter, as far as a spinner uses it."""
 
     def done(self) -> bool:
-        """Whether the run is over."""
+        """Whether the node should end, as the run is over."""
 
     def refuse(self, topic: str, cause: str) -> None:
-        """Count what was refused."""
+        """Count a refused request."""
 
     def remark(self) -> str:
-        """What it adds to an error."""
+        """Text to append to an error."""
 
 
 class Filtered(Protocol):
-    """What a node is that lets in only what may act, as Member is."""
+    """Interface of a node with a message filter, such as Member."""
 
     @property
     def message_filter(self) -> Refuses:
         """Its message filter."""
 
     def look(self, last: bool = False) -> None:
-        """Now and then: report what there is to be told."""
+        """Publish pending reports. Called periodically."""
 
 
 class Spinner:
-    """Waits for messages and requests of one node and calls their callbacks."""
+    """Waits for the messages and requests of one node and calls the callbacks."""
 
     def __init__(self, node: Node, member: Filtered | None = None) -> None:
-        """Take over the node's subscriptions and services; none may be added later. `member`: of a graph, if any."""
+        """Take over the node's subscriptions and services; none may be added later. `member`: the node's, if any."""
         self._member = member
         self._subscriptions = [(s.handle.pointer, s) for s in node.subscriptions]
         self._services = [(s.handle.pointer, s) for s in node.services]
@@ -104,11 +104,11 @@ class Spinner:
         self._asked = self._wanted_at = time.monotonic()
 
     def spin_once(self, timeout_s: float) -> bool:
-        """Wait at most `timeout_s` seconds, then serve what is ready, one message a subscription.
+        """Wait at most `timeout_s` seconds, then serve ready messages, one per subscription.
 
-        Returns whether a message was let through; raises `Stopped` once the node was told to stop and has taken all
-        that is here, for a while at most.
-        Requests are looked for now and then: waiting for them too would make every turn dearer.
+        Returns whether a message was admitted. Raises `Stopped` when the run is over, or after a stop signal once the
+        queues are empty or `HEARD_S` has passed.
+        Requests are only polled, as waiting for them would make every turn more expensive.
         """
         self.serve()
         if self._member is not None and self._member.message_filter.done():
@@ -132,7 +132,7 @@ class Spinner:
         return served
 
     def take_all(self) -> bool:
-        """Serve what is here, also when told to stop, without waiting; at most `MOST` messages a subscription.
+        """Serve the queued messages without waiting, at most `MOST` per subscription; also after a stop signal.
 
         Returns whether there may be more.
         """
@@ -143,7 +143,7 @@ class Spinner:
         return more
 
     def serve(self) -> None:
-        """Answer the requests that wait, now and then, so that `ros2 param` works."""
+        """Answer waiting requests (as of `ros2 param`) and report, at most once per `REQUESTS_S`."""
         if time.monotonic() - self._asked <= REQUESTS_S:
             return
         self._asked = time.monotonic()
@@ -160,11 +160,11 @@ class Spinner:
             self._member.look()
 
     def remark(self) -> str:
-        """What the node's message filter has to add to an error."""
+        """Text that the node's message filter appends to an error."""
         return "" if self._member is None else self._member.message_filter.remark()
 
     def close(self) -> None:
-        """Let go of all entities, with a last report."""
+        """Report for the last time and release all entities."""
         if self._member is not None:
             self._member.look(last=True)
         self._messages = self._requests = None
@@ -172,7 +172,7 @@ class Spinner:
 
 
 def _take(subscription: Any) -> bool | None:
-    """Take one message, if there still is one, and call its callback; None: there was none, false: it was refused."""
+    """Take one message and call its callback. Returns None if there was none, false if it was refused."""
     taken = take(subscription)
     if taken is None:
         return None
@@ -182,7 +182,7 @@ def _take(subscription: Any) -> bool | None:
 
 
 def _answer(service: Any) -> bool:
-    """Answer one request, if there still is one; an empty answer where it cannot be. Whether all went well."""
+    """Answer one request, if there is one; with an empty response if that fails. Returns whether it succeeded."""
     header = None
     response = service.srv_type.Response()
     try:

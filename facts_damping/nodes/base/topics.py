@@ -1,4 +1,4 @@
-"""Topics that all nodes of a graph share, and where a node finds those of its graph."""
+"""Topics that all nodes of a graph share, and the prefix under which a node finds its graph's topics."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ if TYPE_CHECKING:
 
     from facts_damping.case.names import Address
 
-COMMON = "/diagnostics"  # everybody's topic
-STATE = "run/state"  # the plant's
-CHANGES = "run/changes"  # of every node of a graph: what was changed in it while it went on
-TOPIC = "security/refused"  # of every node of a graph: what it has refused
-OF_ALL = (COMMON, CHANGES, TOPIC)  # ends of topics that many nodes publish
+COMMON = "/diagnostics"  # global topic
+STATE = "run/state"  # published by the plant
+CHANGES = "run/changes"  # published by every node of a graph: its changes during the run
+TOPIC = "security/refused"  # published by every node of a graph: its refusals
+OF_ALL = (COMMON, CHANGES, TOPIC)  # name endings of topics with many publishers
 
 
 def graph_prefix(node: Node, address: Address) -> str:
-    """What leads from a node to the graph's own topics: nothing in the graph's namespace, else that namespace.
+    """Prefix of the graph's own topics as seen from a node: empty in the graph's namespace, else that namespace.
 
-    Raises `InputError` where the node is not in the namespace that the run gives it.
+    Raises `InputError` if the node is not in the namespace that the run assigns to it.
     """
     own = node.get_namespace()
     if address.namespace and not own.endswith(f"/{address.namespace}"):

@@ -1,8 +1,8 @@
-"""Has every kernel compiled that nodes call, so that nothing waits later: `python -m facts_damping.nodes.base.warmup`.
+"""Compiles all kernels that nodes call, so that no node waits later: `python -m facts_damping.nodes.base.warmup`.
 
-With `--ship` they go into the package, for a wheel (`make wheel`).
+With `--ship` the compiled kernels go into the package, for a wheel (`make wheel`).
 
-A node that is started on a machine where that has not been done has it done (`compile_once`).
+The first node started on a machine without compiled kernels compiles them (`compile_once`).
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import sys
 from facts_damping.compiling.kernels import ENTRY_POINTS
 from facts_damping.compiling.store import address, prepare, ship
 
-ROOMS = ("facts_damping.simulation.loop", "facts_damping.nodes.transport.packing")  # they import all others
+ROOMS = ("facts_damping.simulation.loop", "facts_damping.nodes.transport.packing")  # modules that import all kernels
 
 
 def compile_once() -> None:
-    """Have all kernels compiled, if that has not been done on this machine; who comes meanwhile waits for it."""
+    """Compile all kernels, if this machine has not done so; processes that start meanwhile wait for it."""
     for room in ROOMS:
         importlib.import_module(room)
     prepare(ENTRY_POINTS.values())

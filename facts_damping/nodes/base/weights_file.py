@@ -1,4 +1,4 @@
-"""The file of what a node has learnt."""
+"""File of a node's adapted weights."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.parameters.run import Weights
 
-SAVE_S = 10.0  # wall time between two writings of what was learnt
+SAVE_S = 10.0  # wall time between two writes
 
 
 class WeightsFile:
-    """The file of what a node has learnt: brought up to date now and then, so that a killed node leaves it, too."""
+    """File of a node's adapted weights, updated periodically so that a killed node leaves it behind."""
 
     def __init__(self, node: Node) -> None:
         """Declare and read the parameters."""
@@ -41,7 +41,7 @@ class WeightsFile:
         self._saved, self.resumed = time.monotonic(), False
 
     def start(self, case: Case, index: int) -> Case:
-        """The case whose controller `index` begins with what was saved, if that is wanted and there."""
+        """The case with the saved weights in controller `index`; unchanged without `resume` or if there is no file."""
         if self._path is None or not self._resume or not self._path.is_file():
             return case
         controllers = list(case.controllers)
@@ -49,7 +49,7 @@ class WeightsFile:
         return replace(case, controllers=controllers)
 
     def keep(self, learnt: Callable[[], Weights | None], last: bool = False) -> None:
-        """Write what was learnt, whole or not at all, if it is time for that."""
+        """Write the weights atomically, every `SAVE_S` and at the `last` call, which alone may raise `RunError`."""
         if self._path is None or not (last or time.monotonic() - self._saved > SAVE_S):
             return
         self._saved = time.monotonic()
@@ -57,6 +57,6 @@ class WeightsFile:
             return
         try:
             write_whole(self._path, dump(weights.model_dump()))
-        except OSError as error:  # a full disk, say: no reason to stop under way
+        except OSError as error:  # such as a full disk: no reason to stop during the run
             if last:
                 raise RunError(f"save: {self._path}: cannot be written: {error.strerror}") from error

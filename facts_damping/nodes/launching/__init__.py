@@ -1,1 +1,1 @@
-"""Graphs of processes: started, watched, faulted, ended."""
+"""Graphs as processes: start, supervision, fault injection, end."""

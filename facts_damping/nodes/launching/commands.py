@@ -1,4 +1,4 @@
-"""Nodes of a user's own that are started by a command, and stopped with the graph."""
+"""A user's own nodes, started by a command and stopped with the graph."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 def command(case: Case, c: int, graph: str = "") -> list[str]:
-    """The command of a controller's node, with name, namespace, topic and parameters as ROS 2 takes them.
+    """Command line of a controller's node, with name, namespace, topic and parameters as ROS arguments.
 
-    `graph`: the namespace of the graph, without slashes around it.
+    `graph`: namespace of the graph, without slashes around it.
     """
     controller, address = case.controllers[c], controller_addresses(case)[c]
     delivered = link_addresses(case)[case.used_links[c]].topic("pmu/delivered")
@@ -33,10 +33,10 @@ def command(case: Case, c: int, graph: str = "") -> list[str]:
 
 
 class Command:
-    """A command that runs, as `graph` handles a process; what it starts itself ends with it."""
+    """A running command with the process interface that `graph` uses; its child processes end with it."""
 
     def __init__(self, arguments: list[str], environment: Mapping[str, str], output: IO[bytes]) -> None:
-        """Start it in a session of its own."""
+        """Start the command in a session of its own."""
         self._process = subprocess.Popen(
             arguments,
             stdin=subprocess.DEVNULL,
@@ -50,17 +50,17 @@ class Command:
 
     @property
     def exitcode(self) -> int | None:
-        """How it has ended; None: it runs."""
+        """Exit status; None: it still runs."""
         return self._process.poll()
 
     def join(self, timeout: float | None = None) -> None:
-        """Wait until it ends; what it has left running is killed."""
+        """Wait until it ends, then kill processes that it left running."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout)
         if self._process.poll() is not None:
             self.kill()
 
     def kill(self) -> None:
-        """Kill it, and all of its session."""
+        """Kill it and its whole process group."""
         with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""Faults done to a real graph: a node is killed, or stands still for a while, or somebody else speaks in the domain."""
+"""Fault injection into a real graph: a node is killed or suspended, or an attacker publishes in the domain."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from facts_damping.nodes.launching.graph import Outcome, Process
     from facts_damping.signals import Record
 
-DOMAINS = range(215, 233)  # of such graphs: DDS's ports for them are free on Linux, and 0 to 101 are for others
+DOMAINS = range(215, 233)  # domains of faulted graphs: their DDS ports are free on Linux; 0 to 101 are left to others
 DOMAIN = "ROS_DOMAIN_ID"
 LOCKSTEP, REALTIME = "lockstep", "realtime"
 ATTACKER = "attacker"
-PATIENCE_S = 20.0  # with a node in lockstep: two graphs may be on two cores
-GONE_S = 2.0  # with readers that do not answer, at the end of a run by the clock
+PATIENCE_S = 20.0  # time-out of nodes in lockstep: several graphs may share two cores
+GONE_S = 2.0  # time-out of nodes in real time, at the end for readers that do not answer
 
 _domains = itertools.cycle(DOMAINS)
 
@@ -37,13 +37,13 @@ TARGETS: dict[str, Callable[[Case], str]] = {
     "wan_link": lambda case: str(link_addresses(case)[case.used_links[0]]),
     "controller": lambda case: str(controller_addresses(case)[0]),
     "supervisor": lambda case: str(supervisor_addresses(case)[0]),
-}  # whom a fault hits: of the run's first controller
+}  # target node of a fault: always that of the run's first controller
 
 
 class GraphFault(NamedTuple):
-    """What is done: nothing (empty), `kill NODE`, `stop NODE`, `forge`; from when, for how long (None: to the end).
+    """Fault: none (empty), `kill NODE`, `stop NODE` or `forge`; start, and duration (None: to the end).
 
-    Who is killed stays dead: DDS misses it after some 20 s alone, and before that nobody can take its place.
+    A killed node is not restarted: DDS notices its end only after some 20 s, and until then no node can replace it.
     """
 
     real: str
@@ -52,29 +52,29 @@ class GraphFault(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """`kill`, `stop`, `forge`, or nothing."""
+        """`kill`, `stop`, `forge`, or empty."""
         return self.real.partition(" ")[0]
 
 
 class FaultedRun(NamedTuple):
-    """A graph that was struck: how it ended, what it recorded, when it was done, what a attacker said by topic."""
+    """Result of a faulted graph: outcome, recording, times of the fault, forged messages by topic."""
 
     outcome: Outcome
     record: Record
-    begun_s: float | None  # simulated time; None: the run was over before
-    back_s: float | None  # when who stood still went on
+    begun_s: float | None  # simulated time of the fault; None: the run ended before
+    back_s: float | None  # simulated time at which a suspended node was resumed
     forged: dict[str, int]
 
 
 class FaultInjector:
-    """Looks at a graph that runs, and strikes when it is time."""
+    """Watches a running graph and injects the fault when it is due."""
 
     def __init__(
         self, case: Case, mode: str, fault: GraphFault, run_file: Path, environment: Mapping[str, str]
     ) -> None:
-        """`mode`: of the graph; in real time simulated time goes on between two lines of the plant.
+        """`mode`: of the graph; in real time, simulated time is extrapolated between two progress lines of the plant.
 
-        `run_file`, `environment`: those of its nodes, for a attacker.
+        `run_file`, `environment`: of the graph's nodes, for the attacker.
         """
         self._rate, self._paced, self._fault, self._run_file = case.run.frame_rate, mode == REALTIME, fault, run_file
         self._environment = environment
@@ -86,7 +86,7 @@ class FaultInjector:
         self.attacker: Process | None = None
 
     def __call__(self, tick: int, running: Mapping[str, Process]) -> None:
-        """Do what is due."""
+        """Start the attacker, suspend, kill or resume the target if that is due."""
         if self._fault.kind == "forge" and self.attacker is None:
             parameters = {"run": self._run_file, "first": round(self._fault.start_s * self._rate)}
             self.attacker = graph.start(ATTACKER, ATTACKER, parameters, None, self._environment)
@@ -111,7 +111,7 @@ class FaultInjector:
                 os.kill(running[self._target].process.pid or 0, number)
 
     def end(self) -> dict[str, int]:
-        """End the attacker; what it has said, by topic."""
+        """End the attacker. Returns the number of forged messages by topic; raises `RunError` if it failed."""
         if self.attacker is None:
             return {}
         graph.end([self.attacker], signal.SIGINT)
@@ -126,10 +126,10 @@ class FaultInjector:
 def run_with_fault(
     case: Case, mode: str, out: Path, fault: GraphFault, domain: int, wanted: Callable[[], bool] = lambda: True
 ) -> FaultedRun:
-    """Run a case as a graph, in a ROS domain, to which something is done; the recording is `out / "recording"`.
+    """Run a case as a graph in a ROS domain and inject a fault; the recording is `out / "recording"`.
 
-    It may run in a thread beside others; it ends when it is not `wanted` any more. Raises `RunError` then, and where
-    the graph, or a attacker, does not go on as it should.
+    Several of these may run in threads. Raises `RunError` when `wanted` becomes false, and if the graph or the
+    attacker fails.
     """
     environment = {**os.environ, DOMAIN: str(domain)}
     striker = FaultInjector(case, mode, fault, out / graph.RUN_FILE, environment)
@@ -148,14 +148,14 @@ def run_with_fault(
 
 
 def _quiet(_done: int, _of: int) -> None:
-    """No progress: a campaign tells how many graphs are done."""
+    """Show no progress: a campaign reports the number of finished graphs instead."""
 
 
 @contextmanager
 def own_domain() -> Iterator[int]:
     """A ROS_DOMAIN_ID of `DOMAINS` that no other graph of a campaign uses.
 
-    Taken by a socket without a file, which nothing can leave behind. Raises `RunError` where all are taken.
+    An abstract socket reserves it and leaves no file behind. Raises `RunError` if all are in use.
     """
     with socket.socket(socket.AF_UNIX) as held:
         for number in itertools.islice(_domains, len(DOMAINS)):

@@ -1,4 +1,4 @@
-"""A run as a ROS 2 graph: starts the nodes as processes, watches them, stops them, leaves nothing behind."""
+"""Runs a case as a ROS 2 graph: starts the nodes as processes, watches and stops them, and cleans up."""
 
 from __future__ import annotations
 
@@ -42,58 +42,58 @@ if TYPE_CHECKING:
 
 POLL_S = 0.02
 PLANT, STREAMS, REPLAYED = "plant_sim", "c37118_client", "replay_source"
-SOURCES = (PLANT, STREAMS, REPLAYED)  # what a graph runs on; a recording also stands in for the links
-RECORDER = "recorder"  # stopped last: it has to hear all that the others have said
-VIEW = "live_view"  # who only listens
-RUN_FILE = "run.yaml"  # in the folder of a graph: what its nodes read
-START_S = 60.0  # patience with its start
-STOP_S = 15.0  # patience with a node that was told to stop
+SOURCES = (PLANT, STREAMS, REPLAYED)  # sources of frames, one per graph; a replayed recording also replaces the links
+RECORDER = "recorder"  # stopped last, to receive all messages of the others
+VIEW = "live_view"  # it only listens
+RUN_FILE = "run.yaml"  # in the folder of a graph: the run that its nodes read
+START_S = 60.0  # longest wait for a live view to start
+STOP_S = 15.0  # longest wait for a node to stop
 MOST_DOMAIN = 232
 
-# What nodes say goes to /rosout, and as lines to this process; no files of ROS 2's logging are left behind.
+# Nodes log to /rosout and write lines to this process; ROS 2 leaves no log files behind.
 QUIET = ("--ros-args", "--disable-stdout-logs", "--disable-external-lib-logs")
 ENVIRONMENT = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}  # unless the user says otherwise
 
 
-Refusals = dict[tuple[str, str, str, str], int]  # how many, by node, cause, topic and source
+Refusals = dict[tuple[str, str, str, str], int]  # counts by node, cause, topic and source
 
 
 @dataclass
 class Outcome:
-    """What a graph left: its recording, how long it took, what it counted."""
+    """Result of a graph: recording, duration, counts."""
 
     recording: Path
     wall_s: float
     deadline_misses: int
     messages_lost: int
     messages_refused: Refusals
-    fallen: list[str]  # why nodes ended before the run did, in real time
-    step_times: dict[str, StepTimes]  # of controllers that are programs of the user's own
+    fallen: list[str]  # reasons of nodes that ended before the run, in real time
+    step_times: dict[str, StepTimes]  # of controllers that are the user's own programs
 
 
 @dataclass
 class Process:
-    """A node that runs, and the files that take its output."""
+    """A running node and its output files."""
 
     name: str
     process: BaseProcess | Command
     output: IO[bytes]
     errors: IO[bytes]
-    told: int = field(default=0)  # bytes of its output that were read
+    told: int = field(default=0)  # bytes of the output read so far
 
     def read(self) -> str:
-        """Its output since the last look."""
+        """Output since the last call."""
         self.output.seek(self.told)
         data = self.output.read()
         self.told += len(data)
         return data.decode(errors="replace")
 
     def failed(self) -> bool:
-        """Whether it has ended otherwise than with its work done."""
+        """Whether its exit status is not 0; also true while it runs."""
         return self.process.exitcode != 0
 
     def progress(self) -> list[tuple[int, int, int]]:
-        """Lines of progress since the last look: tick, of how many, deadline misses."""
+        """Progress lines since the last call: tick, number of ticks, deadline misses."""
         lines = re.findall(r"^tick (\d+) (\d+) (\d+)$", self.read(), re.MULTILINE)
         return [(int(k), int(n), int(misses)) for k, n, misses in lines]
 
@@ -103,17 +103,17 @@ class Process:
         return self.output.read().decode(errors="replace")
 
     def refused(self) -> Refusals:
-        """What its message filter has refused so far."""
+        """Refusals of its message filter so far."""
         lines = re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", self.said(), re.MULTILINE)
         return {(self.name, *how): int(count) for count, *how in lines}
 
     def step_times(self) -> StepTimes | None:
-        """How long the steps of its program took; None: it runs none, or has not told."""
+        """Step times of its program; None: it runs none or has not reported."""
         line = re.search(r"^steps (\d+) (\S+) (\S+) (\S+)$", self.said(), re.MULTILINE)
         return StepTimes(int(line[1]), *map(float, line.groups()[1:])) if line else None
 
     def failure(self) -> RunError:
-        """Its reason as an error, with what it said before."""
+        """Reason as an error, with the preceding error lines as details."""
         made = RunError(self.reason())
         made.details = "\n".join(self._errors()[:-1])
         return made
@@ -123,7 +123,7 @@ class Process:
         return self.errors.read().decode(errors="replace").strip().splitlines()
 
     def reason(self) -> str:
-        """Why it ended, in one line."""
+        """Why the node ended, in one line."""
         lines = self._errors()
         code = self.process.exitcode
         if code is not None and code < 0:
@@ -140,9 +140,9 @@ def start(
     remaps: Mapping[str, str] | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> Process:
-    """Start a node, named by its place in the graph, as a process of its own session.
+    """Start a node as a process in a session of its own; `name`: relative to the graph, with namespace.
 
-    `remaps`: of its topics; `environment`: None: that of this process.
+    `remaps`: topic remappings; `environment`: None: that of this process.
     """
     namespace, _, own = name.rpartition("/")
     arguments = [*QUIET, "-r", f"__node:={own}"]
@@ -152,18 +152,18 @@ def start(
     for key, value in {**parameters, "progress": True}.items():
         arguments += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
     output, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in `graph`)
-    # Files without names, which no end of this process can leave behind.
+    # Files without names: they vanish with this process, however it ends.
     names = (f"/proc/{os.getpid()}/fd/{file.fileno()}" for file in (output, errors))
     process = forked.start(module, arguments, {**ENVIRONMENT, **(environment or os.environ)}, *names)
     return Process(name, process, output, errors)
 
 
 def start_command(case: Case, c: int, out: Path, environment: Mapping[str, str] | None = None) -> Process:
-    """Start a node of the user's own by its command; what it says goes into a file beside the recording."""
+    """Start a user's own node by its command; its output goes into a file beside the recording."""
     name = str(controller_addresses(case)[c])
     path = out / f"{controller_names(case)[c]}.log"
     path.write_bytes(b"")
-    log = path.open("a+b")  # it writes at the end, wherever this process reads
+    log = path.open("a+b")  # appends, wherever this process reads
     asked = command(case, c)
     try:
         process = Command(asked, {**ENVIRONMENT, **(environment or os.environ)}, log)
@@ -174,7 +174,7 @@ def start_command(case: Case, c: int, out: Path, environment: Mapping[str, str] 
 
 
 def check_commands(case: Case) -> None:
-    """Refuse nodes of the user's own whose program is not there."""
+    """Raise `InputError` if the program of a user's own node does not exist."""
     for c, controller in enumerate(case.controllers):
         if controller.command is not None and shutil.which(controller.command[0]) is None:
             given = f"controllers.{c}.command: '{controller.command[0]}' given"
@@ -182,15 +182,15 @@ def check_commands(case: Case) -> None:
 
 
 def end(processes: Iterable[Process], number: int) -> None:
-    """Tell processes to stop, also those that stand still; kill those that do not.
+    """Stop processes, also suspended ones; kill those that do not end within `STOP_S`.
 
-    `number`: of the signal that programs of the user's own get. Ours take either; but where this process was started
-    with SIGINT ignored (by `&` in a script), a copy that only just begins would miss that.
+    `number`: signal for the user's own programs. Our nodes get SIGTERM: if this process was started with SIGINT ignored
+    (by `&` in a script), a fork that is just starting would miss SIGINT.
     """
     running = [one.process for one in processes if one.process.exitcode is None]
     for process in running:
         for each in (number if isinstance(process, Command) else signal.SIGTERM, signal.SIGCONT):
-            with suppress(ProcessLookupError):  # it may have ended meanwhile
+            with suppress(ProcessLookupError):  # it may have ended by now
                 os.kill(process.pid or 0, each)
     for process in running:
         process.join(STOP_S)
@@ -200,7 +200,7 @@ def end(processes: Iterable[Process], number: int) -> None:
 
 
 def _stop(running: dict[str, Process]) -> None:
-    """Stop the source, then the others together, who leave when their last messages have arrived, then the recorder."""
+    """Stop the source, then the other nodes together (they take their last messages first), then the recorder."""
     first = [process for name, process in running.items() if name in SOURCES]
     last = [process for name, process in running.items() if name == RECORDER]
     for processes in (first, [one for one in running.values() if one not in (*first, *last)], last):
@@ -208,12 +208,12 @@ def _stop(running: dict[str, Process]) -> None:
 
 
 def _part(out: Path, name: str) -> Path:
-    """Where a node saves what it has learnt."""
+    """File in which a node saves its weights."""
     return out / f"{name}.part.yaml"
 
 
 def save_weights(case: Case, out: Path) -> None:
-    """Put together what each controller and its identifier have saved, a file a controller."""
+    """Merge the saved weights of each controller and its identifier into one file per controller."""
     identifiers = identifier_names(case)
     for i, name in enumerate(controller_names(case)):
         nodes = [name, *([identifiers[i]] if i in identifiers else [])]
@@ -227,7 +227,7 @@ def save_weights(case: Case, out: Path) -> None:
 
 
 def _wait_for_view(view: Process) -> None:
-    """Wait until a live view serves; it may end later and the graph goes on."""
+    """Wait until a live view serves. If it ends later, the graph goes on."""
     deadline = time.monotonic() + START_S
     while not view.read():
         if view.process.exitcode is not None or time.monotonic() > deadline:
@@ -247,10 +247,10 @@ def graph(
     streams: str | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> Iterator[dict[str, Process]]:
-    """The nodes of a case, started; on leaving, the source is stopped first and the recorder last.
+    """Start the nodes of a case; at exit, stop the source first and the recorder last.
 
-    `view_port`: of a live view; `replayed`: a recording that stands in for plant and links; identifiers then hear its
-    setpoints; `streams`: what stands in for the plant (parameters.streams.read_streams); `environment`: of the nodes.
+    `view_port`: of a live view; `replayed`: a recording that replaces plant and links; identifiers then receive its
+    setpoints; `streams`: replaces the plant (parameters.streams.read_streams); `environment`: of the nodes.
     """
     run_file = out / RUN_FILE
     unsigned = {} if replayed is None else {"security": None}  # a recording has no keys
@@ -314,13 +314,13 @@ def run(
 ) -> Outcome:
     """Run a case as a graph of processes; the recording is `out / "recording"`.
 
-    `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that stands in for plant and links;
-    `streams`: what stands in for the plant, in real time (parameters.streams.read_streams).
-    `look`: called again and again while the plant runs, with the newest tick that it has told, and the nodes by name.
+    `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that replaces plant and links;
+    `streams`: replaces the plant, in real time (parameters.streams.read_streams).
+    `look`: called repeatedly while the plant runs, with the newest tick that it has reported and the nodes by name.
     `environment`: of the nodes; None: that of this process.
-    In real time a run that is under way goes on without a link, a controller, a supervisor or an identifier that ends.
+    In real time a run that has begun goes on if a link, controller, supervisor or identifier ends.
 
-    Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.
+    Raises `RunError` naming the node that ended or is silent, `InputError` if the folder is in use.
     """
     clean_up_first()
     check_domain((environment or os.environ).get("ROS_DOMAIN_ID", "0"))
@@ -334,11 +334,11 @@ def run(
     misses, fallen = 0, dict[str, str]()
     with graph(case, mode, out, timeout, view_port, replayed, streams, environment) as running:
         plant = next(running[name] for name in SOURCES if name in running)
-        heard, newest = time.monotonic() + 60.0, 0  # patience with the start, above the nodes' own
+        heard, newest = time.monotonic() + 60.0, 0  # longer at the start than the nodes' own time-outs
         while plant.process.exitcode is None:
             for newest, n, late in plant.progress():
                 misses = late
-                heard = time.monotonic() if newest > 1 else max(heard, time.monotonic())  # all heard by then
+                heard = time.monotonic() if newest > 1 else max(heard, time.monotonic())  # all have answered once
                 progress(newest, n)
             if look is not None:
                 look(newest, running)
@@ -352,7 +352,7 @@ def run(
         for k, n, late in plant.progress():
             misses = late
             progress(k, n)
-        # Who ended first knows why: a second graph in the same domain, say.
+        # A node that ended earlier gives the reason, such as a second graph in the same domain.
         _check_others(running, fallen if mode == "realtime" else None)
         wall = time.monotonic() - began
         _stop(running)
@@ -371,15 +371,15 @@ def run(
 
 
 def check_domain(domain: str) -> None:
-    """Refuse a ROS_DOMAIN_ID that DDS has no ports for."""
+    """Raise `InputError` for a ROS_DOMAIN_ID for which DDS has no ports."""
     if not (domain.isdecimal() and int(domain) <= MOST_DOMAIN):
         raise InputError(f"ROS_DOMAIN_ID: '{domain}' given; allowed: 0 to {MOST_DOMAIN}")
 
 
 def _check_others(running: dict[str, Process], fallen: dict[str, str] | None = None) -> None:
-    """Raise where a node other than the source has ended: one that was killed is the cause of the others' end.
+    """Raise `RunError` if a node other than the source has ended; a killed node counts as the cause.
 
-    `fallen`: takes the reasons of those without which the run goes on; a run without a recorder never does.
+    `fallen`: if given, takes the reasons of ended nodes, and the run goes on; except if the recorder has ended.
     """
     ended = [p for name, p in running.items() if name not in (*SOURCES, VIEW) and p.process.exitcode is not None]
     if fallen is not None:

@@ -1,4 +1,4 @@
-"""Everything that a node needs, loaded: what the process of `forked` imports before it is copied."""
+"""Loads everything that a node needs; the fork server of `forked` imports this module before it forks."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ for kind in (Clock, ParameterEvent, *SERVICES, *MESSAGES):
 for name in map(recorder.message_type, MESSAGES):
     type_hash(name, schema_text(name))
 
-# The kernels, out of their cache into this process.
+# Load the kernels from their cache into this process.
 load()
 
-# This process ends last, also where the one that asked for it was killed and could not remove its folder.
+# This process ends last, even if its parent was killed and could not remove the folder.
 if forked.FOLDER in os.environ:
     atexit.register(shutil.rmtree, os.environ[forked.FOLDER], ignore_errors=True)
 
-# What is here stays: a copy need not look through it for garbage, which would copy its memory, too.
+# Keep all objects: garbage collection in a fork would touch, and so copy, their memory pages.
 gc.collect()
 gc.freeze()

@@ -1,9 +1,9 @@
 """A cable with real delay between two network interfaces (TAP).
 
-`python -m facts_damping.nodes.launching.tap_relay near far --delay 0.02` joins them: what enters one leaves the other
-later, in order; a packet leaves after delay +- jitter, or is lost. Linux, as root.
+`python -m facts_damping.nodes.launching.tap_relay near far --delay 0.02` joins them: a packet that enters one leaves
+the other after delay +- jitter, in order, or is lost. Needs Linux and root.
 
-It is for tests with nodes on several hosts (docs/hosts.md); studies take simulated links.
+It is for tests with nodes on several hosts (docs/hosts.md); studies use simulated links.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LARGEST_PACKET = 65_536
 
 
 class Cable(NamedTuple):
-    """What a cable does to packets: delay and jitter in s, share that is lost."""
+    """Effect of a cable on packets: delay and jitter in s, share that is lost."""
 
     delay: float
     jitter: float
@@ -35,16 +35,16 @@ class Cable(NamedTuple):
 
 
 def interface(name: str) -> int:
-    """Make a TAP interface; its file descriptor, which gives and takes Ethernet frames. Raises `OSError`."""
+    """Make a TAP interface. Returns its file descriptor, which reads and writes Ethernet frames. Raises `OSError`."""
     descriptor = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
     fcntl.ioctl(descriptor, TUNSETIFF, struct.pack("16sH", name.encode(), IFF_TAP | IFF_NO_PI))
     return descriptor
 
 
 def relay(ends: tuple[int, int], cable: Cable, seed: int) -> None:
-    """Carry packets between two interfaces, until interrupted."""
+    """Forward packets between two interfaces until interrupted."""
     chance, number = random.Random(seed), count()
-    leaves = dict.fromkeys(ends, 0.0)  # when the last packet leaves by this end
+    leaves = dict.fromkeys(ends, 0.0)  # time at which the last packet leaves by this end
     waiting: list[tuple[float, int, int, bytes]] = []
     poll = select.poll()
     for end in ends:
@@ -61,7 +61,7 @@ def relay(ends: tuple[int, int], cable: Cable, seed: int) -> None:
             _, _, other, packet = heapq.heappop(waiting)
             try:
                 os.write(other, packet)
-            except OSError:  # the interface is down: a packet that goes nowhere
+            except OSError:  # the interface is down: drop the packet
                 continue
 
 

@@ -1,1 +1,1 @@
-"""Bytes of messages: from arrays into CDR and back, compiled; stamps, signatures, taking without a copy."""
+"""Encoding of messages: arrays to CDR bytes and back by compiled code; stamps, signatures, taking raw messages."""

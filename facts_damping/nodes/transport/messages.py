@@ -1,4 +1,4 @@
-"""The other messages of the graph: the truth, a controller's inner state, events, statistics, diagnostics."""
+"""Messages other than frames and setpoints: plant truth, controller state, events, statistics, diagnostics."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from facts_damping.control.identifier_model import IdentifierState
 
 
-# Numbers of a SupervisorState, and the field of SUPERVISION that each has.
+# Number fields of a SupervisorState, and the field of SUPERVISION for each.
 TOLD = {
     "share": "share",
     "probe_gain": "probe_gain",
@@ -58,10 +58,10 @@ TOLD = {
 
 
 class PlantStateMessage:
-    """The plant's state of a case."""
+    """PlantState messages of a case."""
 
     def __init__(self, case: Case) -> None:
-        """Lay out an entry a machine and a device."""
+        """Lay out one entry per machine and per device."""
         machines = [MachineState(machine=m.name) for m in case.system.machines]
         devices = [DeviceState(device=name) for name in case.run.devices]
         self._template = t = Template(PlantState(machines=machines, devices=devices))
@@ -74,7 +74,7 @@ class PlantStateMessage:
         self._sound, self._count = t.index(["in_synchronism"]), len(devices)
 
     def fill(self, tick: int, start_ns: int, sound: bool, machines: NDArray[Any], devices: NDArray[Any]) -> bytes:
-        """Message of a tick."""
+        """Message of a tick; `sound`: in synchronism; `machines`, `devices`: MACHINE_TRUTH, DEVICE_TRUTH."""
         t = self._template
         t.write_head(start_ns, tick)
         t.write(self._sound, sound)
@@ -84,7 +84,7 @@ class PlantStateMessage:
         return t.data()
 
     def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
-        """Tick, and the devices (DEVICE_TRUTH), of a message. Raises `Refused` where it is not what it should be."""
+        """Tick and devices (DEVICE_TRUTH) of a message. Raises `Refused` if it does not fit the case."""
         t = self._template
         if not t.take(data):
             content(data, PlantState)
@@ -96,10 +96,10 @@ class PlantStateMessage:
 
 
 class ControllerStateMessage:
-    """The state of one controller of a case."""
+    """ControllerState messages of one controller of a case."""
 
     def __init__(self, case: Case, index: int) -> None:
-        """Lay out its signals and devices, and what its network has."""
+        """Lay out signals, devices and the parameters of the neuro-fuzzy network."""
         controller = case.controllers[index]
         signals, devices = len(controller.signals), len(controller.devices)
         self._net = controller_network(controller)
@@ -138,7 +138,7 @@ class ControllerStateMessage:
         self._fields = {name: t.index(f"{name}.{i}" for i in range(size)) for name, size in sizes.items()}
 
     def fill(self, tick: int, start_ns: int, fresh: bool, state: BankState, heard: int = -1) -> bytes:
-        """Message of a tick; `heard`: tick of the newest estimate that was used."""
+        """Message of a tick; `fresh`: frames were delivered; `heard`: tick of the newest estimate used."""
         t, c, fields, net, learner = self._template, self._index, self._fields, self._net, state.learner
         t.write_head(start_ns, tick)
         for field, value in zip(self._flags, (fresh, fresh and state.memory.taught[c, 0]), strict=True):
@@ -159,7 +159,10 @@ class ControllerStateMessage:
         return t.data()
 
     def read(self, data: bytes) -> tuple[int, tuple[bool, float, float, float]]:
-        """Tick, and what a supervisor is to know (`supervision.inner_life`). Raises `Refused` as others do."""
+        """Tick and health for the supervisor: outputs finite, norm of the parameters, Lyapunov function and its fall.
+
+        Raises `Refused` if the message does not fit the case.
+        """
         t = self._template
         if not t.take(data):
             content(data, ControllerState)
@@ -172,16 +175,16 @@ class ControllerStateMessage:
 
 
 class SupervisorStateMessage:
-    """What a supervisor of a case tells of itself."""
+    """SupervisorState messages of one supervisor of a case."""
 
     def __init__(self, controller: str, thresholds: NDArray[Any], heard: Sequence[str]) -> None:
-        """`controller`: its name; `thresholds`: what the supervisor's monitors are set to; `heard`: what it goes by."""
+        """`controller`: name; `thresholds`: of the supervisor's monitors; `heard`: names of its inputs."""
         self._controller, self._heard = controller, list(heard)
         self._limits = np.where(thresholds["follows"] == OFF, np.nan, thresholds["limit"])
         self._templates: dict[tuple[int, int, int], tuple[Template, Field, Field, Field]] = {}
 
     def fill(self, tick: int, start_ns: int, told: Any, heard: Sequence[int]) -> bytes:
-        """Message of a tick, of a record of SUPERVISION; `heard`: ticks of the newest messages that were used."""
+        """Message of a tick; `told`: a record of SUPERVISION; `heard`: ticks of the newest inputs used."""
         key = int(told["state"]), int(told["cause"]), int(told["refused"])
         if key not in self._templates:
             self._templates[key] = self._laid_out(*key)
@@ -204,21 +207,21 @@ class SupervisorStateMessage:
 
 
 class Estimate(NamedTuple):
-    """What a controller is told by its identifier, as `bank.set_estimate` takes it."""
+    """Estimate of an identifier for its controller, as `bank.set_estimate` takes it."""
 
     jacobian: NDArray[np.float64]  # (signals, devices), p.u./p.u.
     change: NDArray[np.float64]  # (signals,), p.u.
-    measured_ns: int  # the newest frame that it rests on
+    measured_ns: int  # time of measurement of the newest frame used
 
 
 class Estimates:
-    """The estimates of one identifier of a case."""
+    """JacobianEstimate messages of one identifier of a case."""
 
     def __init__(self, case: Case, index: int) -> None:
-        """Lay out the signals and devices of the controller that it serves."""
+        """Lay out the signals and devices of the identifier's controller."""
         controller = case.controllers[index]
         self._rate = case.run.frame_rate
-        own = case.links[case.used_links[index]].up  # whose stamps may be of a later time
+        own = case.links[case.used_links[index]].up  # a spoofing stage may give later stamps
         self._ahead_ns = sum(to_ns(max(0.0, stage.offset)) for stage in own if isinstance(stage, Spoof))
         self._shape = p, q = len(controller.signals), len(controller.devices)
         names = groups(identifier_network(controller)) if controller.scheme == "indirect" else []
@@ -245,9 +248,9 @@ class Estimates:
         self._by_signal = {name: t.index(f"{name}.{i}" for i in range(p)) for name in ("prediction", "error", "change")}
 
     def fill(self, tick: int, rows: NDArray[Any], state: IdentifierState, n: int, heard: int = -1) -> bytes:
-        """Message of a tick's estimates (ESTIMATE), signal by signal, and of how identifier n learns.
+        """Message of a tick; `rows`: ESTIMATE, signal by signal; `state`, `n`: learning state of identifier n.
 
-        `heard`: tick of the newest setpoints that were used.
+        `heard`: tick of the newest setpoints used.
         """
         t = self._template
         t.write_head(int(rows["measured_ns"][0]), tick)
@@ -261,7 +264,7 @@ class Estimates:
         return t.data()
 
     def read(self, data: bytes) -> tuple[int, Estimate]:
-        """Tick and estimate of a message. Raises `Refused` where it is not what it should be."""
+        """Tick and estimate of a message. Raises `Refused` if it does not fit the case or its stamp is too late."""
         t = self._template
         if not t.take(data):
             content(data, JacobianEstimate)
@@ -273,19 +276,19 @@ class Estimates:
 
 
 def set_time(time: Time, nanoseconds: int) -> None:
-    """Write simulated time, ns, into a time message."""
+    """Write simulated time, ns, into a time message; with `stamp: wall` it becomes wall time."""
     time.sec, time.nanosec = divmod(int(nanoseconds) + epoch_ns(), NANOSECONDS)
 
 
 def grid_event(event: dict[str, Any]) -> GridEvent:
-    """Message of an event of the grid."""
+    """Message of a grid event."""
     message = GridEvent(kind=event["kind"], element=event["element"], value=event["value"], location=event["location"])
     set_time(message.header.stamp, event["time_ns"])
     return message
 
 
 class Health(NamedTuple):
-    """How a node is: what `/diagnostics` has of it."""
+    """State of a node for `/diagnostics`."""
 
     level: bytes  # DiagnosticStatus.OK, WARN or ERROR
     message: str
@@ -293,7 +296,7 @@ class Health(NamedTuple):
 
 
 def diagnostics(node: str, hardware: str, health: Health, start_ns: int) -> DiagnosticArray:
-    """Message of how a node is at a time; `hardware`: what it stands for or commands."""
+    """Diagnostics message of a node; `hardware`: what it represents or commands."""
     values = [KeyValue(key=key, value=str(value)) for key, value in health.values.items()]
     status = DiagnosticStatus(name=node, hardware_id=hardware, level=health.level, message=health.message)
     status.values = values
@@ -305,44 +308,44 @@ def diagnostics(node: str, hardware: str, health: Health, start_ns: int) -> Diag
 def run_change(
     node: str, role: str, index: int, kind: str, name: str, value: str, tick: int, start_ns: int
 ) -> RunChange:
-    """Message of what is changed from a tick on."""
+    """Message of a change that acts from a tick on."""
     message = RunChange(node=node, role=role, index=index, kind=kind, name=name, value=value, tick=tick)
     set_time(message.header.stamp, start_ns)
     return message
 
 
 def state_message(state: int, tick: int, start_ns: int, reason: str = "", sound: bool = True) -> RunState:
-    """Message of how the run stands."""
+    """Message of the state of the run; `sound`: in synchronism."""
     message = RunState(state=state, tick=tick, reason=reason, in_synchronism=sound)
     set_time(message.header.stamp, start_ns)
     return message
 
 
 def run_state(data: bytes) -> tuple[int, bool, str]:
-    """State, whether in synchronism, and the reason, of such a message. Raises `Refused` where it is none."""
+    """State, synchronism and reason of a RunState message. Raises `Refused` if it is no such message."""
     found = content(data, RunState)
     return found.state, bool(found.in_synchronism), found.reason
 
 
 def run_done(tick: int, frame_rate: int) -> str:
-    """What a plant says after its last tick."""
+    """Reason that a plant gives after its last tick."""
     return f"done: {start_of(tick + 1, frame_rate) / NANOSECONDS:g} s"
 
 
 def run_stopped(tick: int, of: int, frame_rate: int) -> str:
-    """What a plant says after a tick where it was stopped; one without end (`of` its ticks: sys.maxsize) is done."""
+    """Reason that a plant gives when stopped after `tick`; a run without end (`of` == sys.maxsize) counts as done."""
     return run_done(tick, frame_rate) if of == sys.maxsize else STOPPED
 
 
 def synchronism_lost(at_ns: int) -> str:
-    """What every node says of it."""
+    """Text of every node for a loss of synchronism."""
     return f"synchronism lost at {at_ns / NANOSECONDS:.3f} s"
 
 
 def link_statistics(
     tick: int, start_ns: int, up: dict[str, NDArray[Any]], down: dict[str, NDArray[Any]]
 ) -> LinkStatistics:
-    """Message of a link's statistics, a row of STATISTICS a channel."""
+    """Message of a link's statistics; `up`, `down`: a row of STATISTICS per channel."""
     message = LinkStatistics(
         tick=tick,
         up=[_channel(name, row) for name, row in up.items()],

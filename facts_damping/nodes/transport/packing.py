@@ -1,8 +1,8 @@
-"""Tables of entries, between rows of an array and the bytes of a message (plain CDR, little-endian); compiled.
+"""Compiled conversion between rows of an array and the entries of a message (plain CDR, little-endian).
 
-A row is of words of eight bytes (DELIVERY, SETPOINT). A `Plan` says by steps what stands in a message in which order:
-a step is what it is, the column of the row, and the table of names. A message is a head, entries, and a signature:
-its length and its bytes.
+A row consists of words of eight bytes (DELIVERY, SETPOINT). A `Plan` lists the fields of a message in order as steps:
+kind of field, column of the row, table of names. A message consists of a head, entries, and a signature (its length
+and its bytes).
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from facts_damping.compiling.structs import Array, Int1, Int2, Struct
 from facts_damping.signals import NANOSECONDS
 
 Bytes = Annotated[NDArray[np.uint8], Array(np.uint8, 1)]
-TIME, NUMBER, NEAREST, COUNT, STATUS, FLAG, NAME, LABEL, FREE = range(9)  # steps
-FORMAT, NAMES = -1, -2  # what is wrong with a message
+TIME, NUMBER, NEAREST, COUNT, STATUS, FLAG, NAME, LABEL, FREE = range(9)  # kinds of steps
+FORMAT, NAMES = -1, -2  # error codes
 START, TICK, SENDER, FRESH, ENTRIES, SIGNATURE, BEGIN, LATEST, NOTHING = range(9)  # columns of a head
-PADDING = 7 + 3  # bytes: up to a multiple of eight, and of four
+PADDING = 7 + 3  # most bytes of padding: to a multiple of eight, and of four
 
 
 class Plan(Struct):
-    """How messages of one type lie in their bytes."""
+    """Layout of the messages of one type."""
 
     head: Int2  # (steps, 3): step, column, table
     entry: Int2
-    names: Annotated[NDArray[np.uint8], Array(np.uint8, 3)]  # (tables, names, bytes), each with a zero behind it
-    lengths: Int2  # (tables, names): bytes of each, the zero included; 0: no name
+    names: Annotated[NDArray[np.uint8], Array(np.uint8, 3)]  # (tables, names, bytes), zero-terminated
+    lengths: Int2  # (tables, names): bytes of each name with its zero; 0: no name
     frame_rate: int  # ticks/s
 
 
 class Stream(Struct):
-    """Bytes of a message behind its encapsulation, as numbers of each format."""
+    """Bytes of a message after its encapsulation, viewed as numbers of each format."""
 
     octets: Bytes
     status: Annotated[NDArray[np.uint16], Array(np.uint16, 1)]
@@ -45,13 +45,13 @@ class Stream(Struct):
 
 @inlined
 def aligned(at: int, size: int) -> int:
-    """The next place that is a multiple of `size`."""
+    """`at`, rounded up to a multiple of `size`."""
     return (at + size - 1) // size * size
 
 
 @inlined
 def size_of(step: int) -> int:
-    """Bytes of what a step writes, to a multiple of which it is aligned; of a string: of its length."""
+    """Alignment of a step's field, bytes, which is also its size unless it is a time; for a string: of its length."""
     if step in (NUMBER, NEAREST):
         return 8
     if step == STATUS:
@@ -61,7 +61,7 @@ def size_of(step: int) -> int:
 
 @inlined
 def put(plan: Plan, steps: Int2, stream: Stream, row: Int1, begin: int, epoch_ns: int) -> int:
-    """Write a row from `begin` on; the place behind it."""
+    """Write a row from `begin` on. Returns the position after it."""
     at = begin
     for s in range(steps.shape[0]):
         step, value, table = steps[s, 0], row[steps[s, 1]], steps[s, 2]
@@ -100,7 +100,7 @@ def put(plan: Plan, steps: Int2, stream: Stream, row: Int1, begin: int, epoch_ns
 
 @entry_point
 def write(plan: Plan, stream: Stream, head: Int1, rows: Int2, epoch_ns: int) -> int:
-    """Write a message up to its signature, of which it has the length; the place where that begins.
+    """Write a message up to and including the length of its signature. Returns where the signature begins.
 
     `epoch_ns` is added to times.
     """
@@ -120,7 +120,7 @@ def write(plan: Plan, stream: Stream, head: Int1, rows: Int2, epoch_ns: int) -> 
 
 @inlined
 def same(plan: Plan, table: int, name: int, stream: Stream, at: int, length: int) -> bool:
-    """Whether a string of the stream is that name."""
+    """Whether a string of the stream equals a name of a table."""
     if plan.lengths[table, name] != length:
         return False
     equal = 0
@@ -131,7 +131,7 @@ def same(plan: Plan, table: int, name: int, stream: Stream, at: int, length: int
 
 @inlined
 def found(plan: Plan, table: int, stream: Stream, at: int, length: int) -> int:
-    """Which name of a table a string of the stream is; -1: none."""
+    """Index of a string of the stream in a table of names; -1: none."""
     for name in range(plan.lengths.shape[1]):
         if same(plan, table, name, stream, at, length):
             return name
@@ -140,7 +140,7 @@ def found(plan: Plan, table: int, stream: Stream, at: int, length: int) -> int:
 
 @inlined
 def get(plan: Plan, steps: Int2, stream: Stream, size: int, row: Int1, begin: int, epoch_ns: int) -> int:
-    """Read a row from `begin` on, of a stream of `size` bytes; the place behind it, or what is wrong."""
+    """Read a row from `begin` on, of a stream of `size` bytes. Returns the position after it, or an error code."""
     at, label, label_step = begin, 0, -1
     for s in range(steps.shape[0]):
         step, column, table = steps[s, 0], steps[s, 1], steps[s, 2]
@@ -179,10 +179,10 @@ def get(plan: Plan, steps: Int2, stream: Stream, size: int, row: Int1, begin: in
 
 @entry_point
 def read(plan: Plan, stream: Stream, size: int, head: Int1, rows: Int2, epoch_ns: int) -> int:
-    """Read a message of `size` bytes: its head, and as many rows as it has entries; how many, or what is wrong.
+    """Read a message of `size` bytes into `head` and `rows`. Returns the number of entries, or an error code.
 
-    Of the head `BEGIN` is where the signature begins, `LATEST` the latest time of the entries but their first (of
-    measurement, which a wrong clock gives), 0 if none is later.
+    `head[BEGIN]` is where the signature begins; `head[LATEST]` the latest time in the entries, at least 0. Their first
+    time does not count: it is the time of measurement, which a wrong clock may give.
     """
     at = get(plan, plan.head, stream, size, head, 0, epoch_ns)
     if at < 0:
@@ -207,9 +207,9 @@ def read(plan: Plan, stream: Stream, size: int, head: Int1, rows: Int2, epoch_ns
 
 @entry_point
 def take(data: Bytes, kept: Bytes, shape: Int1, names: Bytes) -> bool:
-    """Take over a message (the first `len(kept)` bytes of `data`) if its bytes at `shape` are `names`.
+    """Copy the first `len(kept)` bytes of `data` to `kept` if the bytes at `shape` equal `names`; return whether so.
 
-    What pads it at its end may follow (rclpy leaves room before the numbers of a sequence that has none).
+    Padding may follow (rclpy leaves room for the alignment of an empty sequence's numbers).
     """
     if not kept.shape[0] <= data.shape[0] <= kept.shape[0] + PADDING:
         return False

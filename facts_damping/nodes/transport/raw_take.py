@@ -1,6 +1,6 @@
-"""Taking a message together with the identity of its publisher.
+"""Takes a message together with the identity (GID) of its publisher.
 
-rclpy tells it since 9.1.1 (Kilted). Before, as in Jazzy, rclpy hears it from rcl and drops it: there rcl is asked here.
+rclpy provides the GID since 9.1.1 (Kilted). Older versions, as in Jazzy, drop it; there this module calls rcl directly.
 The structures are those of rcutils/allocator.h, rcutils/types/uint8_array.h and rmw/types.h, the same in both.
 """
 
@@ -43,7 +43,7 @@ class _Information(ctypes.Structure):
 
 
 class _Rcl:
-    """What takes serialized messages by rcl, into memory that is kept."""
+    """Takes serialized messages from rcl into a reused buffer."""
 
     def __init__(self) -> None:
         allocator = ctypes.CDLL("librcutils.so").rcutils_get_default_allocator
@@ -72,9 +72,9 @@ _rcl = None if TOLD else _Rcl()
 
 
 def take(subscription: Any) -> tuple[Any, Any] | None:
-    """Take a message of a subscription, with what the middleware knows of it; none, if there is none.
+    """Take a message of a subscription with its message information; None if there is no message.
 
-    That is rclpy's `MessageInfo`, of which at least source_timestamp, publication_sequence_number and publisher_gid.
+    The information is rclpy's `MessageInfo`: at least source_timestamp, publication_sequence_number, publisher_gid.
     """
     if _rcl is not None and subscription.raw:
         return _rcl.take(subscription)

@@ -1,8 +1,8 @@
-"""Signatures of messages: HMAC-SHA-256 (RFC 2104) with a key that a graph's nodes share, as IEC 61850-90-5 has it.
+"""Signatures of messages: HMAC-SHA-256 (RFC 2104) with a key shared by the nodes of a graph, as in IEC 61850-90-5.
 
-A signature is the number of the key, the session of who signs, and the code over both, the topic and all of the
-message before it: header, tick, entries. Ticks only go on, so nothing of a run can be said twice in it; the session,
-the time at which its node was started, tells the messages of an earlier run, and of a node that has been replaced.
+A signature consists of the key's number, the signer's session, and the code over both, the topic and the message
+before the signature: header, tick, entries. Ticks only increase, so no message can be replayed within its run. The
+session is the start time of the signer's node; it exposes messages of an earlier run or of a replaced node.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 HEAD = struct.Struct("<IQ")  # number of the key, session in ns of wall time
 LENGTH = HEAD.size + 32  # bytes
-STARTS = 3  # windows: nodes wait for their peers, then for first answers, and a machine may be slower than the clock
+STARTS = 3  # windows: one to wait for peers, one for first answers, one for a machine slower than the clock
 
 
 class Signing(NamedTuple):
-    """What a node signs with and checks by: keys by number (the first signs), its session, how far others' may be."""
+    """Keys by number (the first one signs), session of the node, and allowed distance of other sessions."""
 
     keys: Mapping[int, bytes]
     session_ns: int
@@ -36,9 +36,9 @@ class Signing(NamedTuple):
 
 
 def signing(case: Case, start_timeout_s: float) -> Signing | None:
-    """What a node of a case signs with; None: nothing is signed.
+    """Keys and session of a node of a case; None: messages are not signed.
 
-    Nodes of a graph are started within the time that they wait for each other: so far sessions may lie apart.
+    Nodes of a graph start within the time that they wait for each other; their sessions may differ by that much.
     """
     if case.run.security is None:
         return None
@@ -47,24 +47,25 @@ def signing(case: Case, start_timeout_s: float) -> Signing | None:
 
 
 class Seal:
-    """Signs the messages of a topic, or checks them; it keeps the session of who signs."""
+    """Signs or checks the messages of a topic; keeps the session of the signer."""
 
     def __init__(self, by: Signing, topic: str) -> None:
-        """`topic`: its name below the namespace of the graph."""
+        """`topic`: name relative to the namespace of the graph."""
         self._by, self._topic = by, topic.encode() + b"\0"
         self._session: int | None = None
 
     def sign(self, body: bytes) -> bytes:
-        """Signature of a message, of which `body` is all before it."""
+        """Signature of a message; `body`: all bytes before the signature."""
         number, key = next(iter(self._by.keys.items()))
         head = HEAD.pack(number, self._by.session_ns)
         return head + hmac.digest(key, self._topic + head + body, "sha256")
 
     def check(self, body: bytes, signature: bytes, start_ns: int) -> None:
-        """Raise `Refused` where a message is not signed with one of the keys, or is of another session.
+        """Raise `Refused` if a message is not signed with one of the keys or belongs to a wrong session.
 
-        `start_ns`: begin of its tick. A session may be followed by a newer one: that of a node that has joined. None
-        may have begun longer before this node than what was simulated by then and the window allow, nor in the future.
+        `start_ns`: start of its tick. A newer session, of a node that has joined, may replace the known one. A session
+        must not be older than this node's by more than the simulated time plus `STARTS` windows, nor begin more than
+        one window in the future.
         """
         head, code = signature[: HEAD.size], signature[HEAD.size :]
         number, session = HEAD.unpack(head)
@@ -81,5 +82,5 @@ class Seal:
 
 
 def seal(by: Signing | None, topic: str) -> Seal | None:
-    """The seal of a topic, if messages are signed."""
+    """The seal of a topic; None if messages are not signed."""
     return None if by is None else Seal(by, topic)

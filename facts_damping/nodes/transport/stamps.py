@@ -1,7 +1,7 @@
-"""The wall time of the run's beginning, where its messages are stamped by the wall clock (`stamp: wall`); else 0.
+"""Epoch of the run: the wall time at which it began, if messages carry wall time (`stamp: wall`); else 0.
 
-One for a process, as a node is one. The plant sets it; others take it from the first frame that they hear. Inside the
-nodes all times are simulated, from 0; what is written into a message has it on top, what is read has it taken off.
+There is one epoch per process, as each node is a process. The plant sets it; other nodes learn it from the first frame.
+Inside the nodes all times are simulated, from 0; the epoch is added on writing and subtracted on reading a message.
 """
 
 from __future__ import annotations
@@ -9,30 +9,30 @@ from __future__ import annotations
 import time
 from contextvars import ContextVar
 
-DAY_NS = 86_400_000_000_000  # clocks of hosts may differ by less
+DAY_NS = 86_400_000_000_000  # the clocks of hosts must differ by less
 
 _epoch_ns: ContextVar[int] = ContextVar("_epoch_ns", default=0)
 _learns: ContextVar[bool] = ContextVar("_learns", default=False)
 
 
 def epoch_ns() -> int:
-    """What is added to simulated time, ns since 1970; 0: nothing."""
+    """Offset added to simulated time, ns since 1970; 0 without wall time."""
     return _epoch_ns.get()
 
 
 def begin(at_ns: int = 0, *, learns: bool = False) -> None:
-    """A run begins at a wall time, ns since 1970, or at 0; `learns`: messages of others may say when."""
+    """Set the epoch, ns since 1970 or 0; `learns`: a received message may set it later."""
     _epoch_ns.set(at_ns)
     _learns.set(learns)
 
 
 def restore(at_ns: int) -> None:
-    """Know no more than before: what `epoch_ns` was then."""
+    """Reset the epoch to an earlier value of `epoch_ns`."""
     _epoch_ns.set(at_ns)
 
 
 def accept(stamp_ns: int, start_ns: int) -> bool:
-    """Whether a stamp, less what is known, is that of a tick that starts at `start_ns`; the first one is learnt."""
+    """Whether a stamp, less the epoch, fits a tick that starts at `start_ns`; the first stamp may set the epoch."""
     if stamp_ns == start_ns:
         return True
     if epoch_ns() or not _learns.get() or abs(stamp_ns - time.time_ns()) > DAY_NS:

@@ -1,4 +1,4 @@
-"""What goes over the wire every tick: frames and setpoints, between arrays and bytes, bit for bit."""
+"""Messages of every tick, frames and setpoints: exact conversion between arrays and bytes."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ if TYPE_CHECKING:
     from facts_damping.nodes.transport.signing import Seal
 
 ENCAPSULATION = b"\0\1\0\0"  # plain CDR, little-endian
-SHORTEST = 40  # bytes of an entry: fewer than any has
-LONGEST_ENTRY = 1 << 10  # bytes of one but for its names: more than any has
+SHORTEST = 40  # lower limit of an entry's bytes
+LONGEST_ENTRY = 1 << 10  # upper limit of an entry's bytes without its names
 EMPTY, SENDERS, DEVICES, CONTROLLERS, STATIONS, PLACES = range(6)  # tables of names
 FIRST_STEPS = [(TIME, packing.START, 0), (FREE, packing.NOTHING, EMPTY), (NUMBER, packing.TICK, 0)]
 LAST_STEPS = [(FLAG, packing.FRESH, 0), (COUNT, packing.ENTRIES, 0)]
 
 
 class TableMessage:
-    """Messages of one type: a table of entries under a header, a tick, perhaps a sender, and `fresh`."""
+    """Messages of one type: header, tick, optional sender, `fresh`, and a table of entries."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class TableMessage:
         frame_rate: int,
         seal: Seal | None,
     ) -> None:
-        """`dtype`: of the rows; `head`, `entry`: steps (packing); `names`: by table; `seal`: if messages are signed."""
+        """`dtype`: of the rows; `head`, `entry`: steps (packing.py); `names`: by table; `seal`: None if not signed."""
         self._dtype, self._rate, self._seal = dtype, frame_rate, seal
         texts = [[name.encode() + b"\0" for name in names.get(table, [""])] for table in range(PLACES + 1)]
         many, longest = max(map(len, texts)), max(len(text) for table in texts for text in table)
@@ -67,16 +67,16 @@ class TableMessage:
         self._make_room(4 * self._entry)
 
     def _make_room(self, size: int) -> None:
-        """Have room for messages of so many bytes; the stream begins at a multiple of eight."""
+        """Allocate room for messages of `size` bytes; the stream is aligned to eight bytes."""
         self._room = -(-size // 8) * 8
-        words = np.zeros(1 + self._room // 8, np.int64)  # the encapsulation ends where the second begins
+        words = np.zeros(1 + self._room // 8, np.int64)  # the stream begins with the second word
         self._all, stream = words.view(np.uint8)[HEADER:], words[1:]
         self._all[:HEADER] = np.frombuffer(ENCAPSULATION, np.uint8)
         forms = stream.view(np.uint16), stream.view(np.int32), stream.view(np.uint32), stream
         self._stream = Stream(stream.view(np.uint8), *forms)
 
     def write(self, tick: int, start_ns: int, rows: NDArray[Any], sender: int = 0) -> bytes:
-        """The message of `rows`."""
+        """Message of `rows`, signed if there is a seal; `sender`: index in the table SENDERS."""
         if (size := (len(rows) + 2) * self._entry) > self._room:
             self._make_room(2 * size)
         head = self._head
@@ -88,7 +88,7 @@ class TableMessage:
         return body if self._seal is None else body + self._seal.sign(body)
 
     def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
-        """Tick and rows of a message. Raises `Refused` where it is not what it should be."""
+        """Tick and rows of a message. Raises `Refused` for a wrong length, format, name, signature or stamp."""
         head, size = self._head, len(data) - HEADER
         if len(data) > LONGEST:
             raise Refused("length")
@@ -108,7 +108,7 @@ class TableMessage:
             self._seal.check(body, signature[:LENGTH], start_ns)
         if not stamps.accept(int(head[packing.START]), start_ns):
             raise Refused("stamp")
-        if stamps.epoch_ns() != epoch:  # learnt from this message
+        if stamps.epoch_ns() != epoch:  # the epoch came with this message: read the times again
             self._read(size, rows)
         if head[packing.LATEST] >= start_of(tick + 1, self._rate):
             raise Refused("stamp")
@@ -117,11 +117,11 @@ class TableMessage:
         return tick, rows
 
     def _rows(self, size: int) -> NDArray[Any]:
-        """Room for the entries of a message of so many bytes."""
+        """Zeroed rows, enough for the entries of a message of `size` bytes."""
         return np.zeros(size // SHORTEST + 1, self._dtype)
 
     def _read(self, size: int, rows: NDArray[Any]) -> int:
-        """Read what is in the stream: how many entries. Raises `Refused` where it is no such message."""
+        """Read the stream into `rows`. Returns the number of entries; raises `Refused` for a wrong format or name."""
         words = rows.view(np.int64).reshape(len(rows), self._dtype.itemsize // 8)
         count = packing.read(self._plan, self._stream, size, self._head, words, stamps.epoch_ns())
         if count < 0:
@@ -130,7 +130,7 @@ class TableMessage:
 
 
 def column(dtype: np.dtype[Any], name: str) -> int:
-    """Which word of a row a field begins with."""
+    """Index of a field's first word in a row."""
     return int(dict(dtype.fields or {})[name][1]) // 8
 
 
@@ -138,7 +138,7 @@ class FramesMessage(TableMessage):
     """PMU data frames of a case."""
 
     def __init__(self, case: Case, seal: Seal | None = None) -> None:
-        """Take the names of stations and their buses; `seal`: of the topic, if messages are signed."""
+        """`seal`: of the topic, if messages are signed."""
         where = case.system.station_buses()
         station, measured = column(DELIVERY, "station"), column(DELIVERY, "measured_ns")
         values = range(column(DELIVERY, "values"), DELIVERY.itemsize // 8)
@@ -162,13 +162,14 @@ class FramesMessage(TableMessage):
 class SetpointsMessage(TableMessage):
     """Voltage setpoints of a case.
 
-    A frame (`frame_id`) is for people: a node of the user's own may say another one, or none.
+    The `frame_id` of an entry is only for readers: it is not checked, and a user's own node may leave it empty.
     """
 
     def __init__(self, case: Case, sender: str = "", of: Iterable[int] | None = None, seal: Seal | None = None) -> None:
-        """Take the names of devices and controllers; `seal`: of the topic, if messages are signed.
+        """`seal`: of the topic, if messages are signed.
 
-        What is read is from `sender` (a controller; empty: a link), with setpoints of these controllers; None: of all.
+        `read` accepts only messages of `sender` (a controller; empty: a link) with setpoints of the controllers `of`
+        (None: all).
         """
         devices, controllers = list(case.run.devices), controller_names(case)
         self._senders = list(dict.fromkeys([sender, "", *controllers, *supervisor_names(case).values()]))
@@ -198,10 +199,10 @@ class SetpointsMessage(TableMessage):
         return count
 
     def fill(self, tick: int, start_ns: int, rows: NDArray[Any], controller: str) -> bytes:
-        """Message of setpoints; `controller` is empty as delivered by a link."""
+        """Message of setpoints; `controller`: name of the sender, empty for a link."""
         return self.write(tick, start_ns, rows, self._senders.index(controller))
 
 
 def start_of(tick: int, frame_rate: int) -> int:
-    """Time of any tick whatever, ns: t_k = k / f, rounded down."""
+    """Start of any tick, ns: t_k = k / f, rounded down."""
     return tick * NANOSECONDS // frame_rate
