@@ -1,1 +1,1 @@
-"""Damping controllers: what they are given, the table of kinds, the compiled step."""
+"""Damping controllers: their inputs, the table of kinds, the compiled step."""

@@ -1,8 +1,7 @@
-"""The controllers of a run side by side, and what each does in a tick; compiled.
+"""All controllers of a run as arrays, and a controller's tick; compiled.
 
-A controller acts once per arrival, with the arrival's exact time: it updates what it holds of each
-station, forms its signals, and issues a setpoint for each device it commands. Between arrivals the
-setpoint stands (zero-order hold).
+A controller acts once per arrival, at the arrival's exact time: it updates the newest entry of each station, forms its
+signals, and issues a setpoint for each of its devices. Between arrivals the setpoint is constant (zero-order hold).
 """
 
 from __future__ import annotations
@@ -49,26 +48,26 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.stations import Signal
     from facts_damping.parameters.run import Controller
 
-law_of = branching(LAWS)  # a code, and what a law takes
+law_of = branching(LAWS)  # arguments: a code, then those of a law
 RULES = 2  # of every network (thesis, chapter 3)
 
 
 class Bank(Struct):
-    """Frozen parameters of all controllers of a run; the first axis is the controller."""
+    """Constant parameters of all controllers of a run; the first axis is the controller."""
 
     code: Int1
-    law: Int1  # of LAWS, of those that have one
+    law: Int1  # (controllers,): index in LAWS, if the kind has a law
     settings: Annotated[
         NDArray[Any], Array(SETTINGS, 2)
-    ]  # (controllers, most signals or devices) of SETTINGS: the value of each signal or device
-    mode_shape: Float2  # (controllers, most signals), of each signal beside the first at the mode; 1: unknown
+    ]  # (controllers, most signals or devices) of SETTINGS: a row per signal or device
+    mode_shape: Float2  # (controllers, most signals), relative to the first signal at the mode; 1: unknown
     inputs: Inputs
     compensators: Compensators
     shape: Int2  # (controllers, fields of Network)
-    sensitivity: Float3  # (controllers, most signals, most devices), signs of dy/du; 0: none
-    device: Int2  # (controllers, most devices), UNSET beyond its own
+    sensitivity: Float3  # (controllers, most signals, most devices): sign of dy/du; 0: none
+    device: Int2  # (controllers, most devices): installed device; UNSET: unused
     actuators: AllActuators  # (controllers, most devices)
-    period_ns: Int1  # (controllers,), of the frames
+    period_ns: Int1  # (controllers,), between frames
     optimal: Observers  # matrices of observers with state feedback
     faults: Faults
 
@@ -78,13 +77,13 @@ class BankState(Struct):
 
     held: LatestSamples
     compensated: Compensated
-    jacobian: Float3  # (controllers, most signals, most devices), p.u./p.u., as last estimated; NaN: never
-    unlimited: Float2  # (controllers, most devices), p.u.
-    outputs: Float2  # (controllers, most devices), p.u.
-    internal: Float3  # (controllers, most devices, most states), of lead-lags
+    jacobian: Float3  # (controllers, most signals, most devices), p.u./p.u., newest estimate; NaN: none
+    unlimited: Float2  # (controllers, most devices), p.u., setpoints before limits
+    outputs: Float2  # (controllers, most devices), p.u., setpoints after limits
+    internal: Float3  # (controllers, most devices, most states): states of lead-lags
     learner: Learners
     memory: Memories
-    estimate: Float3  # (controllers, 2, most states), of observers, and room to step them
+    estimate: Float3  # (controllers, 2, most states): state of observers, work space
     calls: Calls
 
 
@@ -100,11 +99,11 @@ def bank(
     nominal: float = 60.0,
     seed: int = 0,
 ) -> tuple[Bank, BankState]:
-    """The controllers of a run as tables.
+    """Build the controllers of a run.
 
-    `limits`: magnitude (p.u.) and rate (p.u./s) of the installed devices in their order; `known` for each controller,
-    none without a network; `omega`: rad/s, of each one's compensation, where one has any; `designs`: of each one, none
-    without an observer; `nominal`: frequency, Hz; `seed`: the run's.
+    `limits`: magnitude (p.u.) and rate (p.u./s) limits of all installed devices in order. For each controller, `known`
+    (None without a network), `omega` (rad/s, for compensation) and `designs` (None without an observer). `nominal`:
+    frequency, Hz; `seed`: of the run.
     """
     n = len(controllers)
     kinds = [kind_of(c) for c in controllers]
@@ -158,16 +157,17 @@ def bank(
 
 
 def settings(controller: Controller, rows: NDArray[Any], swing: NDArray[np.float64]) -> NDArray[Any]:
-    """A controller's parameters into records of SETTINGS: the value of each signal or device; returns them."""
+    """Write a controller's parameters to SETTINGS records, one per signal or device; returns the records."""
     for name, parameter in kind_of(controller).parameters.items():
         put(rows, name, parameter, controller.parameters.get(name, parameter.default), swing)
     return rows
 
 
 def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing: NDArray[np.float64]) -> None:
-    """A parameter's value into records of SETTINGS. A single one is every device's, and the first signal's.
+    """Write a parameter's value to SETTINGS records.
 
-    The other signals' are then as they swing beside it.
+    A single value holds for every device. For a parameter of signals it holds for the first signal, and `swing`, the
+    signals' swing relative to the first, scales it for the others.
     """
     found = parameter.number(value)
     if parameter.each == "signal" and not isinstance(value, list):
@@ -179,7 +179,7 @@ def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing
 
 
 def controller_network(controller: Controller) -> Network:
-    """A controller's network; one without has no rules."""
+    """A controller's network; without rules if it has none."""
     shape = table.variant_of(kind_of(controller), len(controller.devices))
     if shape is None:
         return network("gaussian", "singleton", 0, 0, 0)
@@ -187,7 +187,7 @@ def controller_network(controller: Controller) -> Network:
 
 
 def _start(net: Network, s: NDArray[Any], controller: Controller, known: PlantPrior | None) -> NDArray[np.float64]:
-    """Parameters of a network at the start: those given, or symmetric rules that damp by the plant's sign."""
+    """Initial parameters of a network: those given, or symmetric rules whose sign damps the plant."""
     if known is None:
         return np.zeros(0)
     if isinstance(controller.weights, Weights) and controller.weights.controller is not None:
@@ -201,9 +201,10 @@ def _start(net: Network, s: NDArray[Any], controller: Controller, known: PlantPr
 
 
 def pull(known: PlantPrior, s: NDArray[Any]) -> NDArray[np.float64]:
-    """How far each input of a network pulls at the start, (inputs,): as far as it swings with the first signal's two.
+    """Initial weight of each input of a network, (inputs,).
 
-    1 for those; for the others the cosine of the angle, at the least damped mode, between an input and their sum.
+    1 for the first signal's two inputs; for the others the cosine of the angle, at the least damped mode, between the
+    input's phasor and the sum of those two.
     """
     change = 1.0 - over(1.0, known.z_pole)
     swing = over(known.mode_shape, s["scale"])
@@ -215,7 +216,7 @@ def pull(known: PlantPrior, s: NDArray[Any]) -> NDArray[np.float64]:
 
 @compiled
 def _limit(made: Bank, state: BankState, c: int, tick: int) -> None:
-    """Setpoints within the devices' limits; one that is not finite counts as zero. A faulty controller's may be any."""
+    """Limit the setpoints, with zero for a non-finite one, then apply the controller's faults."""
     for d in range(made.device.shape[1]):
         limit, value = made.actuators.limit[c, d], state.unlimited[c, d]
         value = min(max(value, -limit), limit) if math.isfinite(value) else 0.0
@@ -270,7 +271,7 @@ def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
 
 @compiled
 def _issue(made: Bank, state: BankState, c: int, tick: int, arrival: int, out: NDArray[Any], first: int) -> int:
-    """Setpoints of controller c within limits into `out` from index `first` on; the index after the last."""
+    """Write the limited setpoints of controller c to `out` from index `first` on; returns the index after the last."""
     _limit(made, state, c, tick)
     for d in range(made.device.shape[1]):
         if made.device[c, d] != UNSET:
@@ -288,7 +289,7 @@ def _issue(made: Bank, state: BankState, c: int, tick: int, arrival: int, out: N
 
 @entry_point
 def set_estimate(state: BankState, c: int, jacobian: Float2, change: Float1, measured_ns: int) -> None:
-    """Hand an identifier's estimate to controller c, for its next tick: `measured_ns`, the newest frame it rests on."""
+    """Give controller c an identifier's estimate for its next tick; `measured_ns`: newest frame used for it."""
     for i in range(jacobian.shape[0]):
         state.compensated.change[c, i] = change[i]
         for d in range(jacobian.shape[1]):
@@ -307,11 +308,12 @@ def act(
     out: Setpoints,
     first: int,
 ) -> int:
-    """One tick of controller c: `count` delivered entries in, setpoints into `out` from index `first` on.
+    """Run a tick of controller c: process `count` delivered entries, write setpoints to `out` from index `first` on.
 
-    Entries of the same arrival are taken together; it acts if a frame is newer than all before and all signals are
-    there. Once a tick alone, at the last such arrival, acts one whose setpoints are given (`state.unlimited`), or a
-    called one that wants it so. A called one that fails says nothing more. Returns the index after the last setpoint.
+    Entries of the same arrival are processed together. The controller acts if a frame is newer than all before and all
+    signals are available. Controllers with given setpoints (`state.unlimited`), and called ones that request it, act
+    only at the last such arrival of a tick. A called controller that has failed issues no more setpoints. Returns the
+    index after the last setpoint.
     """
     if silent(made.faults, c, tick):
         return first

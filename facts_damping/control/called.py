@@ -1,7 +1,7 @@
-"""Controllers that are called: a user's class, or an FMU, behind a C function; compiled.
+"""Called controllers: a user's class or an FMU behind a C function; compiled.
 
-The compiled step calls the function by its address, wherever it runs: in a node, in the loop, in a sweep. What the
-function is given lies in arrays that are the same at every call.
+The compiled step calls the function by its address, in a node, the loop or a sweep. Its inputs are in arrays that stay
+the same at every call.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ class Calls(Struct):
     """Called controllers; the first axis is the controller."""
 
     address: Int1  # (controllers,), of the C function; 0: none
-    failed: Bool1  # (controllers,): it has failed, and is not called again
-    once: Bool1  # (controllers,): it is called once a tick at most
+    failed: Bool1  # (controllers,): has failed, and is not called again
+    once: Bool1  # (controllers,): called at most once a tick
     sensed: Sensed
 
 
 def calls(controllers: int, signals: int, stations: int) -> Calls:
-    """Those of so many controllers, with no functions yet."""
+    """Calls of `controllers` controllers, without functions."""
     made = sensed(controllers, signals, stations)
     failed, once = np.zeros((2, controllers), np.bool_)
     return Calls(np.zeros(controllers, np.int64), failed, once, made)
@@ -36,7 +36,7 @@ def calls(controllers: int, signals: int, stations: int) -> Calls:
 
 @compiled
 def call(given: Inputs, held: LatestSamples, of: Calls, c: int, now_ns: int) -> bool:
-    """Have controller c set its setpoints for what it holds at an arrival; False: it has failed."""
+    """Call controller c to compute setpoints at an arrival; returns False if it has failed."""
     if of.address[c] == 0 or of.failed[c]:
         of.failed[c] = True
         return False

@@ -1,18 +1,19 @@
-"""Delay compensation: signals as they will be when the setpoint is in force, by a mode or a prediction; compiled.
+"""Delay compensation: signals at the time when the setpoint takes effect, from a mode or a prediction; compiled.
 
-The latency tau is what time stamps show, arrival less measurement of the newest frame, through a first-order filter,
-and the delay of the way down, which a controller cannot see. Both compensators turn a signal by w tau at one frequency:
+The latency tau is the sum of the uplink's delay (arrival minus measurement of the newest frame, after a first-order
+filter) and the set downlink delay, which a controller cannot measure. Two compensators advance a signal by w tau at one
+frequency w:
 
     lead:   two equal sections (1 + s a) / (1 + s / (a w^2)) / (a w), each of phase w tau / 2 and gain 1 at w
-    phasor: y = y0 + Re q, of which mean y0 and phasor q are estimated; Re(q exp(j w tau)) in its place
+    phasor: y = y0 + Re q, with mean y0 and phasor q estimated; gives Re(q exp(j w tau))
 
-Retuned to the latency at every frame. A third way adds what the controller's identifier predicts that the signals
-change until then (control/prediction.py).
+Both are retuned to the latency at every frame. The third method adds the change of the signals until then that the
+controller's identifier predicts (control/prediction.py).
 
-The sections: P. Kundur, Power System Stability and Control, 1994, 12.5. The
-phasor: L. Angquist, C. Gama, Damping Algorithm Based on Phasor Estimation, IEEE PES Winter Meeting 2001. That it is
-turned by the latency: N. R. Chaudhuri, S. Ray, R. Majumder, B. Chaudhuri, A New Approach to Continuous Latency
-Compensation With Adaptive Phasor Power Oscillation Damping Controller (POD), IEEE Trans. Power Systems 25(2), 2010.
+Sections: P. Kundur, Power System Stability and Control, 1994, 12.5. Phasor: L. Angquist, C. Gama, Damping Algorithm
+Based on Phasor Estimation, IEEE PES Winter Meeting 2001. Advance by the latency: N. R. Chaudhuri, S. Ray, R. Majumder,
+B. Chaudhuri, A New Approach to Continuous Latency Compensation With Adaptive Phasor Power Oscillation Damping
+Controller (POD), IEEE Trans. Power Systems 25(2), 2010.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 NONE, LEAD, PHASOR, PREDICTION = 0, 1, 2, 3
-COMPENSATIONS = {"none": NONE, "lead": LEAD, "phasor": PHASOR}  # of any controller
-OF_IDENTIFIERS = {"prediction": PREDICTION}  # of those that have one
-HELD_NS = 100_000_000  # ns between the frame that a prediction rests on and the newest: older ones count for nothing
-MOST_LEAD = math.radians(60.0)  # rad, of a section; what would need more stays there
+COMPENSATIONS = {"none": NONE, "lead": LEAD, "phasor": PHASOR}  # for any controller
+OF_IDENTIFIERS = {"prediction": PREDICTION}  # for controllers with an identifier
+HELD_NS = 100_000_000  # ns, largest age of a prediction's frame relative to the newest; older predictions are ignored
+MOST_LEAD = math.radians(60.0)  # rad, largest phase lead of a section
 SECTIONS = 2
 
 
 class Compensators(Struct):
-    """Frozen parameters; the first axis is the controller."""
+    """Constant parameters; the first axis is the controller."""
 
     code: Int1
     omega: Float1  # (controllers,), rad/s, of the mode
@@ -51,16 +52,16 @@ class Compensators(Struct):
 class Compensated(Struct):
     """State of compensation; the first axis is the controller."""
 
-    latency: Float1  # (controllers,), s, that time stamps show, filtered
+    latency: Float1  # (controllers,), s, of the uplink, filtered
     sections: Float3  # (controllers, most signals, 4): input and output of each section
     phasor: Float3  # (controllers, most signals, 3): mean, real and imaginary part
-    change: Float2  # (controllers, most signals), p.u., until the setpoint is in force; NaN: not predicted
-    change_ns: Int1  # (controllers,): the newest frame that the change rests on
-    signal: Float2  # (controllers, most signals): what the controllers act on
+    change: Float2  # (controllers, most signals), p.u., predicted until the setpoint takes effect; NaN: none
+    change_ns: Int1  # (controllers,): newest frame used for the change
+    signal: Float2  # (controllers, most signals): compensated signals
 
 
 def compensators(names: Sequence[str], omega: Sequence[float], signals: int) -> tuple[Compensators, Compensated]:
-    """Compensators of controllers, by name, with the mode's rad/s, for at most so many signals each; at rest."""
+    """Compensators by name, at rest; `omega`: rad/s of each controller's mode; `signals`: most of a controller."""
     n = len(names)
     codes = COMPENSATIONS | OF_IDENTIFIERS
     made = Compensators(np.array([codes[name] for name in names], np.int64), np.array(omega, np.float64))
@@ -86,11 +87,11 @@ def compensate(
     age: float,
     dt: float,
 ) -> None:
-    """A frame's step of controller c: from its signals `given` those that it acts on, into `state.signal[c]`.
+    """Compensate the signals `given` of controller c at a frame; result in `state.signal[c]`.
 
-    `s`: its settings (latency_filter, down_delay, phasor_rate); `newest_ns`: when they were measured; `age`: s from
-    measurement to arrival; `dt`: s since the frame before, 0 at the first. Where nothing is predicted, or long ago,
-    signals are as measured.
+    `s`: its settings (latency_filter, down_delay, phasor_rate); `newest_ns`: time of measurement; `age`: s from
+    measurement to arrival; `dt`: s since the frame before, 0 at the first. Without a recent prediction, the method
+    `prediction` leaves signals as measured.
     """
     for i in range(given.size):
         state.signal[c, i] = given[i]
@@ -115,10 +116,10 @@ def compensate(
 
 @compiled
 def lead(omega: float, phase: float, state: NDArray[np.float64], y: float, dt: float) -> float:
-    """One step of two sections that together turn by `phase`, rad, at `omega`, rad/s, and have gain 1 there.
+    """One step of two sections with total phase `phase`, rad, and gain 1 at `omega`, rad/s.
 
-    a w = sqrt((1 + sin p) / (1 - sin p)), p the phase of one, at most MOST_LEAD; w is taken as the bilinear transform
-    has it, 2 / dt tan(omega dt / 2). At the first frame it is as if the signal had never changed.
+    a w = sqrt((1 + sin p) / (1 - sin p)), p the phase of one section, at most MOST_LEAD. For the bilinear transform w
+    is prewarped: 2 / dt tan(omega dt / 2). The first frame starts from steady state.
     """
     sine = sin(min(phase / SECTIONS, MOST_LEAD))
     ratio = math.sqrt((1.0 + sine) / (1.0 - sine))
@@ -135,13 +136,13 @@ def lead(omega: float, phase: float, state: NDArray[np.float64], y: float, dt: f
 
 @compiled
 def phasor(omega: float, phase: float, rate: float, state: NDArray[np.float64], y: float, dt: float) -> float:
-    """One step of mean and phasor of a signal; the signal without mean, turned on by `phase`, rad.
+    """One step of a signal's mean and phasor; returns the signal without mean, advanced by `phase`, rad.
 
         q = q exp(j omega dt);  e = y - y0 - Re q;  y0 = y0 + (1 - l) e;  q = q + 2 (1 - l) e;  l = exp(-rate dt)
 
-    For `rate` well below `omega` that is recursive least squares with forgetting l in its steady state. Beyond, it
-    stays stable (s^3 + 3 rate s^2 + omega^2 s + rate omega^2), and lets more of other frequencies pass. `state` is y0,
-    Re q, Im q; at the first frame the signal is its mean.
+    For `rate` well below `omega` this is steady-state recursive least squares with forgetting factor l. For larger
+    `rate` it stays stable (s^3 + 3 rate s^2 + omega^2 s + rate omega^2) but passes more of other frequencies. `state`:
+    y0, Re q, Im q; at the first frame the mean is set to the signal.
     """
     if dt <= 0.0:
         state[0], state[1], state[2] = y, 0.0, 0.0

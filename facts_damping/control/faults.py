@@ -1,4 +1,4 @@
-"""Controllers that go wrong: what a fault campaign does to their setpoints and networks; compiled."""
+"""Faults of controllers in a fault campaign: wrong setpoints and corrupted networks; compiled."""
 
 from __future__ import annotations
 
@@ -20,19 +20,21 @@ if TYPE_CHECKING:
 
 NONE, WRONG_SIGN, GAIN, STUCK, RANDOM, BANG_BANG, NAN, WEIGHTS, HUNG, DEAD = range(10)
 KINDS = ("", "wrong_sign", "gain", "stuck", "random", "bang_bang", "nan", "weights", "hung", "dead")
-FAULT = np.dtype([("kind", "i8"), ("first", "i8"), ("end", "i8"), ("size", "f8")])  # ticks, from the first to before
-CHANCES = 1024  # normal numbers that a controller's faults are made of, from the beginning again after the last
+FAULT = np.dtype(
+    [("kind", "i8"), ("first", "i8"), ("end", "i8"), ("size", "f8")]
+)  # `first`, `end`: ticks, `end` excluded
+CHANCES = 1024  # normal random numbers of a controller's faults, used cyclically
 
 
 class Faults(Struct):
     """Faults of all controllers; the first axis is the controller."""
 
     rows: Annotated[NDArray[Any], Array(FAULT, 2)]  # (controllers, most faults) of FAULT
-    chance: Float2  # (controllers, CHANCES), normal; none where nobody has a fault
+    chance: Float2  # (controllers, CHANCES): normal random numbers; empty without faults
 
 
 def faults(given: Sequence[Sequence[ControllerFault]], frame_rate: int, seed: int) -> Faults:
-    """The faults of controllers, those of each in its order."""
+    """Build the faults of all controllers, in order for each."""
     most = max(map(len, given), default=0)
     rows = np.zeros((len(given), most), FAULT)
     for c, own in enumerate(given):
@@ -47,7 +49,7 @@ def faults(given: Sequence[Sequence[ControllerFault]], frame_rate: int, seed: in
 
 @compiled
 def silent(of: Faults, c: int, tick: int) -> bool:
-    """Whether controller c says nothing in a tick."""
+    """Whether a fault keeps controller c from issuing setpoints in a tick."""
     for i in range(of.rows.shape[1]):
         row = of.rows[c, i]
         if row.kind >= HUNG and row.first <= tick < row.end:
@@ -57,7 +59,7 @@ def silent(of: Faults, c: int, tick: int) -> bool:
 
 @compiled
 def corrupt(of: Faults, c: int, tick: int, theta: NDArray[np.float64]) -> None:
-    """Move a network's parameters, in the tick in which that begins."""
+    """Disturb a network's parameters in the first tick of a `weights` fault."""
     for i in range(of.rows.shape[1]):
         row = of.rows[c, i]
         if row.kind == WEIGHTS and row.first == tick:
@@ -67,7 +69,7 @@ def corrupt(of: Faults, c: int, tick: int, theta: NDArray[np.float64]) -> None:
 
 @compiled
 def misbehave(of: Faults, c: int, tick: int, d: int, value: float, before: float, limit: float) -> float:
-    """A setpoint as a faulty controller says it, p.u.; `before`: as it said the last one, `limit`: the device's."""
+    """A setpoint with faults applied, p.u.; `before`: the previous setpoint; `limit`: of the device."""
     for i in range(of.rows.shape[1]):
         row = of.rows[c, i]
         if not row.first <= tick < row.end:

@@ -1,11 +1,11 @@
-"""Identifiers: networks that predict a controller's signals some frames ahead, and so the plant's Jacobian; compiled.
+"""Identifiers: networks that predict a controller's signals and thus estimate the plant's Jacobian; compiled.
 
     y_I(k) = f_I(y(k-h), mean u(k-h-d .. k-1-d)),  f_I += -eta_I (y_I - y) dy_I/df_I + momentum,  J = dy_I/du
 
-(5.1) and (6.7), which have h = 1 and pair y with u of the same frame, (5.12) and (5.6). d is the known delay from
-measurement to actuation: setpoints are paired by the measurement that they rest on. One with a span of b frames is
-given y(k-h-b), too, and so knows where a signal goes. All is normalised by the controller's scales and the devices'
-limits.
+Sources: (5.1) and (6.7), which have h = 1 and pair y with u of the same frame; (5.12) and (5.6). h is the horizon in
+frames, d the known delay from measurement to actuation: a setpoint is paired with the measurement used for it. An
+identifier with a span of b frames also uses y(k-h-b), which shows a signal's trend. Signals are normalised by the
+controller's scales, setpoints by the devices' limits.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.plant.stations import Signal
 
-SPARE = 4  # frames, beyond the loop's delay, for which setpoints are kept
+SPARE = 4  # frames beyond the loop's delay for which setpoints are kept
 
 
 def identifiers(
@@ -47,7 +47,7 @@ def identifiers(
     frame_rate: int,
     nominal: float = 60.0,
 ) -> tuple[Identifiers, IdentifierState]:
-    """The identifiers of a run as tables; `nominal`: frequency, Hz."""
+    """Build the identifiers of a run; `nominal`: frequency, Hz."""
     n, most = len(rows), max([len(row.devices) for row in rows], default=0)
     outputs = max([len(row.signals) for row in rows], default=0)
     span = np.array([int(row.settings["identifier_span"][0]) for row in rows], np.int64)
@@ -107,7 +107,7 @@ def identifiers(
 
 @compiled
 def _evaluate(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
-    """Prediction and Jacobian at `own.x`."""
+    """Compute prediction and Jacobian at `own.x`."""
     first = ids.order[n] * net.outputs
     infer(net, own)
     by_inputs(net, own.theta, own.passed)
@@ -119,14 +119,14 @@ def _evaluate(net: Network, own: Learner, ids: Identifiers, state: IdentifierSta
 
 @entry_point
 def _first(ids: Identifiers, state: IdentifierState, n: int) -> None:
-    """The Jacobian that an identifier starts from, at rest."""
+    """Compute an identifier's initial Jacobian, at rest."""
     net = shape_of(ids.shape[n])
     _evaluate(net, state.learner.each[n], ids, state, n)
 
 
 @entry_point
 def store_setpoints(ids: Identifiers, state: IdentifierState, n: int, issued: Setpoints, count: int) -> None:
-    """Keep the setpoints of identifier n's devices among `count` issued ones."""
+    """Store those of `count` issued setpoints that are for identifier n's devices."""
     for i in range(count):
         for d in range(ids.device.shape[1]):
             if issued[i].device == ids.device[n, d]:
@@ -138,9 +138,9 @@ def store_setpoints(ids: Identifiers, state: IdentifierState, n: int, issued: Se
 
 @compiled
 def _learn(ids: Identifiers, state: IdentifierState, n: int) -> None:
-    """Predict the newest frame from past ones and from the setpoints since, and learn from the error.
+    """Predict the newest frame from past frames and setpoints, and learn from the error.
 
-    Not where one of them is not kept.
+    Skipped if a frame or setpoint is missing.
     """
     net, s, now = shape_of(ids.shape[n]), ids.settings[n], state.held.newest_ns[n]
     own, p = state.learner.each[n], shape_of(ids.shape[n]).outputs
@@ -170,7 +170,7 @@ def _learn(ids: Identifiers, state: IdentifierState, n: int) -> None:
 
 @entry_point
 def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: Deliveries, count: int) -> None:
-    """One tick of identifier n: `count` delivered entries in; it learns once per new frame that follows the last."""
+    """Run a tick of identifier n: process `count` delivered entries, learn once per new frame that follows the last."""
     s = ids.settings[n, 0]
     i = 0
     while i < count:
@@ -192,7 +192,7 @@ def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: Delive
 
 @entry_point
 def write_estimates(ids: Identifiers, state: IdentifierState, n: int, tick: int, out: Estimates, first: int) -> int:
-    """The estimates of identifier n after a tick (ESTIMATE) into `out` from `first` on; the index after the last."""
+    """Write the ESTIMATE rows of identifier n to `out` from `first` on; returns the index after the last."""
     net = shape_of(ids.shape[n])
     for i in range(net.outputs):
         for d in range(net.inputs - ids.order[n] * net.outputs):

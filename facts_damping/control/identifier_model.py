@@ -1,4 +1,4 @@
-"""What identifiers consist of: frozen parameters and state as tables, their networks, and what these start from."""
+"""Parameters and state of identifiers as arrays, their networks, and the networks' initial parameters."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
     from facts_damping.control.plant_prior import PlantPrior
 
-WIDTH = 1.0  # s of the memberships at the start
-SPREAD = 0.5  # memberships at -0.5 and 0.5, where the consequents hold the linear plant
-DILATION = 5.0  # nu of the wavelets at the start
-FLAT = 1e-9  # of phasors' largest extent: what extends less in another direction is round-off
+WIDTH = 1.0  # initial width s of the memberships
+SPREAD = 0.5  # initial centres -0.5 and 0.5 if the consequents hold the linear plant
+DILATION = 5.0  # initial dilation nu of the wavelets
+FLAT = 1e-9  # share of phasors' largest extent: a smaller extent in the other direction is round-off
 
 
 class Identified(NamedTuple):
-    """What an identifier belongs to: the controller's place, its settings, signals, devices and their limits."""
+    """The controller of an identifier: index, settings, signals, devices and their limits."""
 
     controller: int
     settings: NDArray[Any]  # (signals or devices,) of SETTINGS
@@ -39,24 +39,24 @@ class Identified(NamedTuple):
     devices: Sequence[int]
     limits: Sequence[float]  # p.u.
     known: PlantPrior
-    weights: NDArray[np.float64] | None  # parameters to start from; none: symmetric rules
-    predicts: bool = False  # the controller acts on signals ahead
+    weights: NDArray[np.float64] | None  # initial parameters; None: symmetric rules
+    predicts: bool = False  # the controller uses predicted signals
 
 
 class Identifiers(Struct):
-    """Frozen parameters of all identifiers of a run; the first axis is the identifier."""
+    """Constant parameters of all identifiers of a run; the first axis is the identifier."""
 
     controller: Int1
     settings: Annotated[NDArray[Any], Array(SETTINGS, 2)]  # (identifiers, most signals or devices) of SETTINGS
     shape: Int2  # (identifiers, fields of Network)
     inputs: Inputs
-    device: Int2  # (identifiers, most devices); UNSET beyond its own
+    device: Int2  # (identifiers, most devices); UNSET: unused
     limit: Float2  # (identifiers, most devices), p.u.
     loop_delay_ns: Int1
     horizon: Int1  # frames
-    order: Int1  # how many past values of each signal it is given
-    span: Int1  # frames from one of them to the next
-    ahead_ns: Int1  # how far it predicts; UNSET: not at all
+    order: Int1  # number of past values of each signal as inputs
+    span: Int1  # frames between these values
+    ahead_ns: Int1  # time ahead of a prediction; UNSET: no prediction
     period_ns: Int1
 
 
@@ -65,32 +65,32 @@ class IdentifierState(Struct):
 
     held: LatestSamples
     learner: Learners
-    past: Float3  # (identifiers, kept, most signals), of the newest frames, a ring, p.u.
+    past: Float3  # (identifiers, kept, most signals), p.u., ring of the newest frames
     past_ns: Int2  # (identifiers, kept): their times
-    newest: Int1  # (identifiers,): place of the newest
-    given_ns: Int3  # (identifiers, most devices, kept): what the newest setpoints rest on, a ring
-    given: Float3  # the same shape: their values, p.u.
-    at: Int2  # (identifiers, most devices): place of the newest
-    deviation: Float2  # (identifiers, most signals): measurement less prediction, normalised
+    newest: Int1  # (identifiers,): index of the newest frame
+    given_ns: Int3  # (identifiers, most devices, kept): measurement times of setpoints, a ring
+    given: Float3  # same shape: the setpoints, p.u.
+    at: Int2  # (identifiers, most devices): index of the newest setpoint
+    deviation: Float2  # (identifiers, most signals): measurement minus prediction, normalised
     curvature: Float2  # (identifiers, most signals): ones
-    lyapunov: Float2  # (identifiers, 2): half the squared error that taught last, and its fall by the step
+    lyapunov: Float2  # (identifiers, 2): half the squared error of the newest step, and its decrease
     prediction: Float2  # (identifiers, most signals), p.u.; NaN: none yet
-    error: Float2  # (identifiers, most signals), prediction less measurement, p.u.; NaN: none yet
-    peak: Float2  # (identifiers, most signals), p.u., the largest that was measured
+    error: Float2  # (identifiers, most signals), prediction minus measurement, p.u.; NaN: none yet
+    peak: Float2  # (identifiers, most signals), p.u., largest measured value
     path: Float3  # (identifiers, frames, most signals), p.u., past and predicted
     change: Float2  # (identifiers, most signals), p.u., predicted; NaN: none
     jacobian: Float3  # (identifiers, most signals, most devices), p.u./p.u.
 
 
 def past_values(span: Any) -> int:
-    """How many past values of each signal an identifier is given whose span is so many frames; none: 0."""
+    """Number of past values of each signal as inputs: 2 with a span (frames), 1 if it is 0."""
     return 2 if span else 1
 
 
 def predictor_network(kind: str, signals: int, devices: int, order: int = 1) -> Network:
-    """The network of an identifier: its inputs are past values of the signals and setpoints, its outputs the signals.
+    """The network of an identifier: inputs are past signals and setpoints, outputs the signals.
 
-    With several of them its consequents are affine (6.9).
+    With several outputs the consequents are affine (6.9).
     """
     antecedent, consequent = IDENTIFIERS[kind]
     own = MIMO_FORM.get(consequent, consequent) if signals * devices * order > 1 else consequent
@@ -98,9 +98,9 @@ def predictor_network(kind: str, signals: int, devices: int, order: int = 1) -> 
 
 
 def start(net: Network, row: Identified) -> NDArray[np.float64]:
-    """Parameters from which y_I is near y(k-h) + J u for small y and u, J the linear plant's.
+    """Initial parameters with y_I near y(k-h) + J u for small y and u; J: Jacobian of the linear plant.
 
-    Affine consequents hold J as it is, and in the place of y(k-h) what past values become in the least damped mode.
+    Affine consequents hold J exactly, and instead of y(k-h) the evolution of past values in the least damped mode.
     Gaussian rules at -h and h give weight tanh(2 sum_i h_i x_i / s^2); two mirrored wavelets give slopes of
     weight (cos 5q)' about q = 0.
     """
@@ -118,7 +118,7 @@ def start(net: Network, row: Identified) -> NDArray[np.float64]:
     width, dilation = np.full(net.inputs, WIDTH), np.full(net.inputs, DILATION)
     spread, shift = np.zeros(net.inputs), np.zeros(net.inputs)
     if IDENTIFIERS[row.kind][1] == "morlet":
-        shift[:] = np.pi * DILATION / 10.0  # where cos 5q falls through zero
+        shift[:] = np.pi * DILATION / 10.0  # where cos 5q crosses zero, falling
         weight = DILATION / 5.0 * exp(0.5 * (math.pi / 10.0) * (math.pi / 10.0))
         shift[len(row.signals) :] = by_u * DILATION**2 / (26.0 * weight)
     else:
@@ -127,9 +127,9 @@ def start(net: Network, row: Identified) -> NDArray[np.float64]:
 
 
 def _ahead(past: NDArray[np.complex128], later: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """The smallest real matrix M, (signals, past values), with M `past` nearest `later`: phasors of a mode.
+    """The least-norm real matrix M, (signals, past values), that minimises |M past - later|, for phasors of a mode.
 
-    Both are turned until real and imaginary part of `past` are at right angles to each other. Then M is the sum of
+    Both are rotated until real and imaginary part of `past` are orthogonal. Then M is the sum of
     later_i past_i^T / |past_i|^2 over the parts i that are more than round-off.
     """
     turn = rect(1.0, -0.5 * phase(complex(times(past, past).sum())))
@@ -143,7 +143,7 @@ def _ahead(past: NDArray[np.complex128], later: NDArray[np.complex128]) -> NDArr
 
 
 def _linear_start(net: Network, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Two rules of equal affine consequents: y_I = slopes x, (outputs, inputs), whatever fires."""
+    """Two rules with equal affine consequents: y_I = slopes x for any firing strengths; `slopes`: (outputs, inputs)."""
     many = np.ones(net.inputs)
     members = initial(net, Start(np.zeros(net.outputs), SPREAD * many, WIDTH * many, 0.0 * many, many))
     rule = np.column_stack([np.zeros(net.outputs), slopes]).ravel()

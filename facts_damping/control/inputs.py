@@ -1,4 +1,4 @@
-"""Signals of controllers and identifiers from the entries that a link delivers; compiled."""
+"""Forms signals of controllers and identifiers from the entries that a link delivers; compiled."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.stations import Signal
 
 UNSET = -1
-IMPLAUSIBLE = 1e6  # p.u. or rad: a quantity of this size or more counts as not available
+IMPLAUSIBLE = 1e6  # p.u. or rad: a quantity this large or larger counts as not available
 TURN = 2.0 * math.pi  # rad
 ANGLES = [list(CHANNELS).index(name) for name in ("voltage_angle", "current_angle")]
 
 
 class Inputs(Struct):
-    """Which signals each of several receivers is given; the first axis is the receiver."""
+    """Signals of several receivers; the first axis is the receiver."""
 
-    signals: Int1  # (receivers,), how many signals
+    signals: Int1  # (receivers,): number of signals
     channel: Int2  # (receivers, most signals)
     weight: Float3  # (receivers, most signals, stations)
-    offset: Float2  # (receivers, most signals): what is taken off the weighted sum
-    angle: Bool2  # (receivers, most signals): whether whole turns do not count
-    uses: Bool2  # (receivers, stations): whether a signal is made of it
+    offset: Float2  # (receivers, most signals): subtracted from the weighted sum
+    angle: Bool2  # (receivers, most signals): the signal is an angle, wrapped to half a turn
+    uses: Bool2  # (receivers, stations): a signal uses the station
     deviation: Bool2  # (receivers, most signals)
     washout: Float2  # (receivers, most signals), s; 0: none
 
 
 class LatestSamples(Struct):
-    """What each receiver holds; the first axis is the receiver."""
+    """Newest data of each receiver; the first axis is the receiver."""
 
     entry: Float3  # (receivers, stations, channels): newest entry of each station; NaN: none yet
     entry_ns: Int2  # (receivers, stations): its time of measurement
-    newest_ns: Int1  # (receivers,): newest time of measurement of those that it uses; UNSET: none
+    newest_ns: Int1  # (receivers,): newest time of measurement of its stations; UNSET: none
     baseline: Float2  # (receivers, most signals): first value of each signal
     washed: Float3  # (receivers, most signals, 2): input and output of each washout
     signal: Float2  # (receivers, most signals): newest signals
@@ -52,7 +52,7 @@ class LatestSamples(Struct):
 def inputs(
     given: Sequence[Sequence[str]], signals: Mapping[str, Signal], stations: Sequence[str], nominal: float = 60.0
 ) -> tuple[Inputs, LatestSamples]:
-    """Receivers that are given signals by name, and what they hold at the start; `nominal`: frequency, Hz."""
+    """Build receivers of signals given by name, without data; `nominal`: frequency, Hz."""
     n, most = len(given), max([len(names) for names in given], default=0)
     made = Inputs(
         signals=np.array([len(names) for names in given], np.int64),
@@ -87,7 +87,7 @@ def inputs(
 
 
 def station_weights(signal: Signal, stations: Sequence[str], nominal: float) -> NDArray[np.float64]:
-    """Weights of what stations report in a signal, (stations,); frequencies (Hz) are brought to p.u. of `nominal`."""
+    """Weights of the stations in a signal, (stations,); frequencies are converted from Hz to p.u. of `nominal`."""
     weights = np.zeros(len(stations))
     for station, weight in signal.weights.items():
         weights[stations.index(station)] = weight
@@ -96,7 +96,7 @@ def station_weights(signal: Signal, stations: Sequence[str], nominal: float) -> 
 
 @compiled
 def ingest(held: LatestSamples, r: int, delivered: NDArray[Any], first: int, count: int) -> int:
-    """Take all entries of the arrival of entry `first`, each if it is newer; the index after the last."""
+    """Store all entries of the arrival of entry `first` that are newer; returns the index after the last."""
     i, arrival = first, delivered[first].arrival_ns
     while i < count and delivered[i].arrival_ns == arrival:
         entry = delivered[i]
@@ -111,9 +111,9 @@ def ingest(held: LatestSamples, r: int, delivered: NDArray[Any], first: int, cou
 
 @compiled
 def compute_signals(given: Inputs, held: LatestSamples, r: int) -> int:
-    """Form the signals if a station that they are made of has a newer frame than all before, and all are available.
+    """Form the signals if one of their stations has a newer frame than all before, and all signals are available.
 
-    Returns the time since the frame before, ns: 0 for the first one; -1 where there is nothing new.
+    Returns the time since the frame before, ns; 0 for the first frame; -1 if nothing is new.
     """
     before = newest = held.newest_ns[r]
     for s in range(held.entry_ns.shape[1]):
@@ -129,7 +129,7 @@ def compute_signals(given: Inputs, held: LatestSamples, r: int) -> int:
 
 @compiled
 def _wash(given: Inputs, held: LatestSamples, r: int, dt: float) -> None:
-    """The washouts' step of `dt`, s; 0 at the first frame, from which they start at rest."""
+    """Step the washouts by `dt`, s; `dt` = 0 at the first frame: they start at rest."""
     for i in range(given.signals[r]):
         tau, value = given.washout[r, i], held.signal[r, i]
         if tau > 0.0 and dt <= 0.0:
@@ -140,7 +140,7 @@ def _wash(given: Inputs, held: LatestSamples, r: int, dt: float) -> None:
 
 @compiled
 def _sum(given: Inputs, held: LatestSamples, r: int) -> bool:
-    """Weighted sums of what is held; whether all are available."""
+    """Compute the weighted sums of the newest entries; returns whether all are available."""
     complete = True
     for i in range(given.signals[r]):
         total = 0.0

@@ -1,4 +1,4 @@
-"""The lead-lag controller of the thesis's appendix B; compiled."""
+"""The lead-lag controller of appendix B of the thesis; compiled."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def section(n1: float, n0: float, d1: float, dt: float, state: NDArray[np.float6
     """One step of (n1 s + n0) / (d1 s + 1) by the bilinear transform with step `dt`, s.
 
     With c = 2 / dt: (1 + d1 c) y = (n0 + n1 c) u + (n0 - n1 c) u_before - (1 - d1 c) y_before.
-    `state[at]` and `state[at + 1]` hold input and output of the step before.
+    `state[at]`, `state[at + 1]`: input and output of the step before.
     """
     c = 2.0 / dt
     y = ((n0 + n1 * c) * u + (n0 - n1 * c) * state[at] - (1.0 - d1 * c) * state[at + 1]) / (1.0 + d1 * c)
@@ -29,8 +29,8 @@ def section(n1: float, n0: float, d1: float, dt: float, state: NDArray[np.float6
 def step(p: Any, state: NDArray[np.float64], y: float, dt: float) -> float:
     """Output before limits: kG s Tw / (1 + s Tw) (1 + s T1) / (1 + s T2) (1 + s T3) / (1 + s T4), p.u.
 
-    `p` has gain (kG), Tw and T1 to T4; `dt` is the time between the two newest frames, s; 0 at the first frame,
-    from which the washout starts at rest.
+    `p` has gain (kG), Tw and T1 to T4; `dt`: time between the two newest frames, s; 0 at the first frame,
+    at which the washout starts at rest.
     """
     if dt <= 0.0:
         state[:] = 0.0

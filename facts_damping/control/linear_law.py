@@ -1,4 +1,4 @@
-"""Matrices of a linear controller of a user's own, from whatever it is given as; what is wrong with them."""
+"""Matrices of a user's linear controller, from matrices or transfer functions, and their checks."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from facts_damping.parameters.linear_law import LinearLaw
 
 MOST_STATES = 200
-EDGE = 1e-9  # a pole so far beyond the edge of stability, in 1/s or of its magnitude, is on it: an integrator
+EDGE = 1e-9  # 1/s or of its magnitude: a pole this close to the stability limit counts as on it (integrator)
 
 
 class Matrices(NamedTuple):
-    """dx = A x + B y, u = C x + D y; y signals, u setpoints, p.u."""
+    """dx = A x + B y, u = C x + D y; y: signals, u: setpoints, p.u."""
 
     A: NDArray[np.float64]  # (states, states)
     B: NDArray[np.float64]  # (states, signals)
@@ -28,7 +28,7 @@ class Matrices(NamedTuple):
 
 
 def matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
-    """The matrices of a law. Raises `InputError` where they do not fit so many signals and devices, or are unstable."""
+    """The matrices of a law. Raises `InputError` if their size is wrong or they are unstable."""
     made = _of_matrices(law, signals, devices) if law.num is None and law.zeros is None else _of_fractions(law)
     if made.D.shape != (devices, signals):
         raise InputError(
@@ -48,7 +48,7 @@ def matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
 
 
 def _of_matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
-    """A, B, C and D as they were given."""
+    """A, B, C and D as given."""
     parts = {name: _matrix(name, getattr(law, name)) for name in ("A", "B", "C", "D")}
     n = 0 if parts["A"] is None else len(parts["A"])
     shapes = {"A": (n, n), "B": (n, signals), "C": (devices, n), "D": (devices, signals)}
@@ -73,7 +73,7 @@ def _matrix(name: str, rows: list[list[float]] | None) -> NDArray[np.float64] | 
 
 
 def _of_fractions(law: LinearLaw) -> Matrices:
-    """One transfer function, or a matrix of them, each with states of its own."""
+    """Realise one transfer function or a matrix of them, each with its own states."""
     if law.zeros is not None:
         above, below = (_polynomial(name, getattr(law, name)) for name in ("zeros", "poles"))
         num, den = [[[(law.gain or 0.0) * one for one in above]]], [[below]]
@@ -98,7 +98,7 @@ def _of_fractions(law: LinearLaw) -> Matrices:
 
 
 def _table(given: Any) -> list[list[list[float]]]:
-    """Polynomials as a row a device; one alone is that of one signal and device."""
+    """Polynomials as one row per device; a single polynomial is for one signal and device."""
     return [[given]] if not given or not isinstance(given[0], list) else given
 
 
@@ -117,7 +117,7 @@ def _polynomial(name: str, given: list[float | str]) -> list[float]:
 
 
 def _realised(num: list[float], den: list[float]) -> Matrices:
-    """One transfer function in states, in the controller canonical form; not by SciPy, which takes long to import."""
+    """Realise a transfer function in controller canonical form (without SciPy, which is slow to import)."""
     above, below = np.trim_zeros(np.array(num, float), "f"), np.trim_zeros(np.array(den, float), "f")
     if not below.size:
         raise InputError("den: zero given; allowed: a polynomial that is not")

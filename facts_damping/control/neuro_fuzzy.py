@@ -5,8 +5,8 @@
     V = (sum_i e_i^2 + sum_p hbar_p u_p^2) / 2                                                   (6.15)
 
 e, u and J are normalised by scale and u_max. J is the constant sign of the plant's sensitivity (direct) or the
-identifier's estimate of the tick before (indirect). The error of a frame teaches the sample that produced the
-setpoint before it.
+identifier's estimate of the tick before (indirect). The error of a frame adapts the network at the inputs that produced
+the setpoint before it.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
 
 
 class Memory(Struct):
-    """What a controller keeps beside its network."""
+    """State of a controller besides its network."""
 
-    before: Float1  # (signals,), signals of the frame before
-    applied: Float1  # (devices,), p.u., setpoint as the device follows it
+    before: Float1  # (signals,), p.u., signals of the frame before
+    applied: Float1  # (devices,), p.u., setpoint as followed by the device
     error: Float1  # (devices,), adaptation errors ec
     curvature: Float1  # (devices,), sum_i J_ip^2 + hbar_p
-    lyapunov: Float1  # (2,), V at the newest frame that taught, and its fall by the step, to first order
+    lyapunov: Float1  # (2,), V at the newest learning step, and its decrease by the step, to first order
     jacobian: Float2  # (signals, devices), dy/du, normalised: 1 = `scale` for the device's limit
-    taught: Float1  # (1,), 1: the newest frame taught
+    taught: Float1  # (1,), 1: the network learnt at the newest frame
 
 
 class Memories(Struct, each=Memory):
-    """Those of several controllers, side by side."""
+    """Memories of several controllers; the first axis is the controller."""
 
     before: Float2
     applied: Float2
@@ -58,14 +58,14 @@ class Actuators(Struct):
 
 
 class AllActuators(Struct, each=Actuators):
-    """Those of several controllers, side by side."""
+    """Limits for several controllers; the first axis is the controller."""
 
     limit: Float2
     rate: Float2
 
 
 def memories(controllers: int, signals: int, devices: int) -> Memories:
-    """Memories of several controllers."""
+    """Allocate the memories of several controllers."""
     sizes = ((signals,), (devices,), (devices,), (devices,), (2,), (signals, devices), (1,))
     return Memories(*(np.zeros((controllers, *size)) for size in sizes))
 
@@ -83,9 +83,9 @@ def step(
     frames: int,
     stale: bool,
 ) -> None:
-    """Learn from the newest signals, then the setpoints before limits, p.u., into `unlimited`.
+    """Learn from the newest signals, then write the setpoints before limits, p.u., to `unlimited`.
 
-    The Jacobian is in `kept.jacobian`; `dt`: s, and `frames` since the frame before, 0 at the first.
+    The Jacobian is in `kept.jacobian`. `dt` (s) and `frames` count from the frame before; 0 at the first frame.
     """
     kept.taught[0] = 0.0
     if frames > 0:
@@ -114,7 +114,7 @@ def _follow(
     unlimited: NDArray[np.float64],
     dt: float,
 ) -> None:
-    """The setpoint that taught: as the device follows it within limit and rate, or as it was wished for."""
+    """Update `kept.applied`: with anti-windup the setpoint within limit and rate of the device, else before limits."""
     for o in range(net.outputs):
         if s[0].anti_windup > 0.0:
             limited = min(max(unlimited[o], -actuators.limit[o]), actuators.limit[o])
@@ -126,7 +126,7 @@ def _follow(
 
 @compiled
 def _seen(s: NDArray[Any], i: int, signals: NDArray[np.float64]) -> float:
-    """Error of signal i, normalised; zero within the dead zone."""
+    """Normalised error of signal i; zero within the dead zone."""
     e = -signals[i] / s[i].scale
     return 0.0 if abs(e) <= s[0].dead_zone else e
 
@@ -140,7 +140,7 @@ def _fall(
     signals: NDArray[np.float64],
     actuators: Actuators,
 ) -> None:
-    """The Lyapunov function, and its fall if the plant answered the step's change of the setpoints by the Jacobian."""
+    """Compute the Lyapunov function, and its decrease by the step if the plant responds as the Jacobian predicts."""
     now = then = 0.0
     for i in range(net.inputs // 2):
         e = after = _seen(s, i, signals)
@@ -165,9 +165,9 @@ def _errors(
     actuators: Actuators,
     unlimited: NDArray[np.float64],
 ) -> bool:
-    """Adaptation errors and curvatures; false where the Jacobian is not known.
+    """Compute adaptation errors and curvatures; returns False if the Jacobian is unknown.
 
-    With anti-windup an error that asks a setpoint further beyond its limit counts as zero.
+    With anti-windup an error that would drive a setpoint further beyond its limit is set to zero.
     """
     for o in range(net.outputs):
         error, curvature = 0.0, s[o].hbar

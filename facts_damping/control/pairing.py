@@ -1,4 +1,4 @@
-"""Which frames and setpoints an identifier pairs: setpoints by the measurement that they rest on; compiled."""
+"""Pairs frames and setpoints for an identifier, by the measurement used for each setpoint; compiled."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @compiled
 def frame_before(ids: Identifiers, state: IdentifierState, n: int, now: int, frames: int) -> int:
-    """Place of the frame that lies `frames` before `now`, to half a frame; UNSET where it is not kept."""
+    """Index of the frame `frames` before `now`, to within half a frame; UNSET if it is not stored."""
     period = ids.period_ns[n]
     for at in range(state.past_ns.shape[1]):
         then = state.past_ns[n, at]
@@ -28,7 +28,7 @@ def frame_before(ids: Identifiers, state: IdentifierState, n: int, now: int, fra
 
 @compiled
 def between(ids: Identifiers, state: IdentifierState, n: int, now: int, frames: int, into: NDArray[np.float64]) -> None:
-    """The signals `frames` before `now`, p.u.; where that frame is missing, on the line between others, or NaN."""
+    """Signals `frames` before `now`, p.u.; interpolated linearly if that frame is missing, NaN if impossible."""
     at = frame_before(ids, state, n, now, frames)
     wanted, low, high = now - frames * ids.period_ns[n], at, at
     for i in range(state.past_ns.shape[1] if at == UNSET else 0):
@@ -49,14 +49,14 @@ def between(ids: Identifiers, state: IdentifierState, n: int, now: int, frames: 
 
 @compiled
 def fill(into: NDArray[np.float64], ids: Identifiers, state: IdentifierState, n: int, now: int, elapsed: int) -> None:
-    """The setpoints in force from `elapsed` before `now` on, ns, one a device: their means, 1 = the device's limit."""
+    """Mean setpoint of each device in force over the `elapsed` ns before `now`; 1 = the device's limit."""
     for d in range(into.size):
         into[d] = _mean(ids, state, n, d, now, elapsed) / ids.limit[n, d]
 
 
 @compiled
 def _mean(ids: Identifiers, state: IdentifierState, n: int, d: int, now: int, elapsed: int) -> float:
-    """Mean of the setpoints of device d in force from `elapsed` before `now` on: those at the middle of each frame."""
+    """Mean setpoint of device d over the `elapsed` ns before `now`, sampled at the middle of each frame, p.u."""
     frames, total = ids.horizon[n], 0.0
     for j in range(frames):
         total += _given(state, n, d, now - (2 * j + 1) * elapsed // (2 * frames) - ids.loop_delay_ns[n])
@@ -65,7 +65,7 @@ def _mean(ids: Identifiers, state: IdentifierState, n: int, d: int, now: int, el
 
 @compiled
 def _given(state: IdentifierState, n: int, d: int, until_ns: int) -> float:
-    """The newest setpoint of device d that rests on a measurement not after `until_ns`; 0 before the first."""
+    """Newest setpoint of device d based on a measurement not after `until_ns`, p.u.; 0 before the first."""
     size = state.given.shape[2]
     for back in range(size):
         at = (state.at[n, d] - back) % size

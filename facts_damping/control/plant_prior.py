@@ -1,4 +1,4 @@
-"""What a neuro-fuzzy controller and its identifier know of the plant at the start, from its linearisation."""
+"""Initial knowledge of a neuro-fuzzy controller and its identifier about the plant, from its linearisation."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ if TYPE_CHECKING:
 
 
 class PlantPrior(NamedTuple):
-    """Of the controller's signals and devices, at the least damped swing mode and in time."""
+    """Properties of the plant for a controller's signals and devices."""
 
-    sign: NDArray[np.float64]  # (signals, devices), of dy/du; 0: none, but for the first signal
+    sign: NDArray[np.float64]  # (signals, devices), of dy/du; 0: none, except for the first signal
     jacobian: NDArray[np.float64]  # (signals, devices), p.u./p.u., over the identifier's horizon
-    mode_shape: NDArray[np.complex128]  # (signals,), how each swings beside the first, p.u./p.u.
+    mode_shape: NDArray[np.complex128]  # (signals,), p.u./p.u., at the least damped swing mode, relative to the first
     z_pole: complex  # the mode's factor from one frame to the next

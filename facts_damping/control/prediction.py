@@ -1,16 +1,16 @@
-"""Signals ahead: an identifier iterated from the newest frame over the known delay; compiled.
+"""Prediction of signals: an identifier iterated from the newest frame over the known delay; compiled.
 
     y_p(k+i) = f_I(y_p(k+i-h), y_p(k+i-h-b), mean u(k+i-h-d .. k+i-1-d)),  i = 1, 2 ..;  y_p(k+i) = y(k+i) for i <= 0
     c(k) = y_p(k+1+d) - y_p(k+1)
 
-y(k-h-b) where the identifier has a span of b frames. c goes to the controller, which has it at the frame after, k + 1,
-and acts on y(k+1) + c(k): the signals as they will be when its setpoint is in force. So the measurement makes good the
-error of the first frame, and without delay nothing is added. Setpoints that were given and are not yet in force are
-known; the one of frame k is not, and the one before holds on in its place.
+y(k-h-b) is used if the identifier has a span of b frames. The controller receives c at the next frame, k + 1, and acts
+on y(k+1) + c(k): the signals at the time when its setpoint takes effect. The measurement thus corrects the error of the
+first frame, and without delay nothing is added. Setpoints issued but not yet in force are known; that of frame k is
+not, and the one before is used in its place.
 
-Prediction over the delay of a network: G.-P. Liu, Y. Xia, J. Chen, D. Rees, W. Hu, Networked Predictive Control of
+Prediction over a network's delay: G.-P. Liu, Y. Xia, J. Chen, D. Rees, W. Hu, Networked Predictive Control of
 Systems With Random Network Delays in Both Forward and Feedback Channels, IEEE Trans. Industrial Electronics 54(3),
-2007. By a model identified on line, for interarea oscillations: W. Yao, L. Jiang, J. Fang, J. Wen, S. Wang, Damping of
+2007. With a model identified online, for interarea oscillations: W. Yao, L. Jiang, J. Fang, J. Wen, S. Wang, Damping of
 Inter-Area Low Frequency Oscillation Using an Adaptive Wide-Area Damping Controller, J. Electrical Engineering and
 Technology 9(1), 2014.
 """
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from facts_damping.control.identifier_model import Identifiers, IdentifierState
     from facts_damping.neurofuzzy.learning import Learner
 
-FARTHEST = 10.0  # times the largest that was measured: a prediction beyond is none
+FARTHEST = 10.0  # times the largest measured value: a prediction beyond is discarded
 
 
 @compiled
 def look_ahead(ids: Identifiers, state: IdentifierState, n: int, net: Network, own: Learner) -> None:
-    """The change of the signals over the delay from the frame after the newest on, p.u., into `state.change[n]`.
+    """Write the signals' change over the delay, from the frame after the newest on, p.u., to `state.change[n]`.
 
-    NaN where frames are missing, no rule fires, or a prediction leaves what is plausible. Between two frames the change
-    is on the line between theirs.
+    NaN if frames are missing, no rule fires, or a prediction is implausible. Between two frames the change is
+    interpolated linearly.
     """
     now, period, path = state.held.newest_ns[n], ids.period_ns[n], state.path[n]
     back, frames = ids.horizon[n] + ids.span[n], ids.ahead_ns[n] // period
@@ -56,7 +56,7 @@ def look_ahead(ids: Identifiers, state: IdentifierState, n: int, net: Network, o
 
 @compiled
 def _next(ids: Identifiers, state: IdentifierState, n: int, net: Network, own: Learner, i: int, time_ns: int) -> bool:
-    """Row i of the path, of the frame at `time_ns`; false where there is none."""
+    """Compute row i of the path, the frame at `time_ns`; returns False if that is impossible."""
     s, order, path = ids.settings[n], ids.order[n], state.path[n]
     for k in range(order):
         for j in range(net.outputs):

@@ -1,4 +1,4 @@
-"""What programs are given beside their signals: how old each one is, and whether it is new; compiled."""
+"""Age and freshness of signals, inputs of user programs; compiled."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 
 class Sensed(Struct):
-    """Beside the signals of several receivers; the first axis is the receiver."""
+    """Age and freshness of several receivers' signals; the first axis is the receiver."""
 
-    taken_ns: Int2  # (receivers, stations): time of measurement of what was there before
-    age: Float2  # (receivers, most signals), s, of the newest frame that a signal is made of
-    fresh: Bool2  # (receivers, most signals): a frame that it is made of is new
+    taken_ns: Int2  # (receivers, stations): time of measurement at the previous call of `look`
+    age: Float2  # (receivers, most signals), s, of a signal's newest frame
+    fresh: Bool2  # (receivers, most signals): a frame of the signal is new
 
 
 def sensed(receivers: int, signals: int, stations: int) -> Sensed:
-    """Nothing yet, of so many receivers."""
+    """Allocate for `receivers` receivers, without data."""
     return Sensed(
         np.full((receivers, stations), UNSET, np.int64),
         np.zeros((receivers, signals)),
@@ -34,7 +34,7 @@ def sensed(receivers: int, signals: int, stations: int) -> Sensed:
 
 @compiled
 def _newest(given: Inputs, stamps: NDArray[np.int64], r: int, i: int) -> int:
-    """The newest of the stations' times of measurement, (receivers, stations), that signal i is made of."""
+    """Newest time of measurement of the stations of signal i; `stamps`: (receivers, stations)."""
     newest = UNSET
     for s in range(given.weight.shape[2]):
         if given.weight[r, i, s] != 0.0:
@@ -44,7 +44,7 @@ def _newest(given: Inputs, stamps: NDArray[np.int64], r: int, i: int) -> int:
 
 @compiled
 def look(given: Inputs, held: LatestSamples, of: Sensed, r: int, now_ns: int) -> None:
-    """How old the signals are of what receiver r holds at a time, and which are new since the look before."""
+    """Update the age of receiver r's signals at a time, and which are new since the previous call."""
     for i in range(given.signals[r]):
         of.age[r, i], of.fresh[r, i] = (now_ns - _newest(given, held.entry_ns, r, i)) * 1e-9, False
         for s in range(given.weight.shape[2]):
@@ -58,9 +58,9 @@ def look(given: Inputs, held: LatestSamples, of: Sensed, r: int, now_ns: int) ->
 def sense(
     given: Inputs, held: LatestSamples, of: Sensed, r: int, delivered: Deliveries, count: int, end_ns: int
 ) -> bool:
-    """Have receiver r take the entries of a tick, as a controller does; whether that would act.
+    """Process the entries of a tick for receiver r, as a controller does; returns whether a controller would act.
 
-    It looks at the last arrival at which it would; else, where there are signals, at the tick's end: none is new then.
+    Ages are those at the last arrival at which it would act; else at the tick's end, with no signal new.
     """
     i, last = 0, UNSET
     while i < count:

@@ -1,12 +1,12 @@
-"""An observer with state feedback, from frame to frame; compiled.
+"""An observer with state feedback, stepped from frame to frame; compiled.
 
-    x(k|k-1) = A x(k-1|k-1) + B u(k-1)                  u as the devices follow it, within limit and rate
+    x(k|k-1) = A x(k-1|k-1) + B u(k-1)                  u as followed by the devices, within limit and rate
     x(k|k) = x(k|k-1) + M (y(k) - C x(k|k-1))
     u(k) = -K x(k|k)
 
-The filter form of the steady-state Kalman filter, in which the newest frame counts at once; with L = A M it is the
+Filter form of the steady-state Kalman filter, which uses the newest frame at once; with L = A M it equals the
 predictor x+ = A x + B u + L (y - C x) (G. F. Franklin, J. D. Powell, M. Workman, Digital Control of Dynamic Systems,
-3rd ed. 1998, 8.2, 9.4). What setpoints on their way do is in A, B and C: delayed ones are states.
+3rd ed. 1998, 8.2, 9.4). A, B and C include the delay: delayed setpoints are states.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from facts_damping.control.neuro_fuzzy import Actuators
 
-MOST_MISSED = 600  # frames: after a longer gap the estimate begins anew
+MOST_MISSED = 600  # frames: after a longer gap the estimate restarts
 
 
 class StateSpace(NamedTuple):
@@ -39,7 +39,7 @@ class StateSpace(NamedTuple):
 
 
 class Observer(Struct):
-    """The same, as compiled code has it."""
+    """Matrices of `StateSpace` for compiled code."""
 
     A: Float2
     B: Float2
@@ -49,7 +49,7 @@ class Observer(Struct):
 
 
 class Observers(Struct, each=Observer):
-    """Those of several controllers, side by side, with zeros beyond their own."""
+    """Observers of several controllers, padded with zeros; the first axis is the controller."""
 
     A: Float3
     B: Float3
@@ -61,7 +61,7 @@ class Observers(Struct, each=Observer):
 def state_spaces(
     designs: Sequence[StateSpace | None], signals: int, devices: int
 ) -> tuple[Observers, NDArray[np.float64]]:
-    """Matrices of several controllers, none for one of another kind, and their estimates with room to step them."""
+    """Matrices of several controllers (None: another kind), and their estimates with work space."""
     own = [one for one in designs if one is not None]
     n, states = len(designs), max([len(one.A) for one in own], default=0)
     shapes = ((states, states), (states, devices), (signals, states), (states, signals), (devices, states))
@@ -85,10 +85,10 @@ def step(
     dt: float,
     frames: int,
 ) -> None:
-    """The estimate by `frames` predictions and the newest of `count` signals, then setpoints before limits, p.u.
+    """Update the estimate by `frames` predictions and `count` signals; compute setpoints before limits, p.u.
 
-    `x[0]` is the estimate, `x[1]` room; `issued`: the setpoints of the frame before, which stood since; `applied`: how
-    far the devices followed; `dt`: s since the frame before, and 0 frames at the first.
+    `x[0]`: estimate; `x[1]`: work space; `issued`: setpoints of the frame before, p.u.; `applied`: setpoints as
+    followed by the devices, p.u.; `dt`: s since the frame before; `frames` = 0 at the first frame.
     """
     n = own.A.shape[0]
     if frames == 0 or frames > MOST_MISSED:
@@ -118,7 +118,7 @@ def _predict(
     applied: NDArray[np.float64],
     dt: float,
 ) -> None:
-    """The estimate a frame on, while the devices follow the setpoints at their rates."""
+    """Predict the estimate by one frame, while the devices follow the setpoints within their rates."""
     n = own.A.shape[0]
     for d in range(own.K.shape[0]):
         reach = actuators.rate[d] * dt

@@ -1,4 +1,4 @@
-"""The table of controllers: a row a kind, with its parameters as data."""
+"""The table of controllers: one row per kind, with its parameters."""
 
 from __future__ import annotations
 
@@ -28,38 +28,38 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.run import Controller
 
-LAW, DIRECT, INDIRECT, STATE_SPACE, CALLED, GIVEN = range(6)  # how a controller acts
-# Fields of a controller that is a program of the user's own: which is called, or is a node by itself.
+LAW, DIRECT, INDIRECT, STATE_SPACE, CALLED, GIVEN = range(6)  # codes of a controller's step
+# Fields of a user's own controller: a called program, or a node.
 PROGRAMS, NODES = ("policy", "fmu"), ("external", "command")
-RUN = ("policy", "fmu", "command")  # those whose code is run for it
+RUN = ("policy", "fmu", "command")  # fields that name code to run
 OFF_ON = ("off", "on")
-ANY = 16  # signals, of a controller that takes several
-MOST_AHEAD = 60  # frames that an identifier may look ahead
+ANY = 16  # most signals of a controller that takes several
+MOST_AHEAD = 60  # most frames that an identifier may predict ahead
 
 
-Value = float | str | list[float]  # a list has an entry a signal, or a device
+Value = float | str | list[float]  # a list has one entry per signal or device
 
 
 def four_digits(value: float) -> float:
-    """A value to four digits."""
+    """A value rounded to four significant digits."""
     return float(f"{value:.4g}")
 
 
 class Range(NamedTuple):
-    """Where a parameter is searched, on a line or by powers of ten."""
+    """Search range of a parameter, on a linear or logarithmic scale."""
 
     low: float
     high: float
     logarithmic: bool = False
 
     def value(self, at: float) -> float:
-        """The value at a place from 0 to 1, to four digits."""
+        """The value at a position from 0 to 1, to four significant digits."""
         if self.logarithmic:
             return four_digits(self.low * (self.high / self.low) ** at)
         return four_digits(self.low + at * (self.high - self.low))
 
     def place(self, value: float) -> float:
-        """The place of a value, of one outside that of the nearest inside."""
+        """The position of a value, 0 to 1; a value outside is clipped."""
         inside = min(max(value, self.low), self.high)
         if self.logarithmic:
             return log(inside / self.low) / log(self.high / self.low)  # type: ignore[no-any-return]
@@ -67,7 +67,7 @@ class Range(NamedTuple):
 
 
 def powers(low: float, high: float) -> Range:
-    """A range that is searched by powers of ten."""
+    """A search range on a logarithmic scale."""
     return Range(low, high, logarithmic=True)
 
 
@@ -79,51 +79,51 @@ class Parameter(NamedTuple):
     low: float
     high: float
     description: str
-    choices: tuple[str, ...] = ()  # of a parameter that is a word
-    deployed: float | str | None = None  # default in the profile `deployed`, where it differs
-    live: bool = True  # may change while it runs
-    each: str = ""  # `signal` or `device`: may be a list with an entry each
-    whole: bool = False  # a number of things
-    search: Range | None = None  # where `tune` and `search` look; none: it stays as it is
+    choices: tuple[str, ...] = ()  # of a text parameter
+    deployed: float | str | None = None  # default in the profile `deployed`, if different
+    live: bool = True  # may change during a run
+    each: str = ""  # `signal` or `device`: may be a list with one entry for each
+    whole: bool = False  # an integer
+    search: Range | None = None  # range for `tune` and `search`; None: not searched
 
     def number(self, value: Value) -> float | NDArray[np.float64]:
-        """A value as the compiled functions take it: a word's place among its choices."""
+        """A value for compiled functions: the number itself, or the index of a text among the choices."""
         if self.choices:
             return float(self.choices.index(str(value)))
         return np.array(value) if isinstance(value, list) else float(value)
 
 
 class ControllerKind(NamedTuple):
-    """A row of the table: what a controller is, shapes, parameters, states."""
+    """A row of the table: a kind of controller."""
 
     description: str
-    signals: int  # how many it takes at most
-    states: int  # for each device
+    signals: int  # most signals
+    states: int  # per device
     parameters: dict[str, Parameter]
     network: Variant | None = None
     law: Callable[..., float] | None = None  # compiled step of one device: (settings, states, signal, dt) to p.u.
-    design: str = ""  # module:function that gives the matrices of an observer with state feedback
-    tuned: bool = True  # `tune` may choose its parameters
-    named: bool = True  # one of the thesis's, not a pair of rows
-    own: str = ""  # the field of a controller of the user's own, which says what it is
+    design: str = ""  # module:function that designs an observer with state feedback
+    tuned: bool = True  # `tune` may tune its parameters
+    named: bool = True  # named in the thesis, not an antecedent+consequent pair
+    own: str = ""  # the field that defines a user's own controller
 
     @property
     def compensates(self) -> bool:
-        """Whether it may have a `compensation`."""
+        """Whether it can have a `compensation`."""
         return COMPENSATION_PARAMETERS.keys() <= self.parameters.keys()
 
     @property
     def program(self) -> bool:
-        """Whether its step is a program of the user's own."""
+        """Whether its step is a user's own program."""
         return self.own in PROGRAMS
 
     @property
     def node(self) -> bool:
-        """Whether it is a node of the user's own."""
+        """Whether it is a user's own node."""
         return self.own in NODES
 
     def code(self, scheme: str | None) -> int:
-        """How it acts: a network by its scheme."""
+        """Code of its step; that of a network depends on the scheme."""
         if self.network is not None:
             return INDIRECT if scheme == "indirect" else DIRECT
         if self.program:
@@ -143,7 +143,7 @@ def _start(
     return Parameter(default, "-", low, high, text, live=False, each=each, search=search)
 
 
-# Of controllers that act, or learn, by a model of what comes after the delay.
+# For controllers that use a model of the plant and its delay.
 LOOP_DELAY = Parameter(
     -1.0,
     "s",
@@ -153,7 +153,7 @@ LOOP_DELAY = Parameter(
     live=False,
 )
 
-# Of a controller's `compensation` (control/compensation.py); without one they do nothing.
+# For `compensation` (control/compensation.py); without it they have no effect.
 COMPENSATION_PARAMETERS = {
     "mode_hz": Parameter(
         0.0, "Hz", 0.0, 10.0, "frequency that compensation is for; 0: the plant's, as linearised", live=False
@@ -183,7 +183,7 @@ LEAD_LAG_PARAMETERS = {
     **COMPENSATION_PARAMETERS,
 }
 
-# Its matrices follow from these at the start (small_signal/lqg.py).
+# small_signal/lqg.py designs the matrices from these at the start.
 LQG_PARAMETERS = {
     "control_weight": Parameter(
         1e-6,
@@ -207,7 +207,7 @@ LQG_PARAMETERS = {
     "loop_delay": LOOP_DELAY,
 }
 
-# Its matrices follow from these at the start (small_signal/loop_shaping.py).
+# small_signal/loop_shaping.py designs the matrices from these at the start.
 LOOP_SHAPING_PARAMETERS = {
     "gain": LEAD_LAG_PARAMETERS["gain"]._replace(live=False, description="gain of the shaped plant"),
     "Tw": LEAD_LAG_PARAMETERS["Tw"]._replace(live=False),
@@ -217,7 +217,7 @@ LOOP_SHAPING_PARAMETERS = {
     "loop_delay": LOOP_DELAY,
 }
 
-# Guards are off where the thesis has none; the profile `deployed` turns on what makes adaptation safe.
+# Safety measures are off where the thesis has none; the profile `deployed` turns on those for safe adaptation.
 NEURO_FUZZY_PARAMETERS = {
     "scale": Parameter(
         0.01,
@@ -292,10 +292,10 @@ NEURO_FUZZY_PARAMETERS = {
     **COMPENSATION_PARAMETERS,
 }
 
-# Parameters that had another name: the old one is refused with the new one.
+# Renamed parameters: an error for the old name gives the new one.
 RENAMED = {"lag": "loop_delay", "effort": "control_weight", "noise": "measurement_noise"}
 
-MIMO_GAIN = 5.0  # kG2 of appendix B: of every device but the first
+MIMO_GAIN = 5.0  # kG2 of appendix B, for every device except the first
 LLC = ControllerKind(
     "lead-lag: washout and two lead-lag sections (thesis, appendix B)",
     1,
@@ -325,7 +325,7 @@ CONTROLLERS = {
     ),
 }
 
-# Controllers of the user's own, by the field that says what they are.
+# User's own controllers, by the field that defines them.
 OWN = {
     "linear": ControllerKind("a linear law", ANY, 0, COMPENSATION_PARAMETERS, tuned=False, own="linear"),
     "policy": ControllerKind("a class in Python", ANY, 0, {}, tuned=False, own="policy"),
@@ -336,7 +336,7 @@ OWN = {
 
 
 def _neuro_fuzzy(network: Variant) -> ControllerKind:
-    """The row of a network: its identifier; its inputs within [-1, 1] where B-splines or Legendre polynomials lie."""
+    """The row of a network, with its identifier; inputs are within [-1, 1] for B-splines and Legendre polynomials."""
     antecedent = ANTECEDENTS[network.antecedent]
     bounded = antecedent.bounded or CONSEQUENTS[network.consequent].bounded
     own = dict(NEURO_FUZZY_PARAMETERS)
@@ -348,7 +348,7 @@ def _neuro_fuzzy(network: Variant) -> ControllerKind:
 
 CONTROLLERS |= {name: _neuro_fuzzy(variant) for name, variant in VARIANTS.items()}
 CONTROLLERS |= rows("controllers", ControllerKind, CONTROLLERS)
-# What the compiled steps read: a record with a field for each parameter of any kind; and the laws that they call.
+# For compiled steps: a record with a field for each parameter of any kind, and the laws.
 SETTINGS = np.dtype(
     [(name, "f8") for name in dict.fromkeys(name for row in CONTROLLERS.values() for name in row.parameters)]
 )
@@ -356,7 +356,7 @@ LAWS = list(dict.fromkeys(row.law for row in CONTROLLERS.values() if row.law is 
 
 
 def kind(name: str, where: str = "controller") -> ControllerKind:
-    """The row of a name: of the table, or `antecedent+consequent` for any pair. Raises `InputError`."""
+    """The row for a name of the table or any pair `antecedent+consequent`. Raises `InputError` if unknown."""
     antecedent, plus, consequent = name.partition("+")
     if not plus:
         others = f"any other name with {' or '.join(f'`{field}`' for field in OWN)}"
@@ -369,7 +369,7 @@ def kind(name: str, where: str = "controller") -> ControllerKind:
 
 
 def kind_of(controller: Controller, where: str = "controller") -> ControllerKind:
-    """The row of a run's controller: of its name, or of one of the user's own. Raises `InputError`."""
+    """The row for a run's controller, by its name or user-defined field. Raises `InputError` if unknown."""
     given = [field for field in OWN if getattr(controller, field) not in (None, False)]
     if not given:
         return kind(controller.name, where)
@@ -382,7 +382,7 @@ def kind_of(controller: Controller, where: str = "controller") -> ControllerKind
 
 
 def defaults(kind: ControllerKind, profile: str, signals: int = 1, devices: int = 1) -> dict[str, Value]:
-    """A kind's parameters where nothing else is said; of several devices appendix B's gains are 10, 5, 5 and so on."""
+    """Default parameters of a kind; with several devices the gains of appendix B are 10, 5, 5 and so on."""
     found: dict[str, Value] = {
         name: p.deployed if profile == "deployed" and p.deployed is not None else p.default
         for name, p in kind.parameters.items()
@@ -390,12 +390,12 @@ def defaults(kind: ControllerKind, profile: str, signals: int = 1, devices: int 
     if "gain" in found and devices > 1:
         found["gain"] = [float(found["gain"]), *[MIMO_GAIN] * (devices - 1)]  # type: ignore[arg-type]
     if kind.network is not None and signals * devices > 1:
-        found["identifier"] = "ANFTSI"  # the one of chapter 6
+        found["identifier"] = "ANFTSI"  # of chapter 6
     return found
 
 
 def variant_of(kind: ControllerKind, devices: int) -> Variant | None:
-    """A kind's network; with several devices the named ones of the thesis have affine consequents (6.4)."""
+    """A kind's network, or None; with several devices the named ones of the thesis have affine consequents (6.4)."""
     if kind.network is None or devices == 1 or not kind.named:
         return kind.network
     return kind.network._replace(consequent=MIMO_FORM.get(kind.network.consequent, kind.network.consequent))

@@ -1,1 +1,1 @@
-"""Wide-area communication: chains of stages that delay what passes, in simulated time."""
+"""Wide-area communication: chains of stages that delay, lose or change entries, in simulated time."""

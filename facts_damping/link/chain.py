@@ -1,8 +1,8 @@
-"""A chain of stages that entries pass, one after the other; compiled.
+"""A chain of stages that entries pass in sequence; compiled.
 
-A chain is a table of stages. A stage's model is a code that `traverse` branches on. What chance decides was drawn
-before (`stages.py`), so `traverse` answers at once with the time at which an entry leaves, in ns and never rounded to
-frames, or with LOST. It takes all entries that are sent together: the stations of a frame, or one setpoint.
+A chain is a table of stages. A stage's model is a code that `traverse` branches on. Random numbers are drawn in advance
+(`stages.py`), so `traverse` directly gives the time at which an entry leaves, in ns and not rounded to frames, or LOST.
+It processes all entries that are sent together: the stations of a frame, or one setpoint.
 """
 
 from __future__ import annotations
@@ -60,22 +60,22 @@ FOREVER = LOST
 STAGE = np.dtype(
     [
         ("model", "i8"),
-        ("from_ns", "i8"),  # it acts on what is sent from then on
-        ("until_ns", "i8"),  # and before then
-        ("begin_ns", "i8"),  # the start as the file has it; a replay keeps its window before
-        ("delay_ns", "i8"),  # delay, wait, age or offset of stamps
+        ("from_ns", "i8"),  # start: acts on entries sent from this time on
+        ("until_ns", "i8"),  # end: acts on entries sent before this time
+        ("begin_ns", "i8"),  # start as in the file; a replay records its window before it
+        ("delay_ns", "i8"),  # delay, wait, age or offset of time stamps
         ("number", "f8"),  # bias, factor, rate or standard deviation
-        ("measurement", "i8"),  # column of the values that it disturbs; -1: all
-        ("window", "i8"),  # entries of a replayed window, or draws of noise
+        ("measurement", "i8"),  # column of the disturbed value; -1: all
+        ("window", "i8"),  # entries in a replayed window, or draws of noise
         ("stamped", "i8"),  # 1: a wait counts from the time of sending
-        ("complete", "i8"),  # 1: a wait ends once all are there
-        ("hold", "i8"),  # 1: a missing entry is its last one
+        ("complete", "i8"),  # 1: a wait ends when all entries have arrived
+        ("hold", "i8"),  # 1: a missing entry is replaced by the last one
     ]
 )
 
 
 class Chain(Struct):
-    """A chain of one direction of a link, and what its stages keep."""
+    """A chain of one direction of a link, with the state of its stages."""
 
     rows: Annotated[NDArray[Any], Array(STAGE, 1)]
     concerns: Bool2
@@ -85,20 +85,20 @@ class Chain(Struct):
 
 
 class Chains(Struct, each=Chain):
-    """Chains of one direction of several links, side by side; the first axis is the link.
+    """Chains of one direction of several links; the first axis is the link.
 
-    Shorter ones are filled up with stages that do nothing.
+    Shorter chains are padded with stages without effect.
     """
 
     rows: Annotated[NDArray[Any], Array(STAGE, 2)]  # STAGE, (links, stages)
-    concerns: Bool3  # (links, stages, channels): on whose entries a stage acts
-    drawn: Int5  # (links, stages, draws, copies, channels): delays in ns, LOST, or whether it is copied
-    last_ns: Int3  # (links, stages, channels): when the last one left; 1: something is kept
+    concerns: Bool3  # (links, stages, channels): the stage acts on the channel
+    drawn: Int5  # (links, stages, draws, copies, channels): delay in ns, LOST, or 1 for a copy
+    last_ns: Int3  # (links, stages, channels): when the last entry left; 1: an entry is stored
     kept: Float5  # (links, stages, window, channels, width): values of earlier entries, draws of noise
 
 
 class Packets(Struct):
-    """Entries as they pass a chain, a place a channel."""
+    """Entries passing a chain, one per channel."""
 
     now_ns: Int2
     stamp_ns: Int1
@@ -110,31 +110,31 @@ class Packets(Struct):
 
 
 class AllPackets(Struct, each=Packets):
-    """Those of several links, side by side; the first axis is the link."""
+    """Entries of several links; the first axis is the link, left out in the shapes below."""
 
-    now_ns: Int3  # (copies, channels): when it leaves the stage; LOST
-    stamp_ns: Int2  # (channels,): its time of measurement; LOST: there is none
-    status: Int2  # (channels,): bits of a frame's entry; of a setpoint none
+    now_ns: Int3  # (copies, channels): time of leaving the stage; LOST: lost
+    stamp_ns: Int2  # (channels,): time of measurement; LOST: no entry
+    status: Int2  # (channels,): status bits of a frame's entry; none for a setpoint
     values: Float3  # (channels, width)
-    number: Int2  # (channels,): how many were sent before
+    number: Int2  # (channels,): number of entries sent before
     copied: Bool2  # (channels,)
-    held: Bool2  # (channels,): lost, and the last one is in its place
+    held: Bool2  # (channels,): lost and replaced by the last one
 
 
 class DirectionSpec(NamedTuple):
-    """A direction of a run's links: what comes through them, how often, and where their draws come from."""
+    """A direction of a run's links: channels, size and rate of entries, seed of random numbers."""
 
     channels: Sequence[str]  # stations or devices
-    groups: Mapping[str, Sequence[str]]  # channels by further names that stages may say
-    width: int  # values of an entry
-    per_tick: int  # most entries that are sent at a tick, of all channels
+    groups: Mapping[str, Sequence[str]]  # channels by group names that stages may use
+    width: int  # number of values of an entry
+    per_tick: int  # most entries sent in a tick, all channels together
     frame_rate: int
     draws: int
-    seed: tuple[int, int]  # of the run, and the direction's place
+    seed: tuple[int, int]  # seed of the run, index of the direction
 
 
 def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chains, AllPackets]:
-    """The chains of several links' stages, and room for what passes them."""
+    """Build the chains of several links from their stages, and arrays for passing entries."""
     stages = [stage for own in given for stage in own]
     codes = [MODELS[stage.model].code for stage in stages]
     n, most, channels = len(given), max((len(own) for own in given), default=0), len(way.channels)
@@ -164,7 +164,7 @@ def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chains, 
 
 
 def _window(stage: Any, way: DirectionSpec) -> int:
-    """Entries of a replayed window; of noise its draws."""
+    """Number of entries in a replayed window, or of draws of noise."""
     if stage.model == "noise":
         return max(1, way.draws)
     frames: int = round(stage.window * way.frame_rate)
@@ -172,7 +172,7 @@ def _window(stage: Any, way: DirectionSpec) -> int:
 
 
 def put(made: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
-    """A stage into its place, with its draws: the same seed and place give the same ones."""
+    """Write a stage to index `s` of a link, with its draws, which depend only on seed and indices."""
     row, model, begin = made.rows[link], MODELS[stage.model], to_ns(stage.start)
     code = model.code
     row[s]["model"], row[s]["begin_ns"] = code, begin
@@ -199,17 +199,17 @@ def put(made: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None
 
 
 def longest_delay_ns(made: Chains) -> int:
-    """Longest delay that one of the chains can give, ns."""
+    """Longest possible delay of a chain, ns."""
     drawn = np.where(made.drawn == LOST, 0, made.drawn).max(axis=(2, 3, 4), initial=0)
-    fixed = np.maximum(made.rows["delay_ns"], 0)  # stamps that are wrong by a negative offset delay nothing
+    fixed = np.maximum(made.rows["delay_ns"], 0)  # a negative offset of time stamps adds no delay
     return int((fixed + np.where(made.rows["model"] == DRAWN, drawn, 0)).sum(axis=1).max(initial=0))
 
 
 @compiled
 def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
-    """The entries of the channels from `first` to before `end`, all sent at `sent_ns`, through a chain.
+    """Pass the entries of channels `first` to before `end`, all sent at `sent_ns`, through a chain.
 
-    `p` holds them, and then how they leave: a copy that was not made, or is lost, at LOST.
+    `p` holds the entries and then the results; `now_ns` is LOST for a lost entry or a copy that was not made.
     """
     for s in range(c.rows.size):
         row = c.rows[s]
@@ -221,7 +221,7 @@ def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
         for channel in range(first, end):
             if not c.concerns[s, channel]:
                 continue
-            if p.stamp_ns[channel] == LOST:  # absent: nothing to be delayed or disturbed
+            if p.stamp_ns[channel] == LOST:  # absent from the frame
                 continue
             if row.model >= SPOOF:
                 _disturb(c, p, s, channel, sent_ns)
@@ -231,7 +231,7 @@ def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
 
 @compiled
 def _delay(c: Chain, p: Packets, s: int, channel: int) -> None:
-    """A stage that changes when an entry arrives, whether, and how often."""
+    """Apply a stage that delays, loses or duplicates an entry."""
     row, n = c.rows[s], p.number[channel] % c.drawn.shape[1]
     if row.model == DUPLICATE:
         if p.now_ns[0, channel] != LOST and not p.copied[channel] and c.drawn[s, n, 0, channel] != 0:
@@ -257,7 +257,7 @@ def _delay(c: Chain, p: Packets, s: int, channel: int) -> None:
 
 @compiled
 def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
-    """A stage that changes what an entry says."""
+    """Apply a stage that changes an entry's values or time stamp."""
     row = c.rows[s]
     if row.model == SPOOF:
         p.stamp_ns[channel] += row.delay_ns
@@ -288,7 +288,7 @@ def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
 
 @compiled
 def _turn_over(p: Packets, channel: int, drawn: int, measurement: int) -> None:
-    """Turn a bit of one of an entry's values over; `drawn`: 1 + its number, 0: none."""
+    """Invert a bit of one of an entry's values; `drawn`: 1 + number of the bit, or 0: none."""
     if drawn == 0:
         return
     bit, value = (drawn - 1) % BITS, (drawn - 1) // BITS % p.values.shape[1]
@@ -298,7 +298,7 @@ def _turn_over(p: Packets, channel: int, drawn: int, measurement: int) -> None:
 
 @compiled
 def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> None:
-    """The entries of a frame leave together: once all are there, or at the end of the wait; what is late is lost."""
+    """Let a frame's entries leave together: when all have arrived, or at the end of the wait; late ones are lost."""
     row = c.rows[s]
     earliest, latest = LOST, 0
     for channel in range(first, end):
@@ -321,7 +321,7 @@ def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> 
         elif row.hold == 1 and c.last_ns[s, channel] == 1:
             p.now_ns[0, channel] = leaves
             p.held[channel] = True
-            if p.stamp_ns[channel] == LOST:  # absent, and in its place the last one, as one of now
+            if p.stamp_ns[channel] == LOST:  # absent: replaced by the last one, with a new time stamp
                 p.stamp_ns[channel] = sent_ns
             for j in range(p.values.shape[1]):
                 p.values[channel, j] = c.kept[s, 0, channel, j]

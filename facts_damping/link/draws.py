@@ -1,6 +1,6 @@
-"""What chance or a measured series decides of a link: functions that draw a delay for each entry of each channel.
+"""Functions that draw a delay for each entry of each channel, at random or from a measured series.
 
-Each takes a stage, the shape (draws, copies, channels), the channels' names and random numbers, and gives delays in s;
+Arguments: stage, shape (draws, copies, channels), names of channels, random generator. Each returns delays in s;
 NaN: the entry is lost.
 """
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 
 def uniform(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
-    """Equally likely between two bounds."""
+    """Uniform distribution between two bounds."""
     return random_numbers.uniform(random, stage.low, stage.high, size)
 
 
 def normal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
-    """By rejection: at least a half of the draws about a mean within the bounds is good, or std is next to them."""
+    """Truncated normal distribution: draws outside the bounds are repeated, after 200 rounds clipped."""
     found = random_numbers.normal(random, stage.mean, stage.std, size)
     for _ in range(200):
         bad = (found < stage.low) | (found > stage.high)
@@ -40,24 +40,24 @@ def normal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.
 
 
 def gamma(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
-    """A constant delay and a gamma distribution."""
+    """A constant delay plus a gamma distribution."""
     return stage.delay + random_numbers.gamma(random, stage.shape, stage.scale, size)  # type: ignore[no-any-return]
 
 
 def lognormal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
-    """A constant delay and a lognormal distribution."""
+    """A constant delay plus a lognormal distribution."""
     return stage.delay + stage.median * random_numbers.lognormal(random, 0.0, stage.sigma, size)  # type: ignore[no-any-return]
 
 
 def bernoulli(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
-    """Each entry is lost or not, by itself."""
+    """Independent loss of each entry."""
     return np.where(random_numbers.random(random, size) < stage.loss, math.nan, 0.0)
 
 
 def gilbert_elliott(
     stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Losses of a channel that is good or bad by turns (Gilbert 1960, Elliott 1963)."""
+    """Losses of a channel that alternates between a good and a bad state (Gilbert 1960, Elliott 1963)."""
     bad = np.zeros((size[0], size[2]), np.bool_)
     _turns(stage.p_GB, stage.p_BG, random_numbers.random(random, bad.shape), bad)
     return np.where(
@@ -67,7 +67,7 @@ def gilbert_elliott(
 
 @entry_point
 def _turns(p_gb: float, p_bg: float, chance: Float2, bad: Bool2) -> None:
-    """Whether each channel is bad at each entry, (draws, channels); the first by the stationary probability."""
+    """Compute whether each channel is bad at each entry, (draws, channels); starts with the stationary probability."""
     both = p_gb + p_bg
     for c in range(bad.shape[1]):
         for n in range(bad.shape[0]):
@@ -80,7 +80,7 @@ def _turns(p_gb: float, p_bg: float, chance: Float2, bad: Bool2) -> None:
 
 
 def trace(stage: Any, size: Shape, channels: Sequence[str], _random: np.random.Generator) -> NDArray[np.float64]:
-    """A trace's delays; a channel that it does not know has none."""
+    """Delays from a trace; zero for channels that the trace lacks."""
     found = np.zeros(size)
     for c, name in enumerate(channels):
         own = stage.delays.get(name, [0.0]) if isinstance(stage.delays, dict) else stage.delays
@@ -90,7 +90,7 @@ def trace(stage: Any, size: Shape, channels: Sequence[str], _random: np.random.G
 
 
 def trace_mean(stage: Any) -> float:
-    """Mean of what a trace has, s."""
+    """Mean delay of a trace, s."""
     series = list(stage.delays.values()) if isinstance(stage.delays, dict) else [stage.delays]
     known = [delay for own in series for delay in own if delay is not None]
     return math.fsum(known) / len(known) if known else 0.0

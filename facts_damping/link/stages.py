@@ -1,7 +1,7 @@
-"""The models of a link's stages, a row each: its code, what is drawn for it, and how much it delays on average.
+"""The models of a link's stages, one row each: code, function for random draws, mean delay.
 
-What chance decides is drawn before a run: the n-th entry of a channel takes the n-th draw, from the beginning again
-after the last one. So the link knows at once when an entry arrives, and a node and the in-process loop know the same.
+Random numbers are drawn before a run: the n-th entry of a channel uses the n-th draw, cyclically. The arrival time of
+an entry is therefore known when it is sent, and is the same in a node and in the in-process loop.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
     from facts_damping.link.draws import Shape
 
-# What a stage does. Chains are filled up with stages of zeros, which act on nothing.
+# Codes of stages. Chains are padded with rows of zeros, which have no effect.
 CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP, NOISE, FLIP = range(14)
-CHANCE = (DRAWN, DUPLICATE, FLIP)  # codes of stages that need draws
-BITS, MOST_VALUES = 64, len(CHANNELS)  # of a value; of an entry
+CHANCE = (DRAWN, DUPLICATE, FLIP)  # stages that need draws
+BITS, MOST_VALUES = 64, len(CHANNELS)  # bits of a value; most values of an entry
 
 
 def _none(_stage: Any, so_far: float) -> float:
@@ -35,13 +35,13 @@ def _none(_stage: Any, so_far: float) -> float:
 
 
 class StageKind(NamedTuple):
-    """A row: the code that `chain.traverse` branches on, and what follows from a stage's fields."""
+    """A row: the code that `chain.traverse` branches on, and functions and names of a stage's fields."""
 
     code: int
     draw: Callable[[Any, Shape, Sequence[str], np.random.Generator], NDArray[np.float64]] | None = None
-    mean: Callable[[Any, float], float] = _none  # mean delay of a chain with it behind what is delayed so far, s
-    time: str = ""  # its field that is a time
-    number: str = ""  # its field that is another number
+    mean: Callable[[Any, float], float] = _none  # (stage, mean delay before it, s) to mean delay after it, s
+    time: str = ""  # name of its field that is a time
+    number: str = ""  # name of its other numeric field
 
 
 MODELS = {
@@ -72,9 +72,9 @@ MODELS |= rows("stage_kinds", StageKind, MODELS)
 
 
 def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Generator) -> NDArray[np.int64]:
-    """Delays in ns, LOST where an entry is lost; of `duplicate` 1 where it is copied.
+    """Draw delays in ns, with LOST for lost entries; for `duplicate` 1 if an entry is copied.
 
-    Of `flip` 1 + the bit that is turned over, counted through all values of an entry, 0: none.
+    For `flip` 1 + number of the inverted bit, counted over all values of an entry; 0: none.
     """
     drawn = MODELS[stage.model].draw
     if stage.model == "flip":
@@ -90,9 +90,9 @@ def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Gen
 
 
 def mean_delay(stages: Sequence[Any], names: Collection[str] | None = None) -> float:
-    """Mean delay of a chain, s, where nothing is lost or waits for others; stages that start later add none.
+    """Mean delay of a chain, s, without losses and waits; stages that start during the run are ignored.
 
-    `names`: what the channel goes by, as stages name it in `channels`; None: one that all stages concern.
+    `names`: names of the channel in the stages' `channels`; None: a channel that all stages act on.
     """
     total = 0.0
     for stage in stages:

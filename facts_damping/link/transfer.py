@@ -1,9 +1,8 @@
-"""Entries under way: queues ordered by time of arrival, and what each link delivers in a tick; compiled.
+"""Transfer of entries: queues ordered by time of arrival, and delivery in a tick; compiled.
 
-A link has two directions: PMU entries from stations to controllers (DELIVERY) and setpoints from
-controllers to devices (SETPOINT). The links of a run stand side by side, in arrays that hold the
-largest. The link nodes and the in-process loop call the same `uplink` and `downlink`, the plant's node
-and the loop the same `merge`.
+A link has two directions: PMU entries from stations to controllers (DELIVERY) and setpoints from controllers to devices
+(SETPOINT). All links of a run share arrays sized for the largest. The link nodes and the in-process loop call the same
+`uplink` and `downlink`; the plant node and the loop call the same `merge`.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.link import Link
 
-# What became of the entries of a channel (station or device): sent + duplicated + held = delivered + lost + under way.
+# Counts of a channel (station or device): sent + duplicated + held = delivered + lost + under way.
 STATISTICS = np.dtype(
     [
         ("sent", "i8"),
@@ -48,13 +47,13 @@ STATISTICS = np.dtype(
 )
 
 
-# Columns of a ring: index of the first entry, how many are under way, how many were delivered in the tick, how many
-# found no room.
+# Columns of a ring: index of the first entry; numbers of entries under way, delivered in the tick, and dropped because
+# the ring was full.
 RING_HEAD, RING_COUNT, RING_DELIVERED, RING_NO_ROOM = range(4)
 
 
 class FrameDirection(Struct):
-    """One direction of a link: its chain, and the state: a ring of entries under way, ordered by arrival."""
+    """One direction of a link: its chain, and a ring of entries under way, ordered by arrival."""
 
     chain: Chain
     packets: Packets
@@ -67,14 +66,14 @@ class FrameDirection(Struct):
 
 
 class SetpointDirection(FrameDirection):
-    """The same the other way."""
+    """The direction of setpoints, from controllers to devices."""
 
     entries: Annotated[NDArray[Any], Array(SETPOINT, 1)]
     out: Annotated[NDArray[Any], Array(SETPOINT, 1)]
 
 
 class FrameDirections(Struct, each=FrameDirection):
-    """Those of several links, side by side; the first axis is the link."""
+    """Frame directions of several links; the first axis is the link."""
 
     chain: Chains
     packets: AllPackets
@@ -87,7 +86,7 @@ class FrameDirections(Struct, each=FrameDirection):
 
 
 class SetpointDirections(FrameDirections, each=SetpointDirection):
-    """The same the other way."""
+    """Setpoint directions of several links; the first axis is the link."""
 
     entries: Annotated[NDArray[Any], Array(SETPOINT, 2)]
     out: Annotated[NDArray[Any], Array(SETPOINT, 2)]
@@ -97,17 +96,17 @@ Directions = TypeVar("Directions", bound=FrameDirections)
 
 
 class Links(Struct):
-    """The links of a run, side by side; the first axis of both directions is the link."""
+    """The links of a run; the first axis of both directions is the link."""
 
     up: FrameDirections
     down: SetpointDirections
-    used: Int1  # (controllers,), index of the link that each uses
+    used: Int1  # (controllers,): index of each controller's link
 
 
 def directions(
     made: type[Directions], given: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: DirectionSpec
 ) -> Directions:
-    """One empty direction of several links, by their stages, each with room for all that can be under way."""
+    """Build one empty direction of several links from their stages, with room for all entries under way."""
     chain, packets = chains(given, way)
     n, capacity = len(given), room_for(chain, way)
     statistics = np.zeros((n, max(len(way.channels), 1)), STATISTICS)
@@ -125,16 +124,16 @@ def directions(
 
 
 def room_for(chain: Chains, way: DirectionSpec) -> int:
-    """Number of entries that can be under way: those of the ticks of the longest delay, with their copies.
+    """Number of entries that can be under way: those sent during the longest delay, with copies.
 
-    A second's worth more is for setpoints that come late and all at once, in real time.
+    Entries of one more second are added for setpoints that arrive late and together in real time.
     """
     ticks = longest_delay_ns(chain) * way.frame_rate // NANOSECONDS + 3 + way.frame_rate
     return int(max(way.per_tick, 1) * chain.drawn.shape[3] * ticks)
 
 
 def links(given: Sequence[Link], used: Sequence[int], up: DirectionSpec, down: DirectionSpec) -> Links:
-    """The links of a run: at least one; `used` says which one each controller uses."""
+    """Build the links of a run, at least one; `used`: index of each controller's link."""
     return Links(
         directions(FrameDirections, [link.up for link in given], DELIVERY, up),
         directions(SetpointDirections, [link.down for link in given], SETPOINT, down),
@@ -143,20 +142,20 @@ def links(given: Sequence[Link], used: Sequence[int], up: DirectionSpec, down: D
 
 
 def changed(own: Directions, link: int, place: int, stage: Any, way: DirectionSpec) -> Directions:
-    """A direction with a stage of a link changed, for what is sent from now on; with more room where it needs it."""
+    """A direction with a stage of a link changed for entries sent from now on; enlarged if needed."""
     put(own.chain, link, place, stage, way)
     capacity = room_for(own.chain, way)
     return _roomier(own, capacity) if capacity > own.arrival_ns.shape[1] else own
 
 
 def replaced(own: Directions, link: int, given: Sequence[Sequence[Any]], way: DirectionSpec) -> Directions:
-    """A direction with other stages of a link, for what is sent from now on; `given`: those of all links.
+    """A direction with new stages of a link for entries sent from now on; `given`: stages of all links.
 
-    What is under way stays under way; what the link's stages had kept is lost, that of other links is not.
+    Entries under way remain. The state of this link's stages is reset, that of other links is not.
     """
     chain, packets = chains(given, way)
     others = np.arange(len(given)) != link
-    for before, after in zip(tuple(own.chain)[2:], tuple(chain)[2:], strict=True):  # what was drawn and what is kept
+    for before, after in zip(tuple(own.chain)[2:], tuple(chain)[2:], strict=True):  # draws and stored entries
         both = tuple(slice(min(sizes)) for sizes in zip(before.shape[1:], after.shape[1:], strict=True))
         where = (others, *both)
         after[where] = before[where]
@@ -166,7 +165,7 @@ def replaced(own: Directions, link: int, given: Sequence[Sequence[Any]], way: Di
 
 
 def _roomier(own: Directions, capacity: int) -> Directions:
-    """A direction of several links with more room for what is under way, from the ring's beginning on."""
+    """A direction with larger rings; entries are moved to the start of each ring."""
     n, old = own.arrival_ns.shape
 
     def wide(ring: NDArray[Any]) -> NDArray[Any]:
@@ -184,7 +183,7 @@ def _roomier(own: Directions, capacity: int) -> Directions:
 
 @compiled
 def _put_in(p: Packets, channel: int, sent_ns: int, measured_ns: int) -> None:
-    """An entry at the beginning of a chain; its values are the caller's to fill in."""
+    """Place an entry at the start of a chain; the caller fills in its values."""
     p.now_ns[:, channel] = LOST
     p.now_ns[0, channel], p.stamp_ns[channel] = sent_ns, measured_ns
     p.copied[channel] = p.held[channel] = False
@@ -194,7 +193,7 @@ def _put_in(p: Packets, channel: int, sent_ns: int, measured_ns: int) -> None:
 def _push(
     entries: NDArray[Any], arrivals: NDArray[np.int64], sent_ns: NDArray[np.int64], ring: NDArray[np.int64], at_ns: int
 ) -> int:
-    """Place for an entry that arrives at `at_ns` in the ring, ordered by arrival, first come first; -1: it is full."""
+    """Insert a place for an entry arriving at `at_ns` in the ring, ordered by arrival, then by insertion; -1: full."""
     capacity = arrivals.size
     head, count = ring[RING_HEAD], ring[RING_COUNT]
     if count == capacity:
@@ -218,7 +217,7 @@ def _push(
 
 @compiled
 def _count_sent(p: Packets, statistics: NDArray[Any], channel: int, arriving: int) -> None:
-    """Add an entry that has passed its chain, and that arrives so often, to the statistics of its channel."""
+    """Count an entry that has passed its chain; `arriving`: number of its copies that arrive."""
     s = statistics[channel]
     s.sent += 1
     s.duplicated += p.copied[channel]
@@ -229,7 +228,7 @@ def _count_sent(p: Packets, statistics: NDArray[Any], channel: int, arriving: in
 
 @compiled
 def _first_before(way: Any, end_ns: int) -> int:
-    """Slot of the first entry that arrives before `end_ns`, taken off the ring; -1 when there is none."""
+    """Remove the first entry that arrives before `end_ns` from the ring; returns its slot, or -1 if there is none."""
     head = way.ring[RING_HEAD]
     if way.ring[RING_COUNT] == 0 or way.arrival_ns[head] >= end_ns:
         return -1
@@ -240,7 +239,7 @@ def _first_before(way: Any, end_ns: int) -> int:
 
 @compiled
 def _count_delivered(way: Any, channel: int, slot: int) -> None:
-    """Add a delivered entry to the statistics of its channel."""
+    """Count a delivered entry and its delay."""
     delay = way.arrival_ns[slot] - way.sent_ns[slot]
     s = way.statistics[channel]
     s.delivered += 1
@@ -260,10 +259,10 @@ def uplink(
     measured_ns: Int1,
     status: Int1,
 ) -> int:
-    """Send a frame (stations, channels) up a link at `start_ns`; deliver what arrives before `end_ns`.
+    """Send a frame (stations, channels) up a link at `start_ns`; deliver entries that arrive before `end_ns`.
 
-    `measured_ns`: when each station measured, (stations,); LOST: it is absent from the frame. `status`: bits of each
-    station's entry. The delivered entries stand in `made.up.out[link]`, in order of arrival; returns their number.
+    `measured_ns`: time of each station's measurement, (stations,); LOST: absent from the frame. `status`: bits of each
+    station's entry. Delivered entries are in `made.up.out[link]`, in order of arrival; returns their number.
     """
     way = made.up.each[link]
     p = way.packets
@@ -307,9 +306,9 @@ def uplink(
 
 @entry_point
 def downlink(made: Links, link: int, tick: int, end_ns: int, setpoints: Setpoints, given: int) -> int:
-    """Send those of `given` setpoints whose controllers use a link down it, each at its `issued_ns`.
+    """Send those of `given` setpoints whose controllers use a link down that link, each at its `issued_ns`.
 
-    Deliver what arrives before `end_ns` into `made.down.out[link]`, as `uplink` does.
+    Deliver setpoints that arrive before `end_ns` to `made.down.out[link]`, as `uplink` does.
     """
     way = made.down.each[link]
     p = way.packets
@@ -346,9 +345,9 @@ def downlink(made: Links, link: int, tick: int, end_ns: int, setpoints: Setpoint
 
 @entry_point
 def merge(table: Setpoints, filled: int, setpoints: Setpoints, count: int) -> int:
-    """Put `count` setpoints, as a link delivers them, among the `filled` ones of a table, by the time they take effect.
+    """Merge `count` setpoints delivered by a link into the `filled` ones of a table, ordered by effective time.
 
-    Those of one time stay in the order in which they are put in: link by link. Returns how many there are then.
+    Setpoints of equal time keep the order of insertion, link by link. Returns the new number.
     """
     for i in range(count):
         place = filled

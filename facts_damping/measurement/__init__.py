@@ -1,1 +1,1 @@
-"""What PMUs make of the voltages and currents at their places."""
+"""PMU measurement of voltages and currents at stations."""

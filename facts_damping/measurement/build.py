@@ -1,4 +1,4 @@
-"""PMUs from what a run says of them."""
+"""Builds the PMUs of a run from its parameters."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ KINDS = {
     "swapped_phases": pmu.SWAPPED_PHASES,
     "invalid": pmu.INVALID,
 }
-STREAM = 2  # of a run's random numbers; its links have 0 and 1
+STREAM = 2  # stream of a run's random numbers; its links use 0 and 1
 
 
 def wrong_at(measurement: Measurement, station: str) -> tuple[Noise, Clock]:
-    """Noise and clock of a station: its own, else those of all."""
+    """Noise and clock of a station: its own, else the common ones."""
     own = measurement.stations.get(station)
     if own is None:
         return measurement.noise, measurement.clock
@@ -38,14 +38,14 @@ def wrong_at(measurement: Measurement, station: str) -> tuple[Noise, Clock]:
 
 
 def clocks_differ(measurement: Measurement, stations: Sequence[str]) -> bool:
-    """Whether the entries of a frame may have stamps of their own."""
+    """Whether the entries of a frame may have different time stamps."""
     return len({wrong_at(measurement, name)[1] for name in stations}) > 1
 
 
 def _chance(
     normals: int, uniforms: int, bad: int, stations: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Draws of noise (normals, stations, NORMALS), and of spikes (uniforms, bad, stations), frame by frame."""
+    """Random draws of noise, (normals, stations, NORMALS), and of spikes, (uniforms, bad, stations), per frame."""
     normal, uniform = np.zeros((normals, stations, pmu.NORMALS)), np.zeros((uniforms, bad, stations))
     for s in range(stations):
         random = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, s, i))) for i in range(2)]
@@ -64,10 +64,10 @@ def pmus(
     seed: int,
     before: Pmus | None = None,
 ) -> tuple[Pmus, PmuState]:
-    """The PMUs of a run, and their state at the start; `draws`: frames after which chance repeats itself.
+    """Build the PMUs of a run and their initial state; `draws`: frames after which random numbers repeat.
 
-    Each station has a stream of random numbers of its own; those that PMUs `before` have drawn are drawn no more.
-    Raises `InputError` for a rate that has no filter.
+    Each station has its own stream of random numbers; draws of the PMUs `before` are reused. Raises `InputError` for a
+    rate without a filter.
     """
     made = reference_filter(measurement, nominal, frame_rate)
     errors = np.zeros(len(stations), pmu.ERRORS)

@@ -1,8 +1,8 @@
-"""The reference filters of IEEE/IEC 60255-118-1 (before: IEEE C37.118.1), annex D, as weights of samples.
+"""The reference filters of IEEE/IEC 60255-118-1 (before: IEEE C37.118.1), annex D, as sample weights.
 
-A filter acts on the positive sequence, demodulated at the nominal frequency: on the complex phasor of a simulation as
-it is, as the image at twice that frequency cancels among three balanced phases. Its weights are those of the annex as a
-function of time, taken at the samples that there are.
+A filter acts on the positive sequence, demodulated at the nominal frequency. This is the complex phasor of a
+simulation, because the image at twice that frequency cancels in three balanced phases. The weights are the annex's
+functions of time, evaluated at the available samples.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.measurement import Measurement
 
-LEAST_RATE = 480  # samples/s: eight a cycle, and as many as the integrator has steps
-ANNEX_SAMPLES = 16  # of the annex, a cycle
+LEAST_RATE = 480  # samples/s: eight per cycle, one per integrator step
+ANNEX_SAMPLES = 16  # samples per cycle in the annex
 
-# M class: nominal frequency (Hz) and frames/s: reference frequency (Hz), order at 16 samples a cycle (table D.1).
+# M class: (nominal frequency, Hz; frames/s) to (reference frequency, Hz; order at 16 samples per cycle), table D.1.
 M_CLASS = {
     50: {10: (1.779, 806), 25: (4.355, 338), 50: (7.75, 142), 100: (14.1, 66)},
     60: {
@@ -39,15 +39,15 @@ M_CLASS = {
 
 
 class Filter(NamedTuple):
-    """A symmetric filter: what is measured at an instant is made of samples to both sides of it."""
+    """A symmetric filter: a measurement uses samples before and after its instant."""
 
-    weights: NDArray[np.float64]  # (samples to one side + 1,), from the middle outwards; all of them sum to one
-    per_frame: int  # samples from frame to frame
-    delay: int  # frames from the instant until all samples are there, those for the frequency too
+    weights: NDArray[np.float64]  # (samples to one side + 1,), from the middle outwards; sum over both sides: 1
+    per_frame: int  # samples per frame
+    delay: int  # frames from the instant until all samples are available, also for frequency
 
     @property
     def side(self) -> int:
-        """Samples to each side of the middle."""
+        """Number of samples to each side of the middle."""
         return len(self.weights) - 1
 
 
@@ -55,7 +55,7 @@ def reference_filter(measurement: Measurement, nominal: float, frame_rate: int) 
     """The filter of a measurement at a nominal frequency (Hz) and a frame rate; the ideal one is the sample itself.
 
     P class (D.6): W(t) = 1 - f_0 |t|, two cycles long. M class (D.7): W(t) = sin(4 pi F_fr t) / (4 pi F_fr t) h(t), h
-    Hamming's window. Raises `InputError` for a rate that the annex has no M class filter for.
+    Hamming's window. Raises `InputError` for a rate without an M class filter in the annex.
     """
     if measurement.filter == "ideal":
         return Filter(np.ones(1), 1, 0)
@@ -64,7 +64,7 @@ def reference_filter(measurement: Measurement, nominal: float, frame_rate: int) 
     if measurement.filter == "p_class":
         t = step * np.arange(math.ceil(1.0 / (nominal * step)))
         weights = 1.0 - nominal * t
-        weights = weights[weights > 1e-9]  # at the ends there is nothing
+        weights = weights[weights > 1e-9]  # weights at the ends are zero
     else:
         reference, length = _m_class(nominal, frame_rate)
         t = step * np.arange(math.floor(length / 2.0 / step + 1e-9) + 1)
@@ -93,7 +93,7 @@ def _m_class(nominal: float, frame_rate: int) -> tuple[float, float]:
 
 
 def _spread(weights: NDArray[np.float64], over: list[float]) -> NDArray[np.float64]:
-    """Weights of samples, each spread over those behind it: a convolution."""
+    """Convolution of sample weights with `over`."""
     found = np.zeros(len(weights) + len(over) - 1)
     for i, share in enumerate(over):
         found[i : i + len(weights)] += share * weights
@@ -101,9 +101,9 @@ def _spread(weights: NDArray[np.float64], over: list[float]) -> NDArray[np.float
 
 
 def taps(made: Filter, channel: str, frame_rate: int) -> NDArray[np.float64]:
-    """What a channel is made of: weights of samples of its phasor, from the newest in the report's tick backwards.
+    """Weights of a channel's phasor samples, from the newest sample at the report's tick backwards.
 
-    Of frequency and ROCOF (Hz, Hz/s) weights of its angle (rad): its first and second differences, as in D.4.
+    For frequency and ROCOF (Hz, Hz/s): weights of its angle (rad), from first and second differences, as in D.4.
     """
     step = 1.0 / (made.per_frame * frame_rate)
     whole = np.concatenate([made.weights[:0:-1], made.weights])
@@ -112,5 +112,5 @@ def taps(made: Filter, channel: str, frame_rate: int) -> NDArray[np.float64]:
         whole = _spread(whole, beside[channel]) / (4.0 * np.pi * step)
     elif channel == "rocof":
         whole = _spread(whole, beside[channel]) / (2.0 * np.pi * step * step)
-    first = made.delay * made.per_frame - (len(whole) - 1) // 2  # samples between the newest of the tick and the first
+    first = made.delay * made.per_frame - (len(whole) - 1) // 2  # samples between the tick's newest and the first used
     return np.concatenate([np.zeros(first), whole])

@@ -1,7 +1,7 @@
-"""PMUs: frames made of samples of phasors, and what is wrong with them; compiled.
+"""PMUs: frames computed from phasor samples, and their errors; compiled.
 
-Several a plant, side by side. Samples are taken `per_frame` times a frame; a frame tells of an instant in the middle of
-its samples, and is there a whole number of frames later.
+Samples are taken `per_frame` times a frame. A frame measures the instant in the middle of its samples, and is available
+a whole number of frames later.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
 # Columns of a frame.
 VM, VA, SPEED, P, Q, FREQUENCY, ROCOF, IM, IA = range(len(CHANNELS))
 
-# What is wrong at a station.
+# Errors of a station's PMU.
 ERRORS = np.dtype(
     [
-        *((name, "f8") for name in ("magnitude", "angle", "frequency", "rocof")),  # noise, standard deviations
-        ("offset", "f8"),  # s, of its clock
-        ("drift", "f8"),  # s/s
-        ("lost_ns", "i8"),  # when its clock loses the time; LOST: never
+        *((name, "f8") for name in ("magnitude", "angle", "frequency", "rocof")),  # standard deviations of noise
+        ("offset", "f8"),  # s, error of its clock
+        ("drift", "f8"),  # s/s, after loss of synchronisation
+        ("lost_ns", "i8"),  # when its clock loses synchronisation; LOST: never
     ]
 )
-NORMALS = 6  # draws a frame: of |V|, theta, |I|, phi, frequency, ROCOF
+NORMALS = 6  # draws per frame: |V|, theta, |I|, phi, frequency, ROCOF
 
-# Wrong frames for a time.
+# Bad data during an interval.
 STUCK, SPIKE, WRONG_SIGN, SWAPPED_PHASES, INVALID = range(5)
 BAD = np.dtype(
     [
@@ -46,45 +46,45 @@ BAD = np.dtype(
 # Bits of a frame's status, as in the STAT word of C37.118.2.
 DATA_ERROR, UNSYNCHRONISED = 32768, 8192
 
-# Steps of the 16-bit integers of C37.118.2: angle, frequency, ROCOF; and how far they reach.
+# Steps of the 16-bit integers of C37.118.2 for angle, frequency and ROCOF; largest integers.
 STEP_ANGLE, STEP_FREQUENCY, STEP_ROCOF = 1e-4, 1e-3, 1e-2  # rad, Hz, Hz/s
 MOST_UNSIGNED, MOST_SIGNED = 65535.0, 32767.0
 
 
 class Pmus(Struct):
-    """Frozen parameters of all PMUs of a run."""
+    """Constant parameters of all PMUs of a run."""
 
     filtered: bool
-    exact: bool  # nothing is wrong: a frame is as it is measured
+    exact: bool  # no errors
     p_class: bool
     nominal: float  # Hz
     frame_rate: int
-    weights: Float1  # of the filter, from its middle outwards
-    per_frame: int  # samples a frame
+    weights: Float1  # filter weights, from the middle outwards
+    per_frame: int  # samples per frame
     delay: int  # frames
     errors: Annotated[NDArray[Any], Array(ERRORS, 1)]  # ERRORS, (stations,)
     bad: Annotated[NDArray[Any], Array(BAD, 1)]  # BAD
     concerns: Bool2  # (bad, stations)
     normal: Float3  # (draws, stations, NORMALS)
     uniform: Float3  # (draws, bad, stations)
-    voltage_step: float  # p.u., of 16 bits; 0: not quantised
-    current_step: float  # p.u.
+    voltage_step: float  # p.u., step of 16-bit integers; 0: not quantised
+    current_step: float  # p.u., likewise
 
 
 class PmuState(Struct):
-    """What PMUs keep."""
+    """State of all PMUs of a run."""
 
     samples: Complex3  # (stations, 2, twice the capacity): voltage and current, each sample twice
-    taken: Int1  # (1,): samples so far
+    taken: Int1  # (1,): number of samples taken
     stuck: Float3  # (bad, stations, channels)
-    stuck_since: Int2  # (bad, stations): tick at which it got stuck; -1: it is not
+    stuck_since: Int2  # (bad, stations): tick at which values became stuck; -1: not stuck
 
 
 @compiled
 def take_sample(state: PmuState, phasors: NDArray[np.complex128]) -> None:
-    """Keep a sample of all stations' phasors, (stations, 2), p.u.; before the first one all were as it is.
+    """Store a sample of all stations' phasors, (stations, 2), p.u.; the first sample also fills the past.
 
-    Each stands in two places, a capacity apart, so that the newest ones always lie side by side.
+    Each sample is stored twice, a capacity apart, so that the newest samples are always contiguous.
     """
     capacity = state.samples.shape[2] // 2
     place = state.taken[0] % capacity
@@ -99,7 +99,7 @@ def take_sample(state: PmuState, phasors: NDArray[np.complex128]) -> None:
 
 @compiled
 def _filtered(weights: NDArray[np.float64], samples: NDArray[np.complex128], middle: int) -> complex:
-    """The filter about a sample: sum_k w_|k| x_(m + k)."""
+    """The filter centred on sample m: sum_k w_|k| x_(m + k)."""
     real, imag = weights[0] * samples[middle].real, weights[0] * samples[middle].imag
     for k in range(1, weights.size):
         both = samples[middle - k] + samples[middle + k]
@@ -110,11 +110,11 @@ def _filtered(weights: NDArray[np.float64], samples: NDArray[np.complex128], mid
 
 @compiled
 def _estimate(m: Pmus, state: PmuState, s: int, frame: NDArray[np.float64]) -> None:
-    """Frame of station s, of the instant that lies `delay` frames back.
+    """Compute the frame of station s for the instant `delay` frames ago.
 
-    Frequency f_0 + (theta_+1 - theta_-1) / (4 pi T), ROCOF (theta_+1 - 2 theta_0 + theta_-1) / (2 pi T^2), T from one
-    sample to the next (D.4). P class: magnitudes over sin(pi (f_0 + 1.625 (f - f_0)) / (2 f_0)), which its filter takes
-    off (D.6).
+    Frequency f_0 + (theta_+1 - theta_-1) / (4 pi T), ROCOF (theta_+1 - 2 theta_0 + theta_-1) / (2 pi T^2), T: sample
+    interval (D.4). P class: magnitudes are divided by sin(pi (f_0 + 1.625 (f - f_0)) / (2 f_0)), the filter's
+    attenuation off nominal frequency (D.6).
     """
     capacity = state.samples.shape[2] // 2
     middle = (state.taken[0] - 1) % capacity + capacity - m.delay * m.per_frame
@@ -137,19 +137,19 @@ def _estimate(m: Pmus, state: PmuState, s: int, frame: NDArray[np.float64]) -> N
 
 @compiled
 def _wrapped(angle: float) -> float:
-    """An angle within -pi to pi."""
+    """An angle wrapped to -pi to pi."""
     return float(angle - 2.0 * math.pi * np.floor(angle / (2.0 * math.pi) + 0.5))
 
 
 @compiled
 def _rounded(value: float, step: float, low: float, high: float) -> float:
-    """A value in whole steps, as far as integers reach; what is not available stays so."""
+    """A value rounded to whole steps, within the range of the integers; NaN stays NaN."""
     return step * min(max(np.floor(value / step + 0.5), low), high) if math.isfinite(value) else value
 
 
 @compiled
 def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: NDArray[np.float64]) -> None:
-    """Noise, clock, bad data and integers into the frame of station s, measured at `at_ns`."""
+    """Apply noise, clock error, bad data and rounding to the frame of station s, measured at `at_ns`."""
     own, draw = m.errors[s], m.normal[tick % m.normal.shape[0], s]
     frame[VM] *= 1.0 + own.magnitude * draw[0]
     frame[IM] *= 1.0 + own.magnitude * draw[2]
@@ -183,7 +183,7 @@ def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: NDArra
 
 @compiled
 def _power(frame: NDArray[np.float64]) -> None:
-    """P + j Q = V I*, of the phasors as they are reported."""
+    """Compute P + j Q = V I* from the reported phasors."""
     size, angle = frame[VM] * frame[IM], frame[VA] - frame[IA]
     frame[P], frame[Q] = size * cos(angle), size * sin(angle)
 
@@ -196,7 +196,7 @@ def _copy(values: NDArray[np.float64], into: NDArray[np.float64]) -> None:
 
 @compiled
 def _hold(m: Pmus, state: PmuState, tick: int, at_ns: int, s: int, frame: NDArray[np.float64]) -> None:
-    """What is stuck stays as it was, what is invalid has no values."""
+    """Apply stuck and invalid data: stuck values repeat, invalid ones are NaN."""
     for b in range(m.bad.size):
         row = m.bad[b]
         concerned = m.concerns[b, s] and at_ns >= row.from_ns and at_ns < row.until_ns
@@ -221,10 +221,10 @@ def report(
     measured_ns: NDArray[np.int64],
     status: NDArray[np.int64],
 ) -> None:
-    """The frame of a tick: `frame` (stations, channels) holds exact values of its start, and then what PMUs say.
+    """Compute the frame of a tick. `frame`, (stations, channels): in, exact values at its start; out, PMU values.
 
-    `phasors`: voltages and currents at the tick's start, (stations, 2), a sample; `measured_ns`: the stamp of each
-    station's entry, LOST where it has none yet; `status`: bits as in C37.118.2.
+    `phasors`: sample of voltages and currents at the tick's start, (stations, 2), p.u.; `measured_ns`: time stamp of
+    each station's entry, LOST if there is none yet; `status`: bits as in C37.118.2.
     """
     if m.filtered:
         take_sample(state, phasors)
@@ -246,7 +246,7 @@ def report(
                 status[s] = UNSYNCHRONISED
             _spoil(m, told, at_ns, s, error, own)
             measured_ns[s] += math.floor(error * 1e9 + 0.5)
-            if measured_ns[s] < 0:  # as of frames before the start
+            if measured_ns[s] < 0:  # like frames before the start
                 own[:] = math.nan
                 measured_ns[s] = LOST
                 continue

@@ -1,1 +1,1 @@
-"""Neuro-fuzzy networks: antecedents and consequents as tables, forward pass and gradients; compiled."""
+"""Neuro-fuzzy networks: tables of antecedents and consequents, forward pass, gradients, learning; compiled."""

@@ -1,8 +1,8 @@
 """Membership functions with their derivatives; compiled.
 
-Each takes a membership's parameters `theta` and an input x, and gives the degree of membership in [0, 1] and its
-derivative by the input; its derivatives by `theta` go into `slope`. Sources: (3.9), (3.10), (3.11); the derivatives
-(4.6) to (4.9) of the output follow from these by the chain rule ((4.9) has a factor 2 too many).
+Each takes a membership's parameters `theta` and an input x; it returns the degree of membership in [0, 1] and its
+derivative with respect to x, and writes the derivatives with respect to `theta` to `slope`. Sources: (3.9), (3.10),
+(3.11). The derivatives (4.6) to (4.9) of the output follow by the chain rule ((4.9) has an extra factor 2).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def triangular(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64])
 
 @compiled
 def nearest_point(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
-    """Degree of the nearest of a B-spline's control points, (3.11), figure 3.4; inputs are clipped to [-1, 1]."""
+    """Degree of a B-spline's nearest control point, (3.11), figure 3.4; inputs are clipped to [-1, 1]."""
     return _spline(True, theta, x, slope)
 
 
@@ -60,7 +60,7 @@ def spline(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> 
 def _spline(nearest: bool, theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
     """Order-2 B-spline over equally spaced control points: their degrees, weighted by the basis (3.12).
 
-    `nearest` takes the nearest control point's degree, ties to the lower index: the thesis's data point.
+    `nearest`: returns the nearest control point's degree, the lower index in ties; the thesis calls it the data point.
     """
     for i in range(POINTS):
         slope[i] = 0.0

@@ -1,9 +1,10 @@
-"""Consequents of a rule with their derivatives; compiled.
+"""Consequents of rules with their derivatives; compiled.
 
-Each takes its parameters `theta`, the inputs, the rule's firing strength and `terms`, and gives the consequent zeta of
-a rule and output, its weight beside the firing strength, and its derivative by that strength. Derivatives of zeta by
-`theta` go into `slope`, by the inputs into `by_input`; `fourier` has many of both: `fourier_terms`, `fourier_by_input`.
-Sources: control laws (3.13) to (3.30), (6.4); the derivatives are checked by differences.
+Each takes its parameters `theta`, the inputs, the rule's firing strength and `terms`; it returns the consequent zeta of
+a rule and output, its volume V, and its derivative with respect to the firing strength. Derivatives of zeta with
+respect to `theta` go to `slope`, those with respect to the inputs to `by_input`; for `fourier`, `fourier_terms` and
+`fourier_by_input` compute them. Sources: control laws (3.13) to (3.30), (6.4); the derivatives are checked by
+differences.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from facts_damping.compiling import compiled
 from facts_damping.elementary import cos, exp, sin, tanh
 
 HARMONICS = 5  # 1, sin x, cos x, sin 2x, cos 2x
-DEGREES = 4  # of the Legendre polynomials: 0 to 3
+DEGREES = 4  # degrees of the Legendre polynomials: 0 to 3
 WAVELETS = 6  # degrees 0 to 2 on two halves of [0, 1]
-LONG = 64  # entries from which on a sum is formed in parts
+LONG = 64  # least length of a sum that is split into partial sums
 
 if TYPE_CHECKING:
     import numpy as np
@@ -33,7 +34,7 @@ def singleton(
     slope: NDArray[np.float64],
     by_input: NDArray[np.float64],
 ) -> tuple[float, float, float]:
-    """W."""
+    """Constant W."""
     by_input[:] = 0.0
     slope[0] = 1.0
     return theta[0], 1.0, 0.0
@@ -66,7 +67,7 @@ def sam(
     slope: NDArray[np.float64],
     by_input: NDArray[np.float64],
 ) -> tuple[float, float, float]:
-    """Centroid c with volume V, (3.30); the derivative by the volume is left zero."""
+    """Centroid c with volume V, (3.30); the derivative with respect to the volume stays zero."""
     by_input[:] = 0.0
     slope[0], slope[1] = 1.0, 0.0
     return theta[0], theta[1], 0.0
@@ -81,7 +82,7 @@ def fourier(
     _slope: NDArray[np.float64],
     by_input: NDArray[np.float64],
 ) -> tuple[float, float, float]:
-    """W . kron_i [1, sin x, cos x, sin 2x, cos 2x], (3.13); its derivatives by `theta` are `terms`."""
+    """W . kron_i [1, sin x, cos x, sin 2x, cos 2x], (3.13); its derivatives with respect to `theta` are `terms`."""
     by_input[:] = 0.0
     return dot(0.0, theta, terms), 1.0, 0.0
 
@@ -145,7 +146,7 @@ def legendre_wavelet(
 
 @compiled
 def harmonics(x: float, wave: NDArray[np.float64]) -> None:
-    """1, sin x, cos x, sin 2x, cos 2x and their derivatives, as rows of `wave`."""
+    """Write 1, sin x, cos x, sin 2x, cos 2x and their derivatives to the rows of `wave`."""
     sine, cosine = sin(x), cos(x)
     twice, square = 2.0 * sine * cosine, cosine * cosine - sine * sine
     wave[0, 0], wave[0, 1] = 1.0, 0.0
@@ -157,7 +158,7 @@ def harmonics(x: float, wave: NDArray[np.float64]) -> None:
 
 @compiled
 def dot(start: float, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """`start` + a . b, in four partial sums where it is long: they need not wait for each other."""
+    """`start` + a . b, in four independent partial sums if it is long, for speed."""
     second = third = fourth = 0.0
     whole = a.size // 4 * 4 if a.size >= LONG else 0
     for i in range(0, whole, 4):
@@ -184,7 +185,7 @@ def fourier_terms(waves: NDArray[np.float64], terms: NDArray[np.float64]) -> Non
 
 @compiled
 def fourier_by_input(theta: NDArray[np.float64], waves: NDArray[np.float64], by_input: NDArray[np.float64]) -> None:
-    """Derivatives of W . kron_i [...] by the inputs."""
+    """Derivatives of W . kron_i [...] with respect to the inputs."""
     inputs = waves.shape[0]
     by_input[:] = 0.0
     for term in range(theta.size):
@@ -264,7 +265,7 @@ def _legendre(
 
 @compiled
 def basis(term: int, firing: float) -> tuple[float, float]:
-    """Orthonormal Legendre wavelet phi_db on [0, 1] and its derivative; term = 2 d + b, the last half closed at 1.
+    """Orthonormal Legendre wavelet phi_db on [0, 1] and its derivative; term = 2 d + b; the half b = 1 includes 1.
 
     sqrt(2) sqrt(2 d + 1) L_d(4 F - 2 b - 1) for F in the half b, else zero (3.22, made orthonormal).
     """
@@ -279,7 +280,7 @@ def basis(term: int, firing: float) -> tuple[float, float]:
 
 @compiled
 def _legendre_wavelets(theta: NDArray[np.float64], firing: float, slope: NDArray[np.float64]) -> tuple[float, float]:
-    """sum_db rho_db phi_db(F), and its derivative by the rule's firing strength F."""
+    """sum_db rho_db phi_db(F), and its derivative with respect to the rule's firing strength F."""
     value = by_firing = 0.0
     for term in range(WAVELETS):
         phi, by_f = basis(term, firing)

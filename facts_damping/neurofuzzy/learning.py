@@ -1,8 +1,8 @@
-"""Adaptation: gradient descent with momentum, fixed or Lyapunov learning rates, and guards; compiled.
+"""Adaptation: gradient descent with momentum, fixed or Lyapunov learning rates, and safety measures; compiled.
 
     f(k+1) = f(k) + sum_p eta_p ec_p du_p/df + momentum (f(k) - f(k-1))                        (4.2), (6.20)
 
-with ec_p the adaptation error of output p. Momentum is for consequents only (4.2.1).
+with ec_p the adaptation error of output p. Momentum applies to consequents only (4.2.1).
 """
 
 from __future__ import annotations
@@ -25,39 +25,39 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FIXED, LYAPUNOV, LYAPUNOV_GROUPS = 0, 1, 2
-RATES = ("fixed", "lyapunov", "lyapunov-groups")  # by their codes
-REGULAR = 1e-6  # added to the denominators of Lyapunov rates: a vanishing gradient gives no jump
+RATES = ("fixed", "lyapunov", "lyapunov-groups")  # in order of their codes
+REGULAR = 1e-6  # added to denominators of Lyapunov rates: keeps steps bounded if a gradient vanishes
 
 
 class Rule(NamedTuple):
-    """How a network adapts; the guards are off at zero."""
+    """How a network adapts; leakage, clip and projection are off at zero."""
 
     rate: float  # code of RATES
-    eta: float  # learning rate; with Lyapunov rates its share of the best one, stable below 2
+    eta: float  # learning rate; for Lyapunov rates a factor of the best rate, stable below 2
     momentum: float
-    leakage: float  # share of the way back to the start that parameters go at each step (sigma modification)
-    clip: float  # longest step, as norm over all parameters
+    leakage: float  # share of the distance to `start` that each step removes (sigma modification)
+    clip: float  # longest step, norm over all parameters
     projection: float  # 1: parameters stay within their bounds
 
 
 class Learner(Struct):
-    """A network with all that changes as it learns."""
+    """Parameters and learning state of a network."""
 
     theta: Float1  # (parameters,)
     change: Float1  # (parameters,), the last step
-    start: Float1  # (parameters,), where leakage leads to
-    low: Float1  # (parameters,)
-    high: Float1  # (parameters,)
+    start: Float1  # (parameters,), initial values, target of leakage
+    low: Float1  # (parameters,), lower bounds
+    high: Float1  # (parameters,), upper bounds
     group: Int1  # (parameters,), index of each parameter's group
     squares: Float2  # (outputs, groups), squared norms of the gradients
     rate: Float2  # (outputs, groups), learning rates of the last step
-    moved: Float1  # (outputs,), what the last step changes the outputs by, to first order
+    moved: Float1  # (outputs,), change of the outputs by the last step, to first order
     x: Float1  # (inputs,)
     passed: Pass
 
 
 class Learners(Struct, each=Learner):
-    """Several of them side by side, in arrays that hold the largest."""
+    """Several learners in arrays sized for the largest; the first axis is the network."""
 
     theta: Float2
     change: Float2
@@ -73,7 +73,7 @@ class Learners(Struct, each=Learner):
     shape: Int2  # (networks, fields of Network)
 
     def _row(self, i: int) -> Learner:
-        """The i-th one, as views of its size."""
+        """The i-th learner, as views of its own size."""
         net = Network(*self.shape[i].tolist())
         own = [value[i] for value in self if isinstance(value, np.ndarray)]
         sized = [value[: net.size] for value in own[:6]]
@@ -82,8 +82,8 @@ class Learners(Struct, each=Learner):
 
 
 def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> Learners:
-    """Learners of several networks, side by side in arrays that hold the largest."""
-    sized = list(nets) or [network("gaussian", "singleton", 1, 1, 1)]  # without any the arrays are empty
+    """Build the learners of several networks, in arrays sized for the largest."""
+    sized = list(nets) or [network("gaussian", "singleton", 1, 1, 1)]  # the arrays are empty if there are no networks
 
     def room(shape: Sequence[tuple[int, ...]]) -> NDArray[np.float64]:
         return np.zeros((len(nets), *(max(sizes) for sizes in zip(*shape, strict=True))))
@@ -115,18 +115,18 @@ def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> 
 
 @compiled
 def infer(net: Network, own: Learner) -> None:
-    """Output and its gradients by the parameters at the inputs `own.x`, into `own.passed`."""
+    """Compute output and gradients with respect to parameters at `own.x`; result in `own.passed`."""
     forward(net, own.theta, own.x, own.passed)
     backward(net, own.passed)
 
 
 @compiled
 def _rates(net: Network, own: Learner, rule: Rule, curvature: NDArray[np.float64]) -> None:
-    """Learning rates of each output and group, into `own.rate`.
+    """Compute the learning rates of each output and group in `own.rate`.
 
-    Lyapunov: eta / (curvature_p |du_p/df|^2), half of the bound below which |e| falls, (4.36), (4.39), (5.27); with
-    several outputs on shared parameters eta / (sum_p sqrt(curvature_p) |du_p/df|)^2. `lyapunov-groups` takes the
-    norm of each group by itself, as the thesis prints it; with G groups the error's factor is then 1 - G eta.
+    Lyapunov: eta / (curvature_p |du_p/df|^2), half of the stability bound of |e|, (4.36), (4.39), (5.27); with
+    several outputs on shared parameters eta / (sum_p sqrt(curvature_p) |du_p/df|)^2. `lyapunov-groups` uses the norm
+    of each group separately, as in the thesis; with G groups a step then multiplies the error by 1 - G eta.
     """
     if rule.rate == FIXED:
         own.rate[:] = rule.eta
@@ -159,9 +159,9 @@ def learn(
     error: Float1,
     curvature: Float1,
 ) -> None:
-    """One step of adaptation by the gradients of the last pass.
+    """Run one step of adaptation with the gradients of the last pass.
 
-    `error`: (outputs,), ec_p; `curvature`: (outputs,), sum_q J_qp^2 + hbar_p of the Lyapunov rates.
+    `error`: (outputs,), ec_p; `curvature`: (outputs,), sum_q J_qp^2 + hbar_p, for Lyapunov rates.
     """
     _rates(net, own, rule, curvature)
     antecedents = net.inputs * net.rules * net.stored
@@ -177,7 +177,7 @@ def learn(
                 for f in range(net.width):
                     change[f] = own.rate[o, own.group[at + f]] * error[o] * slope[f] + rule.momentum * change[f]
                 continue
-            by = own.rate[o, 0] * error[o]  # one rate for all
+            by = own.rate[o, 0] * error[o]  # one rate for all groups
             for f in range(net.width):
                 change[f] = by * slope[f] + rule.momentum * change[f]
     total = _square(0.0, own.change, 0, own.change.size)
@@ -195,13 +195,13 @@ def learn(
 
 @compiled
 def _square(start: float, a: NDArray[np.float64], first: int, end: int) -> float:
-    """`start` and the squared norm of a part."""
+    """`start` plus the squared norm of entries `first` to before `end`."""
     return dot(start, a[first:end], a[first:end])
 
 
 @compiled
 def _move(own: Learner, rule: Rule, share: float) -> None:
-    """Move the parameters by a share of `own.change`, and write there by how much they did."""
+    """Move the parameters by a share of `own.change`, and store the actual change there."""
     for f in range(own.theta.size):
         before = own.theta[f]
         after = before + share * own.change[f] - rule.leakage * (before - own.start[f])
@@ -222,8 +222,10 @@ def write_learning(
     out: Learnings,
     first: int,
 ) -> int:
-    """Rows of LEARNING into `out` from `first` on; the index after the last. `lyapunov`: the function and its fall."""
-    groups = own.group[own.group.size - 1] + 1  # they are numbered as they appear: the last one's last
+    """Write LEARNING rows to `out` from `first` on; returns the index after the last. `lyapunov`: V, its decrease."""
+    groups = (
+        own.group[own.group.size - 1] + 1
+    )  # groups are numbered in order of appearance: the last has the highest number
     for o in range(net.outputs):
         for g in range(groups):
             row = out[first]

@@ -1,9 +1,9 @@
-"""A network of antecedents and consequents: output, gradients by parameters and by inputs; compiled.
+"""A network of antecedents and consequents: output, gradients with respect to parameters and inputs; compiled.
 
     mu_ij = membership(x_i),  F_j = prod_i mu_ij,  u_p = sum_j F_j V_jp zeta_jp / sum_j F_j V_jp
 
-(3.6), (3.8), (3.30), (6.5), with V = 1 but for `sam`. Parameters lie in one vector: first the memberships (input by
-input, rule by rule), then the consequents (rule by rule, output by output).
+(3.6), (3.8), (3.30), (6.5), with V = 1 except for `sam`. Parameters are in one vector: memberships first (input by
+input, rule by rule), then consequents (rule by rule, output by output).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENT_FUNCTIONS, CO
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# Of a code, and what the functions of the tables take.
+# Arguments: a code, then those of the functions in the tables.
 membership, consequent_of = branching(MEMBERSHIP_FUNCTIONS), branching(CONSEQUENT_FUNCTIONS)
 SAM, FOURIER = CONSEQUENT_FUNCTIONS.index(sam), CONSEQUENT_FUNCTIONS.index(fourier)
-FLOOR = 1e-12  # of the sum of firing strengths: below it nothing fires, and the output is zero
+FLOOR = 1e-12  # least sum of firing strengths; below it no rule fires, and the output is zero
 
 
 class Network(NamedTuple):
-    """Shape of a network: codes of the functions, numbers, parameters of one membership and of one consequent, rows."""
+    """Shape of a network: codes of functions, numbers of inputs, rules, outputs and parameters, rows of the tables."""
 
     antecedent: int
     consequent: int
@@ -41,12 +41,12 @@ class Network(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of parameters stored."""
+        """Number of stored parameters."""
         return self.inputs * self.rules * self.stored + self.rules * self.outputs * self.width
 
 
 class Pass(Struct):
-    """Arrays that a forward and backward pass fills."""
+    """Results of a forward and backward pass."""
 
     mu: Float2  # (inputs, rules)
     mu_by_x: Float2  # (inputs, rules)
@@ -62,11 +62,11 @@ class Pass(Struct):
     by_theta: Float2  # (outputs, parameters)
     by_input: Float2  # (outputs, inputs)
     harmonics: Float3  # (inputs, 5, 2): sines and cosines of the inputs and their derivatives
-    terms: Float1  # (5 ** inputs,) of `fourier`
+    terms: Float1  # (5 ** inputs,), for `fourier`
 
 
 class Passes(Struct):
-    """Those of several networks, side by side."""
+    """Results of several networks; the first axis is the network."""
 
     mu: Float3
     mu_by_x: Float3
@@ -86,7 +86,7 @@ class Passes(Struct):
 
 
 def network(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> Network:
-    """The shape of a network of two rows of the tables."""
+    """The shape of a network with an antecedent and a consequent of the tables."""
     first, second = ANTECEDENTS[antecedent], CONSEQUENTS[consequent]
     codes = MEMBERSHIP_FUNCTIONS.index(first.function), CONSEQUENT_FUNCTIONS.index(second.function)
     rows = list(ANTECEDENTS).index(antecedent), list(CONSEQUENTS).index(consequent)
@@ -95,18 +95,18 @@ def network(antecedent: str, consequent: str, inputs: int, rules: int, outputs: 
 
 @compiled
 def shape_of(row: NDArray[np.int64]) -> Network:
-    """A network's shape from a row of numbers."""
+    """A network's shape from its row of integers."""
     return Network(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
 
 
 def counted(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> int:
-    """Number of parameters that are updated at one step, as in Table 3.1."""
+    """Number of parameters updated in one step, as in Table 3.1."""
     own = len(CONSEQUENTS[consequent].slots(inputs))
     return inputs * rules * ANTECEDENTS[antecedent].active + rules * outputs * own
 
 
 def shapes(net: Network) -> tuple[tuple[int, ...], ...]:
-    """Shapes of the arrays of a pass."""
+    """Shapes of the arrays of `Pass`."""
     m, n, k = net.inputs, net.rules, net.outputs
     terms = HARMONICS**m if net.consequent == FOURIER else 1
     return (
@@ -116,13 +116,13 @@ def shapes(net: Network) -> tuple[tuple[int, ...], ...]:
 
 
 def passes(net: Network) -> Pass:
-    """Arrays of the right size for a network."""
+    """Allocate the arrays of a pass for a network."""
     return Pass(*(np.zeros(shape) for shape in shapes(net)))
 
 
 @entry_point
 def forward(net: Network, theta: Float1, x: Float1, p: Pass) -> None:
-    """Output of a network at inputs `x`, into `p.output`, with what the gradients need."""
+    """Compute a network's output at inputs `x` in `p.output`, and intermediate results for gradients in `p`."""
     for j in range(net.rules):
         p.firing[j] = 1.0
         for i in range(net.inputs):
@@ -152,9 +152,9 @@ def forward(net: Network, theta: Float1, x: Float1, p: Pass) -> None:
 
 @entry_point
 def backward(net: Network, p: Pass) -> None:
-    """Gradients of all outputs by the parameters at the last forward pass, into `p.by_theta`; zero if nothing fires.
+    """Gradients of outputs with respect to parameters at the last forward pass, in `p.by_theta`; zero if no rule fires.
 
-    What stands there for consequents of other outputs is zero from the beginning.
+    Entries for consequents of other outputs are zero from the start and not written.
     """
     first = net.inputs * net.rules * net.stored
     for o in range(net.outputs):
@@ -162,7 +162,7 @@ def backward(net: Network, p: Pass) -> None:
         for j in range(net.rules):
             at = first + (j * net.outputs + o) * net.width
             own = p.by_theta[o, at : at + net.width]
-            if not p.total[o] > FLOOR:  # nor where it is not a number
+            if not p.total[o] > FLOOR:  # also if it is NaN
                 own[:] = 0.0
                 continue
             share = p.firing[j] * p.volume[j, o] / p.total[o]
@@ -192,7 +192,7 @@ def _others(net: Network, p: Pass, i: int, j: int) -> float:
 
 @entry_point
 def by_inputs(net: Network, theta: Float1, p: Pass) -> None:
-    """Derivatives of all outputs by the inputs at the last forward pass, into `p.by_input`; zero if nothing fires."""
+    """Derivatives of outputs with respect to inputs at the last forward pass, in `p.by_input`; zero if none fires."""
     first = net.inputs * net.rules * net.stored
     p.by_input[:] = 0.0
     for o in range(net.outputs):

@@ -1,7 +1,7 @@
-"""What a network starts from: symmetric rules, bounds and groups of its parameters.
+"""Initial parameters of a network (symmetric rules), their bounds and groups.
 
-Two rules are each other's mirror image, F_2(x) = F_1(-x) and zeta_2(x) = -zeta_1(-x), so that the output is odd and
-zero at x = 0. (Three rules and more spread evenly between the two.)
+Two rules are mirror images, F_2(x) = F_1(-x) and zeta_2(x) = -zeta_1(-x), so that the output is odd and
+zero at x = 0. (Three or more rules are spaced evenly between the two.)
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
 
 
 class Start(NamedTuple):
-    """Where the rules start: an entry an input, but for the weight."""
+    """Initial values of the rules: one entry per input, except for the weight."""
 
-    weight: Sequence[float] | NDArray[np.float64]  # (outputs,), of the consequents: -weight to weight
-    spread: Sequence[float] | NDArray[np.float64]  # centres h of the memberships: -spread to spread
-    width: Sequence[float] | NDArray[np.float64]  # s of the memberships
-    shift: Sequence[float] | NDArray[np.float64]  # tau of wavelets: -shift to shift
+    weight: Sequence[float] | NDArray[np.float64]  # (outputs,), consequents from -weight to weight
+    spread: Sequence[float] | NDArray[np.float64]  # centres h of memberships from -spread to spread
+    width: Sequence[float] | NDArray[np.float64]  # widths s of memberships
+    shift: Sequence[float] | NDArray[np.float64]  # tau of wavelets from -shift to shift
     dilation: Sequence[float] | NDArray[np.float64]  # nu of wavelets
 
 
 def rows(net: Network) -> tuple[Antecedent, Consequent]:
-    """The rows of the tables that a network's memberships and consequents are of."""
+    """The rows of the tables for a network's memberships and consequents."""
     return list(ANTECEDENTS.values())[net.antecedent_row], list(CONSEQUENTS.values())[net.consequent_row]
 
 
 def slots(net: Network) -> list[Slot]:
-    """The slot of every parameter of a network, in their order."""
+    """The slots of all parameters of a network, in order."""
     antecedent, consequent = rows(net)
     return antecedent.slots * (net.inputs * net.rules) + consequent.slots(net.inputs) * (net.rules * net.outputs)
 
@@ -48,7 +48,7 @@ def groups(net: Network) -> list[str]:
 
 
 def initial(net: Network, start: Start) -> NDArray[np.float64]:
-    """Parameters at the start, shape (net.size,), within their bounds."""
+    """Initial parameters, (net.size,), within their bounds."""
     sides = np.linspace(-1.0, 1.0, net.rules) if net.rules > 1 else np.zeros(1)
     antecedent, consequent = rows(net)
     members = [antecedent.start(side * start.spread[i], start.width[i]) for i in range(net.inputs) for side in sides]

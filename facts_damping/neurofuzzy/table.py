@@ -1,4 +1,4 @@
-"""Tables of antecedents, consequents and of the networks that join them."""
+"""Tables of antecedents, consequents and networks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Slot(NamedTuple):
-    """A parameter's place: the group that it belongs to, and the bounds that projection keeps it in."""
+    """Group of a parameter, and its bounds for projection."""
 
     group: str
     low: float
@@ -35,10 +35,10 @@ TAU, NU = Slot("tau", -3.0, 3.0), Slot("nu", 0.2, 10.0)
 
 
 class Antecedent(NamedTuple):
-    """A kind of membership: its compiled function, parameters of one, how many are active at one input, its start.
+    """A kind of membership: compiled function, parameters, number active at one input, initial values.
 
-    `start(h, s)`: parameters that are those of a gaussian of centre h and width s, as far as it can. `bounded`: inputs
-    are within [-1, 1]; `width`: default of s, where it is not 1.
+    `start(h, s)`: parameters that approximate a gaussian of centre h and width s. `bounded`: inputs are within [-1, 1];
+    `width`: default of s, if not 1.
     """
 
     function: Callable[..., Any]  # antecedent.py
@@ -51,10 +51,10 @@ class Antecedent(NamedTuple):
 
 
 class Consequent(NamedTuple):
-    """A kind of consequent: its compiled function, parameters of one rule and output by the number of inputs, start.
+    """A kind of consequent: compiled function, parameters of a rule and output by number of inputs, initial values.
 
-    `start(w, side, tau, nu)`: parameters that give the weight w at rest, wavelets shifted by `side` tau, dilated by nu;
-    those not said are zero. `bounded`: inputs are within [-1, 1].
+    `start(w, side, tau, nu)`: parameters with weight w at rest and wavelets shifted by `side` tau and dilated by nu;
+    parameters not given are zero. `bounded`: inputs are within [-1, 1].
     """
 
     function: Callable[..., Any]  # consequent.py
@@ -65,7 +65,7 @@ class Consequent(NamedTuple):
 
 
 class Variant(NamedTuple):
-    """A network of the thesis (tables C.1, C.2): antecedent, consequent, identifier that goes with it."""
+    """A network of the thesis (tables C.1, C.2): antecedent, consequent and its identifier."""
 
     antecedent: str
     consequent: str
@@ -73,7 +73,7 @@ class Variant(NamedTuple):
 
 
 def _degrees(h: float, s: float) -> list[float]:
-    """A spline's degrees as those of a gaussian."""
+    """Degrees of a B-spline that match a gaussian."""
     points = [2.0 * i / (POINTS - 1) - 1.0 for i in range(POINTS)]
     return [min(max(exp(-((point - h) / s) * ((point - h) / s)), DEGREE.low), DEGREE.high) for point in points]
 
@@ -94,7 +94,7 @@ ANTECEDENTS = {
         2,
         lambda h, s: [h, s],
         "max(0, 1 - 2|x-h|/s), (3.10): h, s",
-        width=3.0,  # of 1 they would not overlap
+        width=3.0,  # with 1 they would not overlap
     ),
     "b-spline": Antecedent(
         antecedent.nearest_point,
@@ -153,16 +153,16 @@ CONSEQUENTS = {
 }
 ANTECEDENTS |= rows("antecedents", Antecedent, ANTECEDENTS)
 CONSEQUENTS |= rows("consequents", Consequent, CONSEQUENTS)
-# Codes of the compiled functions: their places.
+# Codes of the compiled functions: their order in the tables.
 MEMBERSHIP_FUNCTIONS = list(dict.fromkeys(row.function for row in ANTECEDENTS.values()))
 CONSEQUENT_FUNCTIONS = list(dict.fromkeys(row.function for row in CONSEQUENTS.values()))
 
 
-# Networks of the identifiers (table C.2).
+# Networks of identifiers (table C.2).
 IDENTIFIERS = {"ANFTSI": ("gaussian", "singleton"), "ANFGuMoI": ("gaussian", "morlet")}
 
 
-# Consequents of the thesis's networks where there are several outputs (6.4), (6.9).
+# Consequents of the thesis's networks with several outputs, (6.4), (6.9).
 MIMO_FORM = {"singleton": "affine"}
 
 
@@ -183,5 +183,5 @@ VARIANTS |= rows("variants", Variant, VARIANTS)
 
 
 def has_dilation(consequent: str) -> bool:
-    """Whether a consequent is a wavelet that is dilated: whether a parameter of its is nu."""
+    """Whether a consequent is a dilated wavelet: whether it has a parameter nu."""
     return any(slot.group == NU.group for slot in CONSEQUENTS[consequent].slots(1))

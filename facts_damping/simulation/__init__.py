@@ -1,1 +1,1 @@
-"""The closed loop in process: a case built, one compiled step, whole runs of it, replay of what was recorded."""
+"""The closed loop in process: build a case, step it, run it, and replay recordings."""

@@ -1,4 +1,4 @@
-"""What neuro-fuzzy controllers and their identifiers have learnt, to be saved and started from."""
+"""Learnt parameters of neuro-fuzzy controllers and their identifiers, to save and start from."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def adapted(
     controller: Controller, index: int, state: BankState | None, identifier: tuple[int, IdentifierState] | None
 ) -> Weights | None:
-    """What a controller (its place and state) and its identifier have learnt; none for one that does not learn."""
+    """Learnt parameters of controller `index` and its identifier; None if it does not learn."""
     if controller.scheme is None:
         return None
     own = learnt = None
@@ -32,7 +32,7 @@ def adapted(
 
 
 def all_adapted(case: Case, loop: Loop) -> dict[str, Weights]:
-    """What all controllers of a loop have learnt, by their names as nodes."""
+    """Learnt parameters of all controllers of a loop, by node name."""
     serving = loop.control.identifiers.controller.tolist()
     found = {}
     for i, (name, controller) in enumerate(zip(controller_names(case), case.controllers, strict=True)):

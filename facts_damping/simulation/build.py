@@ -1,4 +1,4 @@
-"""The parts of a case: plant, links, controllers and identifiers, built; its events."""
+"""Builds the parts of a case: plant, PMUs, links, controllers, identifiers, supervisors; lists its events."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
 
 
-STILL = 1e-6  # p.u. or rad per p.u.: a signal that moves less beside the first does not swing
+STILL = 1e-6  # p.u. or rad per p.u.: least mode shape, relative to the first signal, of a signal that swings
 
 
 def commands(case: Case) -> int:
-    """Number of setpoints that all controllers of a case give at one arrival."""
+    """Number of setpoints that all controllers of a case issue at one arrival."""
     return sum(len(controller.devices) for controller in case.controllers)
 
 
@@ -65,7 +65,7 @@ def derivatives(case: Case) -> int:
 
 
 def learning_rates(case: Case) -> int:
-    """Number of learning rates of all networks of a case: one for each output and group of parameters."""
+    """Number of learning rates of all networks of a case: one per output and group of parameters."""
     nets = [controller_network(c) for c in case.controllers if c.scheme is not None]
     nets += [identifier_network(c) for c in case.controllers if c.scheme == "indirect"]
     return sum(net.outputs * len(groups(net)) for net in nets)
@@ -79,7 +79,7 @@ def identifier_network(controller: Controller) -> Network:
 
 
 def build_plant(case: Case) -> Built:
-    """The plant of a case, at its equilibrium."""
+    """Build the plant of a case, at its equilibrium."""
     return build(
         case.system,
         case.run.devices,
@@ -90,9 +90,9 @@ def build_plant(case: Case) -> Built:
 
 
 def build_pmus(case: Case, draws: int = 0, before: Pmus | None = None) -> tuple[Pmus, PmuState]:
-    """The PMUs of a case; `draws`: frames after which chance repeats itself, at least those of the case.
+    """Build the PMUs of a case; `draws`: frames after which random numbers repeat, at least those of the case.
 
-    `before`: the same ones with other numbers, whose chance they share.
+    `before`: the same PMUs with other settings, whose random numbers are reused.
     """
     stations, run = [station.name for station in case.system.stations], case.run
     nominal, often = case.system.frequency, (run.frame_rate, max(case.ticks, draws), run.seed)
@@ -100,7 +100,7 @@ def build_pmus(case: Case, draws: int = 0, before: Pmus | None = None) -> tuple[
 
 
 def build_links(case: Case) -> Links:
-    """The links of a case, with nothing under way."""
+    """Build the links of a case, with no entries under way."""
     return links(case.links, case.used_links, *ways(case).values())
 
 
@@ -116,13 +116,13 @@ def ways(case: Case) -> dict[str, DirectionSpec]:
 
 
 def needs_residues(case: Case) -> bool:
-    """Whether a controller of a case, or a supervisor, starts from the linearised plant."""
+    """Whether a controller or supervisor of a case needs the linearised plant."""
     linear = (c.scheme or c.compensation != "none" or _optimal(c) for c in case.controllers)
     return case.supervision is not None or any(linear)
 
 
 def _design(controller: Controller) -> Callable[..., StateSpace]:
-    """The function that designs a controller: (plant, system, controller, its field) to matrices."""
+    """The design function of a controller: (plant, system, controller, its field) to matrices."""
     module, _, name = kind_of(controller).design.partition(":")
     found: Callable[..., StateSpace] = getattr(importlib.import_module(module), name)
     return found
@@ -134,7 +134,7 @@ def _optimal(controller: Controller) -> bool:
 
 
 def _designed(case: Case, i: int, plant: Residues | None) -> StateSpace | None:
-    """The matrices of controller i: designed for the plant, or of a linear law of the user's own; of others none."""
+    """Matrices of controller i: designed for the plant or given by a user's linear law; None for other kinds."""
     controller = case.controllers[i]
     if _optimal(controller):
         return _design(controller)(plant, case.designed_on, controller, f"controllers.{i}")
@@ -142,16 +142,16 @@ def _designed(case: Case, i: int, plant: Residues | None) -> StateSpace | None:
 
 
 def plant_residues(case: Case) -> Residues | None:
-    """The residues of the system that controllers are designed on, without events; none without a swing mode."""
+    """Residues of the plant without events, for the design of controllers; None without a swing mode."""
     start = build(case.designed_on, case.run.devices, [])
     return residues(start, case.designed_on, case.run.devices, case.run.frame_rate, case.filter)
 
 
 def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:
-    """Controllers and identifiers of a case; `plant`: its residues, where they are at hand.
+    """Build controllers and identifiers of a case; `plant`: its residues, if already computed.
 
-    Raises `InputError` where the sign of a neuro-fuzzy controller's sensitivity is not the plant's, and where an LQG
-    cannot be designed for it.
+    Raises `InputError` if a neuro-fuzzy controller's sensitivity has the wrong sign for the plant, or if an LQG design
+    for the plant fails.
     """
     devices = [case.system.device(name) for name in case.run.devices]
     limits = {d.name: (d.setpoint_max, d.rate_max) for d in devices}
@@ -173,9 +173,9 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
 
 
 def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Supervisors, SupervisorState]:
-    """The supervisors of a case; `plant`: its residues, where they are at hand.
+    """Build the supervisors of a case; `plant`: its residues, if already computed.
 
-    Raises `InputError` where a probe is asked for that the plant has no mode for, or that is not over in time.
+    Raises `InputError` for a probe if the plant has no mode, or if it does not end before arming.
     """
     if plant is None and case.supervision is not None:
         plant = plant_residues(case)
@@ -195,7 +195,7 @@ def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Superv
 
 
 def _check_probes(case: Case, given: Supervision, made: Supervisors, plant: Residues | None) -> None:
-    """Refuse a probe without a mode, and one that is not over, of all devices, when a controller is to be armed."""
+    """Raise `InputError` for a probe without a mode, or one that ends after the scheduled arming."""
     start = given.probe.start
     if plant is None and made.settings.size and (given.arming.probe or start is not None):
         field = "arming.probe: true" if given.arming.probe else f"probe.start: {start:g}"
@@ -215,10 +215,10 @@ def _check_probes(case: Case, given: Supervision, made: Supervisors, plant: Resi
 
 
 def _watched(case: Case, c: int, reserve: int, plant: Residues | None) -> Watched:
-    """What the supervisor of controller c is made for.
+    """Controller, fallback, link, mode and residues for the supervisor of controller c.
 
-    Residues count from where a setpoint is issued to where a frame says that it was measured: a PMU's filter is no
-    delay.
+    Residues hold from the issue of a setpoint to the time stamp of a measurement: they include the downlink's mean
+    delay, but not the delay of a PMU's filter.
     """
     controller, used = case.controllers[c], case.used_links[c]
     mode = 0j if plant is None else plant.eigenvalue
@@ -235,9 +235,9 @@ def _watched(case: Case, c: int, reserve: int, plant: Residues | None) -> Watche
 
 
 def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:
-    """What a neuro-fuzzy controller knows of the plant: signs at the mode; else, with an identifier, of the response.
+    """Plant prior of a neuro-fuzzy controller: signs of the residues, or of the Jacobian if it has an identifier.
 
-    The first signal needs a sign to every device, and a given one must be the plant's.
+    The first signal needs a sign for every device; a given sign must agree with the plant's.
     """
     c = case.controllers[i]
     if c.scheme is None:
@@ -270,10 +270,10 @@ def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:
 
 
 def _compensated(case: Case, i: int, plant: Residues | None) -> float:
-    """Frequency that a controller's compensation is for, rad/s; 0 without one.
+    """Frequency that a controller's compensation is tuned to, rad/s; 0 without compensation.
 
-    A Smith predictor is refused. The plant's own poles stay in what its loop makes of a disturbance, and where one of
-    them is unstable, it hides an output that grows (Z. J. Palmor, Time-Delay Compensation, in: W. S. Levine (ed.), The
+    A Smith predictor is refused: the plant's poles remain in its loop's response to disturbances, and an unstable pole
+    gives a hidden growing output (Z. J. Palmor, Time-Delay Compensation, in: W. S. Levine (ed.), The
     Control Handbook, CRC 1996).
     """
     c = case.controllers[i]
@@ -289,7 +289,7 @@ def _compensated(case: Case, i: int, plant: Residues | None) -> float:
 
 
 def _no_smith(mode: complex | None) -> str:
-    """Why a Smith predictor is of no use here."""
+    """Reason why a Smith predictor is refused."""
     if mode is None:
         return "the plant has no swing mode"
     of = f"{mode.real:+.3f} +- {mode.imag:.3f}j 1/s ({mode.imag / TURN:.2f} Hz) without controllers"
@@ -299,7 +299,7 @@ def _no_smith(mode: complex | None) -> str:
 
 
 def _identified(case: Case, i: int, made: Bank, known: PlantPrior) -> Identified:
-    """What the identifier of controller i belongs to."""
+    """Controller, signals, devices and settings of the identifier of controller i."""
     c = case.controllers[i]
     places = [case.run.devices.index(device) for device in c.devices]
     return Identified(
@@ -316,7 +316,7 @@ def _identified(case: Case, i: int, made: Bank, known: PlantPrior) -> Identified
 
 
 def grid_events(case: Case) -> list[dict[str, Any]]:
-    """All changes of the grid in order of time, as they are published: time_ns, kind, element, value, location."""
+    """All grid events in order of time, as published: time_ns, kind, element, value, location."""
     found = []
     for change in timeline(case.scenario.events):
         row = change.event.model_dump()

@@ -1,7 +1,7 @@
-"""Changes of a run that is under way: what the nodes do with them, and the same in process, to the bit.
+"""Changes during a run, applied by nodes and, bit for bit the same, in process.
 
-A change acts at the start of a tick, before that is measured. The nodes tell each with its tick (RunChange), so a
-recording has what a run was that nobody had planned, and it can be run again.
+A change acts at the start of a tick, before the measurement. The nodes publish each change with its tick (RunChange),
+so a recording holds all changes and can be run again.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ if TYPE_CHECKING:
     from facts_damping.simulation.tick import Loop
     from facts_damping.supervision.model import Supervisors, SupervisorState
 
-SOURCE = "change"  # what an error names
+SOURCE = "change"  # name of the source in error messages
 
 
 def with_event(case: Case, text: str, at_ns: int) -> Case:
-    """A case with one more event, at a time; `text`: YAML, as in a scenario, without its time.
+    """The case with one more event at a time; `text`: YAML, as in a scenario, without `time`.
 
-    Raises `InputError` where it is none, or cannot happen then.
+    Raises `InputError` if it is not an event, or not possible at that time.
     """
     event = read_value(text, SOURCE)
     if not isinstance(event, dict) or "time" in event:
@@ -59,15 +59,15 @@ def with_event(case: Case, text: str, at_ns: int) -> Case:
 
 
 def with_reset(case: Case, at_ns: int) -> Case:
-    """A case whose scenario begins at a time; `case`: as the run began."""
+    """The case with its scenario shifted to start at a time; `case`: as at the start of the run."""
     events = [event.model_copy(update={"time": event.time + at_ns / NANOSECONDS}) for event in case.scenario.events]
     return replace(case, scenario=case.scenario.model_copy(update={"events": events}))
 
 
 def with_link(case: Case, index: int, given: Any) -> Case:
-    """A case with another link in the place of one of its links; `given`: its name or YAML, or what that says.
+    """The case with link `index` replaced; `given`: name, YAML text or parsed YAML.
 
-    Raises `InputError` where it is none, or does not fit the run.
+    Raises `InputError` if it is not a link, or does not fit the run.
     """
     with naming_no_files("a change of a run"):
         link = read_link(read_value(given, SOURCE) if isinstance(given, str) else given, "link", SOURCE, None)
@@ -79,12 +79,12 @@ def with_link(case: Case, index: int, given: Any) -> Case:
 
 
 def with_links(case: Case, index: int, link: Link) -> Case:
-    """A case with a link of its own at a place."""
+    """The case with link `index` replaced by `link`."""
     return replace(case, links=[link if i == index else one for i, one in enumerate(case.links)])
 
 
 def relinked(made: Links, case: Case, index: int) -> Links:
-    """Links under way with the stages of link `index` as a case has them by now."""
+    """Running links with the stages of link `index` taken from the case."""
     up, down = (
         replaced(getattr(made, way), index, [getattr(link, way) for link in case.links], spec)
         for way, spec in ways(case).items()
@@ -93,39 +93,39 @@ def relinked(made: Links, case: Case, index: int) -> Links:
 
 
 def renumbered(made: Links, case: Case, index: int, path: str, value: float) -> tuple[Links, Case]:
-    """Links under way with a number of a stage changed, `up.0.delay`; and the case that has it."""
+    """Running links with a number of a stage changed, such as `up.0.delay`, and the changed case."""
     way, place, link = with_number(case.links[index], path, value)
     own = changed(getattr(made, way), index, place, getattr(link, way)[place], ways(case)[way])
     return made._replace(up=own) if way == "up" else made._replace(down=own), with_links(case, index, link)
 
 
 def measured_otherwise(case: Case, path: str, value: float, before: Pmus) -> tuple[Pmus, Case]:
-    """PMUs with a number of the measurement changed, `noise.angle`; and the case that has it."""
+    """PMUs with a number of the measurement changed, such as `noise.angle`, and the changed case."""
     now = replace(case, measurement=with_measured(case.measurement, path, value))
     return build_pmus(now, before=before)[0], now
 
 
 def pending(case: Case, events: Sequence[dict[str, Any]], at_ns: int) -> list[dict[str, Any]]:
-    """Events of the grid that are still to be told at a time: those told late, and all of the case from then on."""
+    """Grid events not yet published at a time: those of `events` before it, and all of the case from then on."""
     late = [event for event in events if event["time_ns"] < at_ns]
     return late + [event for event in grid_events(case) if event["time_ns"] >= at_ns]
 
 
 def reset_plant(case: Case, at_ns: int) -> tuple[Built, Case]:
-    """The plant of a case, as the run began, at its equilibrium at a time, with its scenario from then on."""
+    """The plant at equilibrium at a time, and the case with its scenario shifted to it; `case`: as at the start."""
     again = with_reset(case, at_ns)
     return build_plant(again), again
 
 
 def apply(loop: Loop, now: Case, start: Case, change: RunChange) -> tuple[Loop, Case]:
-    """A loop after a change, and its case as it is by now; `start`: as the run began.
+    """Apply a change, as in `Record.changes`: returns the changed loop and case.
 
-    `change`: as in `Record.changes`.
+    `now`: the case so far; `start`: the case as at the start of the run.
     """
     at, what, value = tick_ns(change.tick, loop.pmus.frame_rate), change.kind, change.value
     index = change.index
     change_watch(now.run.devices, loop.plant_state.watch, change, at)
-    if change.role == "supervisor":  # whose reset is not the plant's
+    if change.role == "supervisor":  # first: its `reset` is not that of the plant
         ask(loop.control.supervisors, loop.control.supervisor_state, change)
     elif what == "event":
         now = with_event(now, value, at)
@@ -152,7 +152,7 @@ def apply(loop: Loop, now: Case, start: Case, change: RunChange) -> tuple[Loop, 
 
 
 def change_watch(devices: Sequence[str], watch: NDArray[Any], change: RunChange, at_ns: int) -> None:
-    """What a change, at a time, does to the watchdogs of a plant's devices; most do nothing."""
+    """Apply a change of the plant to the watchdogs of its devices; other changes have no effect."""
     if change.role != "plant":
         return
     if change.kind == "rearm":
@@ -164,7 +164,7 @@ def change_watch(devices: Sequence[str], watch: NDArray[Any], change: RunChange,
 
 
 def by_tick(changes: Sequence[RunChange]) -> dict[int, list[RunChange]]:
-    """Changes by the tick from which they act, in their order."""
+    """Changes by the tick at which they act, in order."""
     found: dict[int, list[RunChange]] = {}
     for change in changes:
         found.setdefault(change.tick, []).append(change)
@@ -172,7 +172,7 @@ def by_tick(changes: Sequence[RunChange]) -> dict[int, list[RunChange]]:
 
 
 def set_parameter(case: Case, bank: Any, identifiers: Any, change: RunChange) -> None:
-    """A parameter of a controller or its identifier, changed in their settings."""
+    """Set a parameter in the settings of a controller or its identifier."""
     c, name = change.index, change.name
     rows: NDArray[Any] = bank.settings[c]
     if change.role == "identifier":
@@ -181,14 +181,14 @@ def set_parameter(case: Case, bank: Any, identifiers: Any, change: RunChange) ->
 
 
 def ask(supervisors: Supervisors, state: SupervisorState, change: RunChange) -> None:
-    """What an operator asks of a supervisor, which obeys at the start of its next tick."""
+    """Pass an operator's command to a supervisor, which executes it at the start of its next tick."""
     own = list(supervisors.settings["controller"])
     if change.kind in COMMANDS and change.index in own:
         state.rows["asked"][own.index(change.index)] = COMMANDS[change.kind]
 
 
 def rerun(case: Case, changes: Sequence[RunChange]) -> Record:
-    """A closed loop in process with changes under way, as a recording has them: what a lockstep graph recorded."""
+    """Run a closed loop in process with recorded changes; gives the record of the lockstep graph."""
     loop, now, events = build_loop(case), case, grid_events(case)
     if any(change.kind in ("link", "parameter") for change in changes):  # copies of entries, stamps of their own
         loop = loop._replace(signals=signals_for(case, stamps=len(case.system.stations), up=2, down=2))

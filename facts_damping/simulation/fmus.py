@@ -1,8 +1,8 @@
-"""Controllers that are FMUs: of FMI 2 or 3, for co-simulation, by FMPy.
+"""Controllers that are FMUs: FMI 2 or 3, co-simulation, run by FMPy.
 
-As Simulink, OpenModelica or Dymola export them: https://fmi-standard.org. At an arrival the inputs are set to the
-newest signals, the FMU steps by the time between the newest two measurements, and its outputs are the setpoints. So its
-time is that of measurement, and it begins at the first frame, with that frame's signals.
+Simulink, OpenModelica and Dymola export them: https://fmi-standard.org. At an arrival the inputs are set to the newest
+signals, the FMU steps by the time between the two newest measurements, and its outputs are the setpoints. Its time is
+measurement time; it starts at the first frame, with that frame's signals.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
 
     from facts_damping.simulation.spec import Spec
 
-REAL = {"2.0": "Real", "3.0": "Float64"}  # how numbers are called, by the version of FMI
-ERROR = 3  # status of log messages from there on
+REAL = {"2.0": "Real", "3.0": "Float64"}  # type of real numbers, by version of FMI
+ERROR = 3  # least status of a log message that counts as an error
 
 
 class FmuController:
-    """An FMU as a controller: what `policies` calls."""
+    """An FMU as a controller, called by `policies`."""
 
     def __init__(self, spec: Spec, given: str | Fmu, where: str) -> None:
-        """Load it. Raises `InputError` where that cannot be done, and where it lacks a variable."""
+        """Load it. Raises `InputError` if that fails or a variable is missing."""
         fmu = Fmu(file=given) if isinstance(given, str) else given
         self._said: list[str] = []
         folder, description = _unpacked(Path(fmu.file), where)
@@ -55,19 +55,19 @@ class FmuController:
             make = importlib.import_module("fmpy.simulation").instantiate_fmu
             self._fmu = make(folder.name, description, "CoSimulation", logger=self._log)
             self._set(parameters, [float(value) for value in spec.parameters.values()])
-        except Exception as error:  # a library for another machine, say
+        except Exception as error:  # for example a library for another machine
             reason = one_line("; ".join([str(error), *self._said]))
             raise InputError(
                 f"{where}: {fmu.file}: cannot be loaded: {reason}; allowed: one for this machine"
             ) from error
-        # Not at the very end, which ends it anyway: one that is Python itself would find no interpreter any more.
+        # Not freed at exit, which ends it anyway: an FMU in Python would no longer have an interpreter.
         weakref.finalize(self, self._fmu.freeInstance).atexit = False
         self._measured_ns = -1
 
     def step(
         self, t_s: float, y: NDArray[np.float64], age_s: NDArray[np.float64], _fresh: NDArray[np.bool_]
     ) -> list[float]:
-        """Setpoints, p.u., of the newest signals."""
+        """Setpoints for the newest signals, p.u."""
         try:
             return self._step(round((t_s - float(np.min(age_s))) * 1e9), y.tolist())
         except Exception as error:
@@ -97,7 +97,7 @@ class FmuController:
             getattr(self._fmu, f"set{self._real}")(references, values)
 
     def _log(self, *message: Any) -> None:
-        """What the FMU says: errors go with the exception of its call. The last ones: status, category, text."""
+        """Store error messages of the FMU for the exception of its call; `message` ends with status, category, text."""
         status, _, text = message[-3:]
         if status >= ERROR:
             self._said.append(one_line((text or b"").decode(errors="replace")))
@@ -105,7 +105,7 @@ class FmuController:
     def _references(
         self, names: dict[str, Any], causality: str, wanted: dict[str, str], file: str, where: str
     ) -> list[int]:
-        """References of variables by the names of signals, devices or parameters. Raises `InputError`."""
+        """References of the variables for signals, devices or parameters. Raises `InputError` if one is missing."""
         allowed = [
             one.name
             for one in names.values()
@@ -122,7 +122,7 @@ class FmuController:
 
 
 def _unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
-    """The folder of an FMU, and its description. Raises `InputError` where it is none."""
+    """The unpacked folder of an FMU and its description. Raises `InputError` if it is not an FMU."""
     library("fmpy", "fmi", "FMPy", where)
     if not is_file(path):
         raise InputError(f"{where}: {path}: no such file; allowed: an FMU")
@@ -130,7 +130,7 @@ def _unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
         folder, description = _unpack(path.resolve(), path.stat().st_mtime_ns)
     except InputError:
         raise
-    except Exception as error:  # whatever archives, XML and FMPy die of
+    except Exception as error:  # any error of archive, XML or FMPy
         reason = one_line(error) or type(error).__name__
         raise InputError(f"{where}: {path}: cannot be read: {reason}; allowed: an FMU of FMI 2 or 3") from error
     if description.fmiVersion not in REAL or description.coSimulation is None:
@@ -141,11 +141,11 @@ def _unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
 
 @cache
 def _unpack(path: Path, _written: int) -> tuple[TemporaryDirectory[str], Any]:
-    """An FMU in a folder that goes with this process, once for each state of its file."""
+    """Unpack an FMU into a temporary folder of this process, once for each version of its file."""
     content = read_bytes(path, FMU)
     check_unpacked(path, content, FMU_UNPACKED)
     folder = TemporaryDirectory(prefix="facts_damping_fmu_")
-    util.Finalize(None, folder.cleanup, exitpriority=0)  # also in a forked node, which ends without Python's own end
+    util.Finalize(None, folder.cleanup, exitpriority=0)  # also in a forked node, which skips Python's normal exit
     with ZipFile(BytesIO(content)) as archive:
-        archive.extractall(folder.name)  # names that lead out of the folder lead into it
+        archive.extractall(folder.name)  # safe: paths that lead out of the folder are redirected into it
     return folder, importlib.import_module("fmpy").read_model_description(folder.name)

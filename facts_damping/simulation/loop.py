@@ -1,4 +1,4 @@
-"""The closed loop without ROS: its parts, built, and runs of it by the compiled ticks of `tick`."""
+"""The closed loop without ROS: builds its parts and runs it with the compiled ticks of `tick`."""
 
 from __future__ import annotations
 
@@ -50,21 +50,21 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from facts_damping.small_signal.residues import Residues
 
-TICKS_AT_ONCE = 3600  # between them other threads have their turn
+TICKS_AT_ONCE = 3600  # between such blocks other threads can run
 
 
 def setpoint_buffer(commands: int, entries: int) -> NDArray[Any]:
-    """Room for the setpoints of a tick: `commands` at each arrival, each entry may be one, and a supervisor's."""
+    """Array for the setpoints of a tick: `commands` for each of at most `entries` arrivals, plus a supervisor's."""
     return np.zeros(commands * (entries + 1), SETPOINT)
 
 
 def build_loop(
     case: Case, residues: Residues | None = None, built: Built | None = None, *, outside: bool = False
 ) -> Loop:
-    """All parts of a case, at the start; `residues`: its plant's, as for `build_control`.
+    """Build all parts of a case at the start of the run; `residues`: as for `build_control`.
 
-    `built`: its plant, where it is at hand; the loop takes its state over. `outside`: setpoints may come from there, as
-    those of a node of the user's own in a graph.
+    `built`: its plant, if already built; the loop uses its state. `outside`: setpoints may come from outside, such as
+    from a user's own node.
     """
     built = build_plant(case) if built is None else built
     links = build_links(case)
@@ -87,21 +87,21 @@ def build_loop(
 
 
 def control_system(case: Case, entries: int, residues: Residues | None = None) -> ControlSystem:
-    """What acts on measurements, at the start; `entries`: most that a link delivers in a tick."""
+    """Build controllers, identifiers and supervisors; `entries`: most entries that a link delivers in a tick."""
     issued = setpoint_buffer(commands(case), entries)
     parts = *build_control(case, residues), *build_supervisors(case, residues)
     return ControlSystem(*parts, issued, issued.copy())
 
 
 def signals_for(case: Case, stamps: int, up: int, down: int) -> Signals:
-    """Arrays for the signals of a case's loop; `stamps`: most in a frame, `up`, `down`: most copies that links make."""
-    rows = case.ticks * 2 * commands(case) * stamps  # a controller acts at each stamp that is new
+    """Arrays for a loop's signals; `stamps`: most time stamps in a frame; `up`, `down`: most copies made by links."""
+    rows = case.ticks * 2 * commands(case) * stamps  # a controller acts at each new stamp
     delivered = case.ticks * len(case.system.stations) * len(case.links) * up
     return allocate_signals(case, case.ticks, delivered=delivered, issued=rows, applied=rows * down)
 
 
 def allocate_signals(case: Case, ticks: int, *, delivered: int, issued: int, applied: int) -> Signals:
-    """Arrays for the signals of so many ticks, with room for so many entries and setpoints."""
+    """Allocate arrays for the signals of `ticks` ticks, with room for the given numbers of rows."""
     watched = supervised(case)
     return Signals(
         np.zeros(ticks, np.int64),
@@ -123,9 +123,9 @@ def allocate_signals(case: Case, ticks: int, *, delivered: int, issued: int, app
 
 
 def step(loop: Loop, tick: int) -> bool:
-    """One tick of a loop, the next one of those before; False: the plant is no longer sound, and stands still.
+    """Run the next tick of a loop; returns False if the plant is no longer sound and has stopped.
 
-    Raises `RunError` where a program of the user's own has failed.
+    Raises `RunError` if a user's program has failed.
     """
     sound = bool(run_half_ticks(loop, 2 * tick, 2 * tick + 2))
     check(loop.programs)
@@ -133,9 +133,9 @@ def step(loop: Loop, tick: int) -> bool:
 
 
 def run_loop(loop: Loop) -> None:
-    """All ticks from the first on, or until the plant is no longer sound.
+    """Run all ticks, or until the plant is no longer sound.
 
-    Raises `RunError` where a program of the user's own has failed.
+    Raises `RunError` if a user's program has failed.
     """
     restarts, last = Restarts(loop.control.bank, loop.control.bank_state), loop.signals.time_ns.size
     begins, goes_on = sorted({*restarts.ticks(last), *range(0, last, TICKS_AT_ONCE), last}), True
@@ -146,23 +146,23 @@ def run_loop(loop: Loop) -> None:
 
 
 def with_half_step(case: Case) -> Case:
-    """The case with half the integrator's longest step."""
+    """The case with the integrator's longest step halved."""
     return replace(case, system=case.system.model_copy(update={"step": case.system.step / 2}))
 
 
 def run(case: Case) -> Record:
-    """One closed loop in process, compiled; the record of all its signals."""
+    """Run a case's closed loop in process; returns the record of all signals."""
     return finish(case, build_loop(case))
 
 
 def finish(case: Case, loop: Loop) -> Record:
-    """Run a loop at its start to the end; it keeps the state in which it ended."""
+    """Run a loop from start to end; returns its record. The loop keeps its final state."""
     run_loop(loop)
     return record(case, loop)
 
 
 def record(case: Case, loop: Loop) -> Record:
-    """The record of what a loop has run through."""
+    """The record of the ticks that a loop has run."""
     kept = loop.signals
     refused = int(loop.links.up.ring[:, RING_NO_ROOM].sum() + loop.links.down.ring[:, RING_NO_ROOM].sum())
     if refused:

@@ -1,4 +1,4 @@
-"""The plant with the PMUs at its stations: what they report, and how it goes on while they sample; compiled."""
+"""The plant with PMUs at its stations: measures and advances both; compiled."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def measure_with_pmus(
     devices: DeviceTruths,
     work: Work,
 ) -> bool:
-    """What PMUs report at a tick (`measurement.pmu.report`), and the truth; whether the plant is sound."""
+    """Write the PMUs' frame (`measurement.pmu.report`) and the true values; returns whether the plant is sound."""
     sound = measure(plant, plant_state, tick_ns(tick, pmus.frame_rate), frame, machines, devices, work)
     report(pmus, pmu_state, tick, work.phasors, frame, measured_ns, status)
     return sound  # type: ignore[no-any-return]
@@ -47,7 +47,7 @@ def measure_with_pmus(
 def entries(
     start_ns: int, frame: NDArray[np.float64], measured_ns: NDArray[np.int64], status: NDArray[np.int64]
 ) -> NDArray[Any]:
-    """What PMUs report in a tick, begun at `start_ns`, of the stations that have something to say (DELIVERY)."""
+    """The PMUs' entries (DELIVERY) of a tick begun at `start_ns`, without absent stations."""
     there = np.flatnonzero(measured_ns != LOST)
     rows = np.zeros(len(there), DELIVERY)
     rows["station"], rows["values"] = there, frame[there]
@@ -67,7 +67,7 @@ def advance_with_pmus(
     count: int,
     work: Work,
 ) -> None:
-    """Advance the plant from a tick to the next, under `count` setpoints ordered by time; PMUs sample on the way."""
+    """Advance the plant to the next tick under `count` setpoints ordered by time, while PMUs take samples."""
     now, first = tick_ns(tick, pmus.frame_rate), 0
     samples = pmus.per_frame * pmus.frame_rate
     for i in range(1, pmus.per_frame + 1):

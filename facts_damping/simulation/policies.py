@@ -1,14 +1,14 @@
-"""Controllers that are classes of the user's own: found, made, and called by the compiled step.
+"""Controllers that are user's classes: found, instantiated, and called by the compiled step.
 
     class Damper:
         def __init__(self, spec): ...              # `Spec`
         def reset(self): ...                       # at the start of a run; may be left out
         def step(self, t_s, y, age_s, fresh): ...  # -> u
 
-`step` is called at every arrival at which a shipped controller would act; of a class that has `once_a_tick = True` at
-the last one of each tick. t_s: time of arrival, s; y: the signals, (signals,), p.u.; age_s: of the newest frame that
-each is made of, s; fresh: whether a frame of it is new. It gives the setpoints u, (devices,), p.u., which limits
-follow. An exception, or a setpoint that is none, ends the run.
+`step` is called at every arrival at which a shipped controller would act; with `once_a_tick = True` in the class, only
+at the last one of each tick. t_s: time of arrival, s; y: signals, (signals,), p.u.; age_s: age of the newest frame of
+each signal, s; fresh: whether a signal has a new frame. It returns the setpoints u, (devices,), p.u., before limits.
+An exception or an invalid setpoint ends the run.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _C_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)  
 
 
 class StepTimes(NamedTuple):
-    """How long the steps of a program took, s, by the wall clock."""
+    """Durations of a program's steps, s of wall time."""
 
     steps: int
     mean_s: float
@@ -50,7 +50,7 @@ class StepTimes(NamedTuple):
     max_s: float
 
     def __str__(self) -> str:
-        """In words."""
+        """One line of text."""
         mean, p99, most = (f"{1e6 * value:.0f}" for value in self[1:])
         return f"{self.steps} steps of {mean} us, 99 % within {p99} us, longest {most} us"
 
@@ -59,23 +59,23 @@ class Program:
     """A controller's program, connected to its row of the bank."""
 
     def __init__(self, case: Case, c: int, state: BankState) -> None:
-        """Make it. Raises `InputError` where that cannot be done."""
+        """Create the program. Raises `InputError` if that fails."""
         controller = case.controllers[c]
         self.name, self.node, self.devices = controller.name, controller_names(case)[c], controller.devices
         self.error: BaseException | None = None
         self.now_ns = 0
-        self.elapsed_ns, self.late = array("q"), 0  # of each step; how many took longer than a frame
+        self.elapsed_ns, self.late = array("q"), 0  # duration of each step; number of steps longer than a frame
         self._period_ns = NANOSECONDS // case.run.frame_rate
         signals, devices = len(controller.signals), len(controller.devices)
         self._y, self._u = state.compensated.signal[c, :signals], state.unlimited[c, :devices]
         self._age, self._fresh = state.calls.sensed.age[c, :signals], state.calls.sensed.fresh[c, :signals]
         self._where = f"controllers.{c}.{kind_of(controller).own}"
         self._file, self._step, state.calls.once[c] = _made(case, c, self._where)
-        self._function = _C_FUNCTION(self._call)  # kept here, as long as it may be called
+        self._function = _C_FUNCTION(self._call)  # a reference keeps it alive while it may be called
         state.calls.address[c] = ctypes.cast(self._function, ctypes.c_void_p).value or 0
 
     def _call(self, _controller: int, now_ns: int) -> int:
-        """A step, as the compiled one calls it; 1: it has failed."""
+        """Run a step for the compiled code; returns 1 if it has failed, else 0."""
         try:
             self.now_ns = now_ns
             given = now_ns / 1e9, self._y.copy(), self._age.copy(), self._fresh.copy()
@@ -91,7 +91,7 @@ class Program:
         return 0
 
     def check(self) -> None:
-        """Raise what a step has failed with: `RunError` that names the line."""
+        """Raise `RunError`, with the line of code, if a step has failed."""
         if self.error is None:
             return
         if isinstance(self.error, KeyboardInterrupt):
@@ -100,18 +100,18 @@ class Program:
         raise RunError(f"{self._where}: {what}, in step of {self.name} at {self.now_ns / 1e9:.6g} s") from self.error
 
     def times(self) -> StepTimes | None:
-        """How long its steps took so far; None where there was none."""
+        """Durations of the steps so far; None before the first step."""
         if not self.elapsed_ns:
             return None
-        took = np.array(self.elapsed_ns) * 1e-9  # a copy: the array grows
+        took = np.array(self.elapsed_ns) * 1e-9  # a copy, because the array grows
         return StepTimes(len(took), *map(float, (took.mean(), np.percentile(took, 99), took.max())))
 
 
 def connect(case: Case, state: BankState, only: int | None = None, *, outside: bool = False) -> list[Program]:
-    """Make the programs of a case and connect them to their controllers' state; `only`: of one controller.
+    """Create the programs of a case and connect them to their controllers' state; `only`: of this controller alone.
 
-    They must be kept as long as the state is used. Raises `InputError` where one cannot be made, and where a controller
-    is a node of the user's own, unless its setpoints come from `outside`.
+    Keep the programs as long as the state is used. Raises `InputError` if one cannot be created, or if a controller is
+    a user's own node and setpoints do not come from `outside`.
     """
     mine = range(len(case.controllers)) if only is None else (only,)
     for c in mine:
@@ -124,20 +124,20 @@ def connect(case: Case, state: BankState, only: int | None = None, *, outside: b
 
 
 def check(programs: list[Program]) -> None:
-    """Raise what a program has failed with, if one has."""
+    """Raise `RunError` if a program has failed."""
     for program in programs:
         program.check()
 
 
 def step_times(programs: list[Program]) -> dict[str, StepTimes]:
-    """How long the steps of each program took, by its name as a node."""
+    """Durations of the steps of each program, by node name."""
     return {one.node: found for one in programs if (found := one.times()) is not None}
 
 
 def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any], bool]:
-    """The file of a controller's class, or none of an FMU, the `step` of an instance, and whether that is once a tick.
+    """File of a controller's class (none for an FMU), `step` of an instance, and whether to call it once a tick.
 
-    Raises `InputError` where it cannot be made.
+    Raises `InputError` if it cannot be created.
     """
     controller = case.controllers[c]
     if controller.fmu is not None:
@@ -152,7 +152,7 @@ def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any], bool
 
 
 def _step_of(made: Any, name: str, where: str) -> Callable[..., Any]:
-    """The `step` of an instance. Raises `InputError` where it does not take what it is given."""
+    """The `step` of an instance. Raises `InputError` if it does not accept the arguments."""
     step: Callable[..., Any] | None = getattr(made, "step", None)
     allowed = f"step(self, {', '.join(STEP)})"
     if not callable(step):
@@ -167,7 +167,7 @@ def _step_of(made: Any, name: str, where: str) -> Callable[..., Any]:
 
 
 def _checked(u: Any, devices: list[str]) -> NDArray[np.float64]:
-    """Setpoints that a step has given. Raises `ValueError` where they are none."""
+    """The setpoints that a step returned, as an array. Raises `ValueError` if they are invalid."""
     found = np.asarray(u, np.float64)
     if found.shape != (len(devices),) and not (found.ndim == 0 and len(devices) == 1):
         raise ValueError(f"u of shape {found.shape} given; allowed: ({len(devices)},), one a device")

@@ -1,8 +1,8 @@
-"""Replay: the frames that a recording holds as delivered, once more into controllers and identifiers, in process.
+"""Replay: feeds the delivered frames of a recording to controllers and identifiers, in process.
 
-Controllers run open loop: what they command goes nowhere. Each uses the estimates of its own identifier, which learns
-from the recorded setpoints, because those moved the plant. So the same controllers give the recorded setpoints bit for
-bit, and others give what they would have commanded at each moment.
+Controllers run open loop: their setpoints have no effect. Each uses the estimates of its own identifier, which learns
+from the recorded setpoints, because those moved the plant. The recorded controllers therefore reproduce their setpoints
+bit for bit; other controllers show what they would have commanded.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
-# Fields of a controller whose change makes its stored parameters another one's.
+# Fields of a controller whose change makes its stored parameters invalid.
 SHAPES = ("name", "scheme", "devices", "signals", "profile")
 
 
 class Difference(NamedTuple):
-    """The first setpoint that is not as recorded; NaN: there is none on that side."""
+    """The first setpoint that differs from the recorded one; NaN: missing on that side."""
 
     tick: int
     controller: str
@@ -49,23 +49,23 @@ class Difference(NamedTuple):
     replayed: float  # p.u.
 
     def __str__(self) -> str:
-        """In words."""
+        """One line of text."""
         where = f"tick {self.tick}: {self.controller} to {self.device}"
         return f"{where}: {self.recorded!r} p.u. recorded, {self.replayed!r} p.u. replayed"
 
 
 def case_of(record: Record, source: str, run: str | None, sets: list[str], *, policy: bool = False) -> Case:
-    """The case to be replayed: that of the recording, or of a run (name or path), with `--set` applied.
+    """The case to replay: that of the recording or of a run (name or path), with `--set` applied.
 
-    Where `--set` makes a controller another one, its stored parameters go: what the user had given stays, if that was
-    for the same kind. Raises `InputError` where neither names a run, and where the recording, which may be another's,
-    names a program that the user has not asked for by `policy` or `--set`.
+    If `--set` changes a controller's shape (SHAPES), its stored parameters are dropped; parameters given by the user
+    stay if the kind is the same. Raises `InputError` if neither names a run, or if the recording, which may come from
+    someone else, names a program that the user has not requested by `policy` or `--set`.
     """
     if run is not None:
         return load_case(run, sets)
     check_has_run(record, source)
     content, (values, origins) = deepcopy(record.configuration), read_sets(sets)
-    recorded_case(content, source)  # from here on who names a file is the user
+    recorded_case(content, source)  # files named from here on are named by the user
     changed = {path for key in values for path in each_path(content, key)}
     _forget(content, changed)
     if not policy:
@@ -75,18 +75,18 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str], *, po
 
 
 def check_has_run(record: Record, source: str) -> None:
-    """Raise `InputError` where a record does not hold the run that it is of, as those of `ros2 bag record`."""
+    """Raise `InputError` if a record does not hold its run's configuration, as with `ros2 bag record`."""
     if not record.configuration:
         raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{_noted(record)}")
 
 
 def _noted(record: Record) -> str:
-    """What a record lacks, to be said with what cannot be done for it."""
+    """Notes on what a record lacks, for error messages."""
     return "".join(f"; {note}" for note in record.notes)
 
 
 def _refuse_code(content: dict[str, Any], changes: set[str], source: str) -> None:
-    """Raise `InputError` where the content, and no change of its fields, names code that would be run."""
+    """Raise `InputError` if the content, and not one of the `changes`, names code that would be run."""
     rows = enumerate(content.get("controllers") or [])
     named = ((f"controllers.{i}.{field}", row.get(field)) for i, row in rows for field in RUN)
     for path, value in named:
@@ -97,7 +97,7 @@ def _refuse_code(content: dict[str, Any], changes: set[str], source: str) -> Non
 
 
 def _forget(content: dict[str, Any], changes: set[str]) -> None:
-    """Drop parameters, scheme and weights of controllers that changes of these fields make others."""
+    """Drop stored parameters, scheme and weights of controllers with a field of SHAPES among `changes`."""
     asked = (content.get("asked") or {}).get("controllers") or []
     for i, row in enumerate(content.get("controllers") or []):
         changed = {name for name in SHAPES if f"controllers.{i}.{name}" in changes}
@@ -111,10 +111,10 @@ def _forget(content: dict[str, Any], changes: set[str]) -> None:
 
 
 def fitted(record: Record, case: Case) -> Record:
-    """What of a record can be replayed for a case: up to its first gap; stations and devices counted as in the case.
+    """The part of a record that a case can replay: up to its first gap, with the case's station and device indices.
 
-    Setpoints count as those of the case's controller of their device. Raises `InputError` where the case has a station
-    or a link that was not recorded, or no controller, or where the frames of the first tick are missing.
+    Setpoints are assigned to the case's controller of their device. Raises `InputError` if the case has no controller
+    or has a station or link that was not recorded, or if the frames of the first tick are missing.
     """
     names = [station.name for station in case.system.stations]
     missing = [name for name in names if name not in record.stations]
@@ -157,10 +157,10 @@ def fitted(record: Record, case: Case) -> Record:
 
 
 def _counted(rows: NDArray[Any], record: Record, case: Case, end: int) -> NDArray[Any]:
-    """Setpoints before tick `end` with devices and controllers as the case counts them; those of others left out."""
+    """Setpoints before tick `end` with the case's device and controller indices; others are left out."""
     own = list(case.run.devices)
     devices = np.array([own.index(name) if name in own else -1 for name in record.device_names], np.int64)
-    commanded = np.full((2, len(own) + 1), -1, np.int64)  # by a controller, by a fallback
+    commanded = np.full((2, len(own) + 1), -1, np.int64)  # of the controller, of the fallback
     for c, controller in enumerate(case.controllers):
         of = int(controller.fallback_of is not None)
         commanded[of, [own.index(name) for name in controller.devices]] = c
@@ -174,7 +174,7 @@ def _counted(rows: NDArray[Any], record: Record, case: Case, end: int) -> NDArra
 
 
 def _ordered(table: NDArray[Any], there: Sequence[str], wanted: Sequence[str]) -> NDArray[Any]:
-    """Columns of a table of the truth by name; NaN where one is missing."""
+    """Columns of a table of true values, in the wanted order; NaN for missing ones."""
     found = np.full((len(table), len(wanted)), np.nan, table.dtype)
     for i, name in enumerate(wanted):
         if name in there:
@@ -183,14 +183,14 @@ def _ordered(table: NDArray[Any], there: Sequence[str], wanted: Sequence[str]) -
 
 
 def acted(of: Record | Played) -> NDArray[Any]:
-    """The setpoints that go, or went, down the links: those of supervisors, where there are any."""
+    """The setpoints sent down the links: those of supervisors, if there are any."""
     return of.supervised if len(of.supervision) else of.issued
 
 
 def play(case: Case, record: Record, progress: Callable[[int, int], None] = lambda _done, _of: None) -> Played:
-    """What a case's controllers, identifiers and supervisors say to what was delivered to them.
+    """Replay a record through a case's controllers, identifiers and supervisors; `record`: from `fitted`.
 
-    `record`: as `fitted` gives it. Identifiers hear the setpoints that were recorded, because those moved the plant.
+    Identifiers use the recorded setpoints, because those moved the plant.
     """
     ticks = record.ticks
     arrived = [_by_tick(record.delivered[record.delivered["link"] == link], ticks) for link in range(len(case.links))]
@@ -203,9 +203,9 @@ def play(case: Case, record: Record, progress: Callable[[int, int], None] = lamb
 
 
 def watched(case: Case, record: Record) -> Record:
-    """The record with what a case's watchdogs do with the setpoints that were applied: releases, refused ones.
+    """The record with releases and refused setpoints recomputed by the case's watchdogs; `record`: from `fitted`.
 
-    `record`: as `fitted` gives it. Re-arming, a reset of the plant and releases by the wall clock are as recorded.
+    Re-arming, resets of the plant and releases by the wall clock are as recorded.
     """
     built, devices = build_plant(case), record.devices.copy()
     plant, state = built.plant, built.state
@@ -224,13 +224,13 @@ def watched(case: Case, record: Record) -> Record:
 
 
 def _by_tick(rows: NDArray[Any], ticks: NDArray[np.int64]) -> list[NDArray[Any]]:
-    """Rows, sorted by tick, of each tick."""
+    """Split rows, sorted by tick, into those of each tick."""
     starts, ends = (np.searchsorted(rows["tick"], ticks, side=side) for side in ("left", "right"))
     return [rows[start:end] for start, end in zip(starts, ends, strict=True)]
 
 
 def first_difference(record: Record, issued: NDArray[Any]) -> Difference | None:
-    """Where replayed setpoints are first not the recorded ones, to the bit, times included; none: identical."""
+    """First bit difference of replayed and recorded setpoints, times included; None: identical."""
     one, other = canonical(record.issued), canonical(issued)
     if one.tobytes() == other.tobytes():
         return None
@@ -245,19 +245,19 @@ def first_difference(record: Record, issued: NDArray[Any]) -> Difference | None:
 
 
 def first_supervised(record: Record, played: Played) -> int | None:
-    """The first tick in which supervisors do not pass on or tell what was recorded, to the bit; none: identical."""
+    """First tick with a bit difference in setpoints or status of supervisors; None: identical."""
     pairs = (record.supervised, played.supervised), (record.supervision, played.supervision)
     found = [tick for one, other in pairs if (tick := _first_tick(record, one, other)) is not None]
     return min(found, default=None)
 
 
 def first_estimate(record: Record, estimates: NDArray[Any]) -> int | None:
-    """The first tick whose replayed estimates are not the recorded ones, to the bit; none: identical."""
+    """First tick with a bit difference in the identifiers' estimates; None: identical."""
     return _first_tick(record, record.estimates, estimates)
 
 
 def first_learning(record: Record, learning: NDArray[Any]) -> int | None:
-    """The first tick in which networks do not learn as recorded, to the bit; none: identical, as far as is recorded."""
+    """First tick with a bit difference in the networks' learning; None: identical, as far as recorded."""
     there, again = (
         2 * (rows["tick"] << 16) + 2 * rows["controller"] + rows["identifier"] for rows in (record.learning, learning)
     )
@@ -265,7 +265,7 @@ def first_learning(record: Record, learning: NDArray[Any]) -> int | None:
 
 
 def _first_tick(record: Record, one: NDArray[Any], other: NDArray[Any]) -> int | None:
-    """The first tick of which rows of two tables are not the same, to the bit."""
+    """First tick with a bit difference between the rows of two tables; None: identical."""
     one, other = canonical(one), canonical(other)
     if one.tobytes() == other.tobytes():
         return None
@@ -282,10 +282,10 @@ def on_grid(record: Record, issued: NDArray[Any], device: int) -> NDArray[np.flo
 
 
 def beside(case: Case, record: Record, issued: NDArray[Any]) -> list[dict[str, Any]]:
-    """Recorded and replayed setpoints side by side, a row a device: rms, difference, correlation, saturation duty.
+    """Compare recorded and replayed setpoints, a row per device: rms, difference, correlation, saturation duty.
 
-    Of supervised controllers those that act (`acted`). All on the grid of ticks; `correlation` is None where one of
-    both does not move; the duty is the share of ticks at the device's limit.
+    With supervision, compares the setpoints that act (`acted`). All are sampled once a tick; `correlation` is None if
+    one of the two is constant; the duty is the share of ticks at the device's limit.
     """
     found = []
     for d, name in enumerate(case.run.devices):
@@ -311,7 +311,7 @@ def _rms(values: NDArray[np.float64]) -> float:
 
 
 def notes_on(record: Record, played: Record) -> list[str]:
-    """What of a record is not replayed, a line each; `played`: as `fitted` gives it."""
+    """Notes on what is not replayed, one line each; `played`: from `fitted`."""
     notes = list(record.notes)
     first, last, end = int(played.ticks[0]), int(played.ticks[-1]), record.gap_tick
     if not record.heard and (len(record.estimates) or len(record.supervision)):

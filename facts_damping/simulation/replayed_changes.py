@@ -1,4 +1,4 @@
-"""What was changed under way in controllers and identifiers, in a replay: at its tick, as it was recorded."""
+"""Recorded changes of controllers, identifiers and supervisors, applied in a replay at their ticks."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ if TYPE_CHECKING:
 
 
 class ReplayedChanges:
-    """What was changed under way in controllers, identifiers, supervisors, and when they were not there, or silent.
+    """Recorded changes, absences and silent times of controllers, identifiers and supervisors.
 
-    Of controllers that are of the kind that was recorded; where there was nothing of that, it does nothing.
+    Applies only to controllers of the same kind as recorded.
     """
 
     def __init__(self, case: Case, record: Record, control: ControlSystem) -> None:
-        """`control`: controllers, identifiers and supervisors, as built."""
+        """`control`: controllers, identifiers and supervisors at the start."""
         before = record.configuration.get("controllers") or []
         same = {c for c, one in enumerate(case.controllers) if c < len(before) and before[c].get("name") == one.name}
         own = [one for one in record.changes if one.index in same and _possible(case, one)]
         self._case, self._control = case, control
-        self._changes = list(own)  # by tick; those before the first one are known of late recordings, too
+        self._changes = list(own)  # by tick; a recording that starts late includes earlier changes
         starts = any(one.kind == "start" and one.role != "supervisor" for one in own)
         self._fresh = deepcopy(control) if starts else control
         self._absences = [one for one in record.absences if one.role != "link" and one.index in same]
         self._silent = [*self._absences, *_disarmed(own)]
 
     def begin(self, tick: int) -> None:
-        """What acts from a tick on."""
+        """Apply the changes that act from a tick on."""
         while self._changes and self._changes[0].tick <= tick:
             one = self._changes.pop(0)
             if one.role == "supervisor":
@@ -61,7 +61,7 @@ class ReplayedChanges:
                 set_parameter(self._case, self._control.bank, self._control.identifiers, one)
 
     def _learnt(self, role: str, c: int, given: dict[str, Any]) -> None:
-        """A controller, or its identifier, with what had been learnt before."""
+        """Restore a controller or its identifier with previously learnt parameters."""
         controllers, now = list(self._case.controllers), self._control
         controllers[c] = with_weights(controllers[c], Weights.model_validate(given))
         _, bank_state, _, identifier_state = build_control(replace(self._case, controllers=controllers))
@@ -72,15 +72,15 @@ class ReplayedChanges:
             restore(now.identifier_state.learner, identifier_state.learner, place)
 
     def absent(self, role: str, index: int, tick: int) -> bool:
-        """Whether a node was not there at a tick."""
+        """Whether a node was absent at a tick."""
         return any(one.role == role and one.index == index and _within(one, tick) for one in self._absences)
 
     def silent(self, role: str, index: int, tick: int) -> bool:
-        """Whether what a node found at a tick was not said: it was not there, or disarmed."""
+        """Whether a node published nothing at a tick: it was absent or disarmed."""
         return any(one.role == role and one.index == index and _within(one, tick) for one in self._silent)
 
     def said(self, role: str, rows: NDArray[Any]) -> NDArray[Any]:
-        """Rows, of controllers or of identifiers, without those that were not said."""
+        """Rows of nodes of a role, without those of silent ticks."""
         keep = np.ones(len(rows), np.bool_)
         for one in self._silent:
             if one.role == role:
@@ -88,7 +88,7 @@ class ReplayedChanges:
         return np.asarray(rows[keep])
 
     def _oversee(self, change: RunChange) -> None:
-        """What a supervisor was asked, or that it began again."""
+        """Apply an operator's command to a supervisor, or its restart."""
         made, state = self._control.supervisors, self._control.supervisor_state
         own = list(made.settings["controller"])
         if change.kind == "start" and change.index in own:
@@ -97,7 +97,7 @@ class ReplayedChanges:
             ask(made, state, change)
 
     def _begin_again(self, role: str, c: int) -> None:
-        """A controller, or its identifier, as at the start of a run."""
+        """Reset a controller or its identifier to the start of a run."""
         now, fresh = self._control, self._fresh
         if role == "controller":
             restore(now.bank_state, fresh.bank_state, c)
@@ -109,12 +109,12 @@ class ReplayedChanges:
 
 
 def _within(absence: Absence, tick: Any) -> Any:
-    """Whether a tick, or each of several, is in an absence."""
+    """Whether a tick, or each tick of an array, is in an absence."""
     return (tick >= absence.first) & (tick < absence.end)
 
 
 def _possible(case: Case, change: RunChange) -> bool:
-    """Whether a change can be one of a controller or an identifier of a case: anybody may have said it."""
+    """Whether a change is valid for the case's controllers, identifiers or supervisors; its source is not trusted."""
     if change.role == "supervisor":
         return change.kind == "start" or change.kind in COMMANDS
     if change.role not in ("controller", "identifier"):
@@ -130,13 +130,13 @@ def _possible(case: Case, change: RunChange) -> bool:
             with_weights(controller, Weights.model_validate(change.value))
             return True
         check_parameter("", change.name, change.value, table, sizes(controller))
-    except (InputError, TypeError, ValueError):  # the latter of what is neither number nor text
+    except (InputError, TypeError, ValueError):  # ValueError, TypeError: neither number nor text
         return False
     return True
 
 
 def _disarmed(changes: Sequence[RunChange]) -> list[Absence]:
-    """From when to when nodes were disarmed, as `Record.absences` has it."""
+    """Intervals in which nodes were disarmed, in the form of `Record.absences`."""
     found = []
     for one in changes:
         if one.kind == "start" and one.value == "disarmed":

@@ -1,7 +1,7 @@
-"""A replay node by node: controllers, supervisors, identifiers, each by what it had at hand when it acted.
+"""A replay node by node: each controller, supervisor and identifier acts on the messages it had received when it acted.
 
-That is what its messages tell (`Record.heard`). By the clock nodes may be late for each other; in lockstep, and where a
-recording does not tell, it is the estimate and the setpoints of the tick before, and for a supervisor all of its tick.
+`Record.heard` tells which those were. In real time nodes may receive each other's messages late. In lockstep, and where
+a recording does not tell, a node uses estimate and setpoints of the tick before, and a supervisor all of its own tick.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 EMPTY = {"issued": SETPOINT, "estimates": ESTIMATE, "supervised": SETPOINT, "supervision": SUPERVISION}
-KEPT = 36_000  # ticks for which what was said is kept: nobody goes by what is older
-INNER = ("finite", "norm", "lyapunov", "fall")  # of SUPERVISOR: what a supervisor hears of its controller's health
+KEPT = 36_000  # ticks for which results are kept; no node uses older ones
+INNER = ("finite", "norm", "lyapunov", "fall")  # fields of SUPERVISOR: its controller's health
 
 
 class Played(NamedTuple):
-    """What a case's controllers, identifiers and supervisors say to what was delivered."""
+    """Output of a case's controllers, identifiers and supervisors in a replay."""
 
     issued: NDArray[Any]  # SETPOINT
     estimates: NDArray[Any]  # ESTIMATE
     supervised: NDArray[Any]  # SETPOINT
     supervision: NDArray[Any]  # SUPERVISION
-    learning: NDArray[Any]  # LEARNING, also of nodes that were not there
+    learning: NDArray[Any]  # LEARNING, absent nodes included
 
 
 class Estimate(NamedTuple):
-    """What an identifier has found in a tick, as `set_estimate` takes it."""
+    """An identifier's estimate in a tick: arguments of `set_estimate`."""
 
     jacobian: NDArray[np.float64]
     change: NDArray[np.float64]
@@ -55,7 +55,7 @@ class Estimate(NamedTuple):
 
 
 class NewMessages:
-    """Which messages are new to a node in each of its ticks: from what it tells, else as in lockstep."""
+    """Which messages are new to a node in each tick: as recorded, else as in lockstep."""
 
     def __init__(self, record: Record) -> None:
         self._newest = {key: dict(rows.tolist()) for key, rows in record.heard.items()}
@@ -64,9 +64,9 @@ class NewMessages:
         self._begun = {(one.role, one.index, one.tick) for one in record.changes if one.kind == "start"}
 
     def new(self, role: str, index: int, what: str, tick: int, usual: int) -> range:
-        """Ticks of the messages that are new at a tick; `usual`: that of the newest, where nothing is told.
+        """Ticks of the messages that are new at a tick; `usual`: tick of the newest message, if not recorded.
 
-        Who begins under way has of those before it the newest alone.
+        A node that starts during the run receives only the newest of the earlier messages.
         """
         key = role, index, what
         if key not in self._newest and key[:2] in self._tells:
@@ -78,7 +78,7 @@ class NewMessages:
 
 
 class NodeReplay:
-    """The nodes of a case that act on measurements, and what they have said so far."""
+    """The nodes of a case that act on measurements, and their output so far."""
 
     def __init__(
         self, case: Case, record: Record, delivered: list[list[NDArray[Any]]], acting: list[NDArray[Any]]
@@ -95,7 +95,7 @@ class NodeReplay:
         self._place = {int(tick): at for at, tick in enumerate(record.ticks)}
         self._networks = {(c, 0): controller_network(one) for c, one in enumerate(case.controllers) if one.scheme}
         self._networks |= {(c, 1): identifier_network(case.controllers[c]) for c in self._identified()}
-        self._issued: dict[tuple[int, int], NDArray[Any]] = {}  # by controller and tick, as all of these
+        self._issued: dict[tuple[int, int], NDArray[Any]] = {}  # by controller and tick, as the next two
         self._inner: dict[tuple[int, int], NDArray[Any]] = {}
         self._estimates: dict[tuple[int, int], Estimate] = {}
         self._told: dict[str, list[NDArray[Any]]] = {name: [] for name in Played._fields}
@@ -104,7 +104,7 @@ class NodeReplay:
         return [int(c) for c in self._control.identifiers.controller]
 
     def tick(self, at: int, tick: int) -> None:
-        """A tick of all nodes, `at` in the record."""
+        """Run a tick of all nodes; `at`: its index in the record."""
         self._changed.begin(tick)
         self._restarts.begin(tick)
         for c in range(len(self._case.controllers)):
@@ -119,7 +119,7 @@ class NodeReplay:
                 said.pop((c, tick - KEPT), None)
 
     def played(self) -> Played:
-        """What was said, without that of nodes that were not there, or silent."""
+        """The output so far, without that of absent or silent nodes (learning rows: all)."""
         whole = {
             name: np.concatenate(parts) if parts else np.zeros(0, EMPTY.get(name, LEARNING))
             for name, parts in self._told.items()
@@ -129,7 +129,7 @@ class NodeReplay:
         return Played(**(whole | {name: self._changed.said(role, whole[name]) for name, role in roles.items()}))
 
     def _act(self, c: int, at: int, tick: int) -> None:
-        """A controller: with the estimates that are new, on what was delivered."""
+        """Run a controller on the delivered entries, with new estimates."""
         control, rows = self._control, self._delivered[self._case.used_links[c]][at]
         for newer in self._heard.new("controller", c, "estimate", tick, tick - 1):
             if (c, newer) in self._estimates and not self._changed.silent("identifier", c, newer):
@@ -151,7 +151,7 @@ class NodeReplay:
             self._told["learning"].append(rows)
 
     def _supervise(self, s: int, at: int, tick: int) -> None:
-        """A supervisor: with setpoints, the plant's and the controller's state, as far as they are new."""
+        """Run a supervisor with new setpoints, device states and controller health."""
         made, state = self._control.supervisors, self._control.supervisor_state
         own, row = made.settings[s], state.rows[s]
         c, link = int(own["controller"]), int(own["link"])
@@ -185,7 +185,7 @@ class NodeReplay:
         return not self._changed.silent("controller", c, tick)
 
     def _identify(self, n: int, c: int, at: int, tick: int) -> None:
-        """An identifier: with the setpoints that went to the devices, then on what was delivered."""
+        """Run an identifier: store the setpoints sent to the devices, then process the delivered entries."""
         made, state = self._control.identifiers, self._control.identifier_state
         for newer in self._heard.new("identifier", c, "setpoints", tick, tick - 1):
             if newer in self._place:

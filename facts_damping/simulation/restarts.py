@@ -1,4 +1,4 @@
-"""Controllers and identifiers that begin again under way, knowing nothing, as a node does that was killed."""
+"""Restart controllers and identifiers during a run with their initial state, like killed nodes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NEVER = np.iinfo(np.int64).max
 
 
 def restore(state: Any, fresh: Any, place: int) -> None:
-    """One of several, whose axis is the first of all arrays, as it was."""
+    """Copy item `place` of `fresh` to `state`; it indexes the first axis of all arrays."""
     for own, before in zip(state, fresh, strict=True):
         if isinstance(own, Struct):
             restore(own, before, place)
@@ -26,10 +26,10 @@ def restore(state: Any, fresh: Any, place: int) -> None:
 
 
 class Restarts:
-    """When controllers begin again by their faults (`dead`), and how they were at the start."""
+    """Restarts of controllers after `dead` faults."""
 
     def __init__(self, bank: Bank, state: BankState) -> None:
-        """Of controllers at the start of a run."""
+        """`state`: of the controllers at the start of a run."""
         self._state, self._at = state, dict[int, list[int]]()
         for c, rows in enumerate(bank.faults.rows):
             for row in rows:
@@ -38,10 +38,10 @@ class Restarts:
         self._fresh = deepcopy(state) if self._at else None
 
     def begin(self, tick: int) -> None:
-        """Have those that begin again with a tick do so."""
+        """Restart the controllers whose fault ends at a tick."""
         for c in self._at.get(tick, ()):
             restore(self._state, self._fresh, c)
 
     def ticks(self, until: int) -> list[int]:
-        """Ticks with which somebody begins again, in order, before `until`."""
+        """Ticks with a restart, after tick 0 and before `until`, in order."""
         return sorted(tick for tick in self._at if 0 < tick < until)

@@ -1,4 +1,4 @@
-"""What a controller of the user's own is told of the run that it is made for."""
+"""The description of the run that a user's own controller receives."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Spec:
-    """What a controller of the user's own is made for.
+    """Signals, devices and settings of a user's own controller.
 
-    `limits`: (devices,), p.u., of setpoints; `rates`: (devices,), p.u./s, at which the devices follow; `frame_rate`:
-    frames/s; `seed`: of its own randomness, made of the run's and its place; `parameters`: as the run gives them.
+    `limits`: setpoint limits, (devices,), p.u.; `rates`: rate limits of the devices, (devices,), p.u./s; `frame_rate`:
+    frames/s; `seed`: for its random numbers, from the run's seed and its index; `parameters`: as given in the run.
     """
 
     name: str
@@ -34,16 +34,16 @@ class Spec:
     seed: int
     parameters: dict[str, Any]
     system: System = field(repr=False)
-    installed: list[str] = field(repr=False)  # devices of the run, those of other controllers too
+    installed: list[str] = field(repr=False)  # all devices of the run
 
     @cached_property
     def plant(self) -> linear_plant.LinearPlant:
-        """The linearised plant at the start, of all signals and installed devices (docs/own_linear.md)."""
+        """The linearised plant at the start, with all signals and installed devices (docs/own_linear.md)."""
         return linear_plant.of(modal_analysis.analyse(self.system, self.installed))
 
 
 def spec_of(case: Case, c: int) -> Spec:
-    """What controller c is made for."""
+    """The spec of controller c."""
     controller = case.controllers[c]
     own = [case.system.device(name) for name in controller.devices]
     return Spec(

@@ -1,4 +1,4 @@
-"""A loop that is stepped from outside: between what a tick has delivered, and what is done with it."""
+"""A loop stepped from outside: it pauses in each tick between delivery and control."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 class Delivered(NamedTuple):
-    """A signal as the link has delivered it."""
+    """A signal as delivered by the link."""
 
-    y: float  # p.u.; NaN: nothing yet
-    age_s: float  # of the newest frame that it is made of
+    y: float  # p.u.; NaN: none yet
+    age_s: float  # age of the signal's newest frame
 
 
 class Stepper:
-    """A loop between two ticks: `tick` is measured and delivered, nothing has been done with it yet."""
+    """A loop paused in `tick`: measured and delivered, but control has not acted yet."""
 
     def __init__(self, case: Case, loop: Loop) -> None:
         """Measure the first tick of a loop at its start."""
@@ -44,9 +44,9 @@ class Stepper:
         self.step(None)
 
     def step(self, given: NDArray[np.float64] | None) -> bool:
-        """To the next tick; `given`: the setpoints of all controllers' devices, in the place of theirs, p.u.
+        """Go to the next tick; returns False at the end. `given`: setpoints of all controllers' devices in order, p.u.
 
-        Fallbacks, whose devices are those of other controllers, speak for themselves.
+        They replace the controllers' own. Fallbacks, which share the devices of other controllers, keep theirs.
         """
         if not self._goes_on:
             return False
@@ -60,7 +60,7 @@ class Stepper:
                 state.unlimited[c, : len(controller.devices)] = given[at : at + len(controller.devices)]
                 at += len(controller.devices)
         self._restarts.begin(self.tick)
-        here = 2 * self.tick + 1  # half ticks: the second one of this, the first one of the next
+        here = 2 * self.tick + 1  # half ticks: runs the second of this tick and the first of the next
         last = 2 * self._case.ticks
         self._goes_on = bool(run_half_ticks(self.loop, max(0, here), min(here + 2, last))) and here + 2 <= last
         bank.code[:] = self._own
@@ -71,13 +71,13 @@ class Stepper:
         return self._goes_on
 
     def _look(self) -> None:
-        """Take what the links have delivered in this tick."""
+        """Process the entries that the links delivered in this tick."""
         up, end_ns = self.loop.links.up, tick_ns(self.tick + 1, self._case.run.frame_rate)
         for c, link in enumerate(self._case.used_links):
             sense(*self._eyes, self._sensed, c, up.out[link], up.ring[link, RING_DELIVERED], end_ns)
 
     def delivered(self) -> dict[str, Delivered]:
-        """The signals of all controllers by name; of those that several have, the first one's."""
+        """The signals of all controllers by name; a signal used by several is taken from the first."""
         found: dict[str, Delivered] = {}
         for c, names in enumerate(self._names):
             for i, name in enumerate(names):

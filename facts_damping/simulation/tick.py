@@ -1,6 +1,6 @@
 """One tick of the closed loop, compiled: measure, uplink, act, learn, downlink, advance (docs/architecture.md).
 
-The nodes call the same functions, each its own; here they are called one after the other.
+The nodes call the same functions, one node each; here they run in sequence.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-# Places in `Signals.used`: how many ticks, and rows of each table, are filled.
+# Indices of `Signals.used`: numbers of ticks, and of rows of each table, filled.
 TICKS, DELIVERED, ISSUED, APPLIED, ESTIMATES, LEARNED, SUPERVISED, STATUSES = range(8)
 
 
 class Signals(Struct):
-    """Arrays that a run fills, as in `signals.Record`; `used`: how many entries of each are filled."""
+    """Arrays that a run fills, as in `signals.Record`; `used`: number of entries filled in each."""
 
     time_ns: Int1
     frames: Float3
@@ -66,7 +66,7 @@ class Signals(Struct):
 
 
 class ControlSystem(Struct):
-    """What acts on measurements: controllers, identifiers and supervisors, and the setpoints of a tick."""
+    """Controllers, identifiers and supervisors, and the setpoints of a tick."""
 
     bank: Bank
     bank_state: BankState
@@ -74,12 +74,12 @@ class ControlSystem(Struct):
     identifier_state: IdentifierState
     supervisors: Supervisors
     supervisor_state: SupervisorState
-    issued: Setpoints  # what the controllers issue
-    passed: Setpoints  # what of it acts, as supervisors have it
+    issued: Setpoints  # setpoints issued by the controllers
+    passed: Setpoints  # setpoints that act, after the supervisors
 
 
 class Loop(Struct):
-    """Everything a closed loop consists of: frozen parameters and state, each part by itself, and what it records."""
+    """All parts of a closed loop: constant parameters and state of each, and recorded signals."""
 
     plant: Plant
     plant_state: PlantState
@@ -88,14 +88,14 @@ class Loop(Struct):
     pmu_state: PmuState
     links: Links
     control: ControlSystem
-    applied: Setpoints  # what all links deliver to the devices in a tick
+    applied: Setpoints  # setpoints that all links deliver to the devices in a tick
     signals: Signals
-    programs: Annotated[list[Any], HOST]  # `policies.Program`, of controllers of the user's own
+    programs: Annotated[list[Any], HOST]  # `policies.Program` of user's own controllers
 
 
 @compiled
 def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> int:
-    """Keep `count` entries from index `at` on, as far as there is room; the index after the last."""
+    """Store `count` entries from index `at` on, as far as there is room; returns the index after the last."""
     for i in range(min(count, kept.size - at)):
         kept[at + i] = entries[i]
     return at + count
@@ -111,11 +111,11 @@ def control_step(
     devices: DeviceTruths,
     kept: Signals,
 ) -> int:
-    """Controllers act on what was delivered in a tick, supervisors pass that on, then identifiers learn.
+    """Run controllers on the entries delivered in a tick, then supervisors, then identifiers.
 
-    `delivered`, (links, entries), and `ring`, which says how many there are, as in `link.transfer.Direction`;
-    controller c uses link `used[c]`; `devices`: DEVICE_TRUTH, which supervisors see. Identifiers hear what acts; what
-    they estimate is used in the tick after. Returns how many setpoints act.
+    `delivered`: (links, entries); `ring`: with the number of entries, as in `link.transfer.FrameDirection`; controller
+    c uses link `used[c]`; `devices`: DEVICE_TRUTH for supervisors. Identifiers use the setpoints that act; controllers
+    use the estimates in the next tick. Returns the number of setpoints that act.
     """
     bank, bank_state = control.bank, control.bank_state
     ids, id_state = control.identifiers, control.identifier_state
@@ -162,7 +162,7 @@ def _supervised(
     devices: NDArray[Any],
     kept: Signals,
 ) -> int:
-    """All supervisors' ticks; how many setpoints they say."""
+    """Run a tick of all supervisors; returns the number of their setpoints."""
     supervisors, state, acting = control.supervisors, control.supervisor_state, 0
     for s in range(supervisors.settings.size):
         own = supervisors.settings[s]
@@ -191,10 +191,10 @@ def _supervised(
 
 @entry_point
 def run_half_ticks(loop: Loop, first: int, until: int) -> bool:
-    """Half ticks from `first` on, before `until`; False: the plant, or a controller, does not go on.
+    """Run half ticks from `first` to before `until`; returns False if the plant or a controller has stopped.
 
-    Half 2 k is the first of tick k: PMUs measure, links deliver upwards. Half 2 k + 1 is its second: controllers act,
-    supervisors pass that on, identifiers learn, links deliver downwards, the plant goes on.
+    Half tick 2 k: PMUs measure at tick k, and uplinks deliver. Half tick 2 k + 1: controllers act, supervisors forward,
+    identifiers learn, downlinks deliver, and the plant advances.
     """
     links, control, kept, pmus = loop.links, loop.control, loop.signals, loop.pmus
     several = links.up.ring.shape[0]

@@ -1,4 +1,4 @@
-"""Code of the user's own: found by its name, run, and its errors told in one line."""
+"""User's own code: found by name and run; its errors become one line."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 2.0  # wall time
 
-_loaded: dict[Path, tuple[int, Any]] = {}  # files that were run, and when they had been written
+_loaded: dict[Path, tuple[int, Any]] = {}  # modules of files that were run, with the files' time of change
 
 
 def find(text: str, where: str) -> Any:
-    """The class that a text names. Raises `InputError`."""
+    """The class that a text names. Raises `InputError` if there is none."""
     place, colon, name = text.rpartition(":")
     if not colon:
         known = given("policies")
@@ -51,7 +51,7 @@ def find(text: str, where: str) -> Any:
 
 @contextmanager
 def users(where: str, file: str, when: str) -> Iterator[None]:
-    """Code of the user's, from a file, in the block: whatever it fails with is raised as `InputError`."""
+    """Context for running user code of a file: any error is raised as `InputError`."""
     try:
         with running:
             yield
@@ -62,11 +62,11 @@ def users(where: str, file: str, when: str) -> Iterator[None]:
 
 
 class _Running:
-    """The block in which the user's code runs: it does not end the process, nor hold it when that is to end.
+    """Context in which user code runs: the code cannot end the process or keep it from ending.
 
-    `os._exit` is an error: a run does not end as if it were done; a process forked meanwhile ends by it. Where an
-    interruption comes and the same call is still not back `PATIENCE_S` later, as within a library that hangs, where
-    Python cannot answer, the process ends with a line.
+    `os._exit` raises an error, so that a run does not appear complete; in a process forked meanwhile it works as usual.
+    If the same call has not returned `PATIENCE_S` after an interruption, for example in a library that hangs, the
+    process ends with one line.
     """
 
     def __init__(self) -> None:
@@ -93,7 +93,7 @@ class _Running:
     def _watch(self) -> None:
         read, write = os.pipe()
         os.set_blocking(write, False)
-        if signal.set_wakeup_fd(write, warn_on_full_buffer=False) >= 0:  # somebody else looks already
+        if signal.set_wakeup_fd(write, warn_on_full_buffer=False) >= 0:  # another handler is installed already
             return
         threading.Thread(target=self._end_what_hangs, args=(read,), daemon=True).start()
 
@@ -112,17 +112,17 @@ running = _Running()
 
 @contextmanager
 def _importable(folder: Path) -> Iterator[None]:
-    """Let modules of a folder be imported, as they are for a script that lies in it."""
+    """Allow imports of modules in a folder, as for a script in that folder."""
     sys.path.insert(0, str(folder))
     try:
         yield
     finally:
-        with suppress(ValueError):  # the user's code may have changed it, too
+        with suppress(ValueError):  # user code may have changed it, too
             sys.path.remove(str(folder))
 
 
 def _run_file(path: Path) -> Any:
-    """A file as a module, run once, and again after it has been written anew; the script that runs is there already."""
+    """A file as a module: run once, and again after it changes; the running script itself is not run again."""
     whole = path.resolve()
     script = sys.modules["__main__"]
     if getattr(script, "__file__", None) and Path(str(script.__file__)).resolve() == whole:
@@ -133,20 +133,20 @@ def _run_file(path: Path) -> Any:
         module = ModuleType(name)
         module.__file__ = str(whole)
         sys.modules[name] = module
-        with _importable(whole.parent):  # compiled here: Python's own cache goes by size and whole seconds
+        with _importable(whole.parent):  # compiled here: Python's own cache compares only size and whole seconds
             exec(compile(read_bytes(whole), str(whole), "exec"), vars(module))  # noqa: S102 (the user's own)
         _loaded[whole] = (written, module)
     return _loaded[whole][1]
 
 
 def source_hash(field: str, text: str) -> str:
-    """What tells states of a program apart: a hash of the file of a `policy` or `fmu`. Raises `InputError`."""
+    """Hash of the file of a `policy` or `fmu`, which identifies its version. Raises `InputError`."""
     file = text if field == "fmu" else file_of(find(text, field))
     return hashlib.sha256(read_bytes(Path(file), FMU)).hexdigest() if Path(file).is_file() else ""
 
 
 def file_of(found: Any) -> str:
-    """The file of a class; empty where it has none, as one that is compiled."""
+    """The file of a class; empty if it has none, such as a compiled one."""
     try:
         return inspect.getsourcefile(found) or ""
     except TypeError:
@@ -154,7 +154,7 @@ def file_of(found: Any) -> str:
 
 
 def told(error: BaseException, file: str) -> str:
-    """An error of the user's code in one line, with the line of code that it is from."""
+    """An error of user code in one line, with the line of code that raised it."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [one for one in frames if file and Path(one.filename).name == Path(file).name]
     if isinstance(error, SyntaxError) and error.filename:

@@ -1,1 +1,1 @@
-"""The supervisor beside a controller: whether its setpoints may act, by what it sees of data, controller and grid."""
+"""Supervisors: each decides from data, controller and grid whether its controller's setpoints may act."""

@@ -1,4 +1,4 @@
-"""What a supervisor is told of its controller's health, from its state; compiled. A node has it by messages."""
+"""A controller's health for its supervisor, read from the controller's state; compiled. Nodes get it by messages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from facts_damping.supervision.model import SupervisorRows
 
 @compiled
 def read_health(bank: Bank, state: BankState, c: int, found: Any) -> None:
-    """Whether the outputs of controller c are finite, what its network's parameters are in all, how it learns."""
+    """Write the health of controller c to `found`: outputs finite, parameter norm, Lyapunov function and its fall."""
     found.finite = 1
     for d in range(bank.device.shape[1]):
         if bank.device[c, d] != UNSET and not math.isfinite(state.unlimited[c, d]):
@@ -35,5 +35,5 @@ def read_health(bank: Bank, state: BankState, c: int, found: Any) -> None:
 
 @entry_point
 def controller_health(bank: Bank, state: BankState, c: int, found: SupervisorRows, at: int) -> None:
-    """The same into a row of SUPERVISOR."""
+    """Write the health of controller c into row `at` of SUPERVISOR."""
     read_health(bank, state, c, found[at])

@@ -1,4 +1,4 @@
-"""Supervisors as arrays: frozen parameters and state, side by side; how they are made of data."""
+"""Parameters and state of all supervisors as arrays, and their construction."""
 
 from __future__ import annotations
 
@@ -23,37 +23,37 @@ if TYPE_CHECKING:
     from facts_damping.parameters.supervision import Supervision
 
 NEVER = np.iinfo(np.int64).max  # ns
-CYCLES_KEPT = 4  # of the mode: three of growth need four
-NOBODY, CONTROLLER, RESERVE = range(3)  # whose setpoints act
-UNKNOWNS = 6  # of a probe's answer: the known answer and its quadrature, the mode's own swing, mean and slope
-LATEST_S = 2.0  # age of a frame up to which a probe knows what it should show
+CYCLES_KEPT = 4  # cycles of the mode: three growth ratios need four
+NOBODY, CONTROLLER, RESERVE = range(3)  # source of the setpoints that act
+UNKNOWNS = 6  # of a probe's fit: modal state (2), free swing of the mode (2), mean, slope
+LATEST_S = 2.0  # age up to which a probe uses a frame
 
-# What a supervisor is set to.
+# Settings of a supervisor.
 SETTINGS = np.dtype(
     [
-        ("controller", "i8"),  # index of the controller in the run
-        ("reserve", "i8"),  # and of its fallback; UNSET: none
-        ("link", "i8"),  # by which its frames come
+        ("controller", "i8"),  # index in the run
+        ("reserve", "i8"),  # index of the fallback; UNSET: none
+        ("link", "i8"),  # index of the link that delivers its frames
         ("frame_rate", "i8"),
-        ("arm_ns", "i8"),  # when it is to be armed; NEVER: when an operator asks
+        ("arm_ns", "i8"),  # time of arming; NEVER: only on an operator's command
         ("probe_ns", "i8"),
         ("needs_probe", "i8"),
-        ("dead_ns", "i8"),  # when it fails, and from when on it is there again; NEVER: not
+        ("dead_ns", "i8"),  # start and end of its failure; NEVER: none
         ("back_ns", "i8"),
-        ("hung", "i8"),  # it goes on where it was
-        ("ramp", "f8"),  # s, of arming, of a trip, of a change to the fallback or back
+        ("hung", "i8"),  # 1: it resumes with its old state after the failure; 0: it restarts
+        ("ramp", "f8"),  # s: ramps of arming, of a trip, of a change to the fallback or back
         ("trip_ramp", "f8"),
         ("fall_back_ramp", "f8"),
         ("recovery", "f8"),  # s
-        ("rate", "f8"),  # p.u./s; inf: any
-        ("energy", "f8"),  # s of full output, squared, at once, and as much again in a minute; inf: any
+        ("rate", "f8"),  # p.u./s; inf: no limit
+        ("energy", "f8"),  # s of full output, squared: usable at once, and regained each minute; inf: no limit
         ("nominal", "f8"),  # Hz
-        ("sigma", "f8"),  # 1/s and rad/s: the watched mode's eigenvalue; omega 0: there is none
+        ("sigma", "f8"),  # 1/s, and omega in rad/s: eigenvalue of the watched mode; omega 0: no mode
         ("omega", "f8"),
-        ("cycle", "i8"),  # ticks of a cycle of it
-        ("amplitude", "f8"),  # share of a device's limit
-        ("probe_s", "f8"),  # s, of a device
-        ("apart", "f8"),
+        ("cycle", "i8"),  # ticks in a cycle of the mode
+        ("amplitude", "f8"),  # of each tone of a probe, share of the device's limit
+        ("probe_s", "f8"),  # s, duration of the probe of one device
+        ("apart", "f8"),  # distance of each tone from the mode, share of omega
         ("coherence", "f8"),
         ("gain", "f8"),
         ("phase", "f8"),  # rad
@@ -62,75 +62,75 @@ SETTINGS = np.dtype(
 
 THRESHOLD = np.dtype([("limit", "f8"), ("lasts_ns", "i8"), ("follows", "i8")])
 
-# What a supervisor knows, beside arrays.
+# State of a supervisor, except arrays.
 SUPERVISOR = np.dtype(
     [
         ("state", "i8"),
-        ("cause", "i8"),  # why it is in it: `monitors.cause_name`
-        ("refused", "i8"),  # why it was not armed, when that was asked for last
-        ("asked", "i8"),  # what an operator asks for from the next tick on
-        ("tick", "i8"),  # the newest
-        ("start_ns", "i8"),  # its start, and its end
+        ("cause", "i8"),  # of the newest change of state: `monitor_table.cause_name`
+        ("refused", "i8"),  # why the newest request to arm was refused
+        ("asked", "i8"),  # operator's command for the next tick; 0: none
+        ("tick", "i8"),  # newest tick
+        ("start_ns", "i8"),  # its start and end
         ("now_ns", "i8"),
-        ("begun_ns", "i8"),  # when the newest change of whose setpoints act began
-        ("ramp", "f8"),  # s, how long it takes
-        ("arrived_ns", "i8"),  # when frames came last that its signals can be made of
-        ("owed_ns", "i8"),  # since when frames wait for an answer; UNSET: none does
-        ("reserve_ns", "i8"),  # when its fallback last said something
-        ("sound_ns", "i8"),  # since when data are sound
-        ("issued_ns", "i8"),  # when its newest setpoint was issued,
-        ("since", "f8"),  # s, and how long after those before it
-        ("spent", "f8"),  # s of full output, squared
+        ("begun_ns", "i8"),  # start of the newest change of state
+        ("ramp", "f8"),  # s, its duration
+        ("arrived_ns", "i8"),  # newest arrival that gave new signals; UNSET: none yet
+        ("owed_ns", "i8"),  # since when frames wait for an answer of the controller; UNSET: none
+        ("reserve_ns", "i8"),  # issue of the fallback's newest setpoint; UNSET: none
+        ("sound_ns", "i8"),  # newest tick's end with a `fall_back` monitor over its limit
+        ("issued_ns", "i8"),  # issue of its newest setpoints
+        ("since", "f8"),  # s, interval between these and the previous ones
+        ("spent", "f8"),  # energy used, s of full output, squared
         ("norm_at_start", "f8"),
         ("latency", "f8"),  # s, mean and mean deviation over a second
         ("jitter", "f8"),
-        ("probe_ns", "i8"),  # when the probe of a device began; UNSET: none is under way
-        ("probed", "i8"),  # devices whose probe is done
-        ("squares", "f8"),  # of the signal, for a probe's fit
-        ("finite", "i8"),  # of the controller's health: whether its outputs are finite,
-        ("norm", "f8"),  # Euclidean norm of its network's parameters,
+        ("probe_ns", "i8"),  # start of the running probe; UNSET: none
+        ("probed", "i8"),  # number of devices already probed
+        ("squares", "f8"),  # sum of the signal's squares in a probe's fit
+        ("finite", "i8"),  # controller's health: 1: all outputs are finite
+        ("norm", "f8"),  # Euclidean norm of its network's parameters
         ("lyapunov", "f8"),  # its Lyapunov function
-        ("fall", "f8"),  # and the fall of that by the newest step
+        ("fall", "f8"),  # decrease of the Lyapunov function in the newest step
         ("values", "f8", (len(MONITORS),)),
-        ("over_ns", "i8", (len(MONITORS),)),  # since when a limit is passed; UNSET: it is not
+        ("over_ns", "i8", (len(MONITORS),)),  # since when each limit is exceeded; UNSET: not exceeded
     ]
 )
 
-# What it knows of a station.
+# State kept for each station.
 STATION = np.dtype(
     [
-        ("measured_ns", "i8"),  # of the newest frame; UNSET: none yet
-        ("angle", "f8"),  # rad, of it, whole turns counted
+        ("measured_ns", "i8"),  # measurement of the newest frame; UNSET: none yet
+        ("angle", "f8"),  # rad, unwrapped voltage angle
         ("angle_at_start", "f8"),
-        ("same_ns", "i8"),  # measurement since which values repeat
-        ("turning", "f8"),  # Hz, frequency less the angle's change, over a tenth of a second
-        ("slipping", "f8"),  # Hz, speed less frequency, likewise
+        ("same_ns", "i8"),  # first measurement of the values that repeat now
+        ("turning", "f8"),  # Hz, frequency minus rate of the angle, smoothed over 0.1 s
+        ("slipping", "f8"),  # Hz, speed minus frequency, smoothed likewise
         ("status", "i8"),
-        ("early", "f8"),  # s, measurement after arrival
+        ("early", "f8"),  # s, measurement time minus arrival time
     ]
 )
 
-# A device that it commands.
+# Parameters of a commanded device.
 DEVICE = np.dtype(
     [
-        ("place", "i8"),  # among the installed ones; UNSET: there is none
-        ("limit", "f8"),  # p.u., of its authority
-        ("residue", "c16"),  # 1/s, from a setpoint as issued to its first signal
+        ("place", "i8"),  # index among the installed devices; UNSET: unused row
+        ("limit", "f8"),  # p.u., authority
+        ("residue", "c16"),  # 1/s, from issued setpoint to the supervisor's first signal
     ]
 )
 
-# What it knows of a device.
+# State kept for each commanded device.
 COMMANDED = np.dtype(
     [
-        ("given", "f8", (3,)),  # p.u., newest setpoints: nobody's, the controller's, the fallback's
+        ("given", "f8", (3,)),  # p.u., newest setpoints by source: NOBODY, CONTROLLER, RESERVE
         ("output", "f8"),  # p.u.
-        ("begun", "f8"),  # p.u., the output when the newest change began
-        ("extreme", "f8"),  # p.u., since the output has turned, and which way it went then
+        ("begun", "f8"),  # p.u., output at the start of the newest change of state
+        ("extreme", "f8"),  # p.u., extreme since the last turn of the output, and its direction, +1 or -1
         ("direction", "f8"),
-        ("gain", "f8"),  # of a probe's answer, beside the known one; NaN: not probed
-        ("phase", "f8"),  # rad, ahead of it
+        ("gain", "f8"),  # probed response / known response; NaN: not probed
+        ("phase", "f8"),  # rad, lead over the known response
         ("coherence", "f8"),
-        ("added", "c16"),  # what the controller would have added to the mode's eigenvalue by this device, 1/s
+        ("added", "c16"),  # 1/s, shift of the mode's eigenvalue by the controller through this device
     ]
 )
 
@@ -139,14 +139,14 @@ SupervisorRows = Annotated[NDArray[Any], Array(SUPERVISOR, 1)]
 
 
 class Supervisors(Struct):
-    """Frozen parameters of all supervisors; the first axis is the supervisor."""
+    """Constant parameters of all supervisors; arrays of (supervisors, ...) have the supervisor first."""
 
     settings: Annotated[NDArray[Any], Array(SETTINGS, 1)]  # (supervisors,) of SETTINGS
     thresholds: Annotated[NDArray[Any], Array(THRESHOLD, 2)]  # (supervisors, monitors) of THRESHOLD
     inputs: Inputs
-    plausible: Float1  # (channels,)
-    used: Bool2  # (supervisors, channels)
-    ends: Int2  # (pairs, 2): stations at both ends of a line
+    plausible: Float1  # (channels,): largest plausible value
+    used: Bool2  # (supervisors, channels): channels in its signals
+    ends: Int2  # (pairs, 2): stations at the two ends of a line
     devices: Annotated[NDArray[Any], Array(DEVICE, 2)]  # (supervisors, most devices) of DEVICE
 
 
@@ -157,21 +157,21 @@ class SupervisorState(Struct):
     held: LatestSamples
     stations: Annotated[NDArray[Any], Array(STATION, 2)]  # (supervisors, stations) of STATION
     commanded: Annotated[NDArray[Any], Array(COMMANDED, 2)]  # (supervisors, most devices) of COMMANDED
-    past: Float3  # (supervisors, ticks, 4): first signal, largest output that acts, which limit, reversals
-    phasors: Float3  # (supervisors, 1 + most devices, 3), of the first signal and of the outputs
-    expected: Complex2  # (supervisors, ticks), of a probe, the modal state
-    sums: Float4  # (supervisors, 2, UNKNOWNS + 1, UNKNOWNS + 1), products of a probe's fit; room to solve it
+    past: Float3  # (supervisors, ticks, 4): signal, largest acting output / limit, limit hit (+1, -1), reversals
+    phasors: Float3  # (supervisors, 1 + most devices, 3): of the first signal, then of each output
+    expected: Complex2  # (supervisors, ticks): modal state during a probe
+    sums: Float4  # (supervisors, 2, UNKNOWNS + 1, UNKNOWNS + 1): products of a probe's fit; work space
 
 
 class Watched(NamedTuple):
-    """What a supervisor is made for."""
+    """Controller, fallback, link and mode of one supervisor."""
 
     controller: int
-    reserve: int  # its fallback; UNSET: none
+    reserve: int  # index of the fallback; UNSET: none
     link: int
     arm_at: float | None
-    eigenvalue: complex  # of the watched mode, 1/s; 0: none
-    residue: Sequence[complex]  # (devices,), from a setpoint as issued to the first signal
+    eigenvalue: complex  # of the watched mode, 1/s; 0: no mode
+    residue: Sequence[complex]  # (devices,), 1/s, from issued setpoint to the first signal
 
 
 def supervisors(
@@ -185,7 +185,7 @@ def supervisors(
     nominal: float,
     ends: Sequence[tuple[int, int]] = (),
 ) -> tuple[Supervisors, SupervisorState]:
-    """Supervisors of controllers, in shadow; `limits`: p.u., of the installed devices in their order."""
+    """Build the supervisors of controllers, in shadow; `limits`: p.u., of all installed devices in order."""
     n, order = len(watched), list(limits)
     own = [controllers[one.controller] for one in watched]
     most = max([len(c.devices) for c in own], default=0)
@@ -228,7 +228,7 @@ def supervisors(
 
 @entry_point
 def begin(state: SupervisorState, s: int) -> None:
-    """Supervisor s as at the start of a run: in shadow, knowing nothing."""
+    """Reset supervisor s to the start of a run: in shadow, without data."""
     row, held = state.rows[s], state.held
     row.state, row.cause, row.refused, row.asked = SHADOW, NO_CAUSE, NO_CAUSE, 0
     row.tick = row.start_ns = -1
@@ -255,7 +255,7 @@ def begin(state: SupervisorState, s: int) -> None:
 
 
 def _set(row: Any, one: Watched, given: Supervision, frame_rate: int, nominal: float) -> None:
-    """A supervisor's settings."""
+    """Fill a row of SETTINGS."""
     arming, probe = given.arming, given.probe
     omega = one.eigenvalue.imag
     row["controller"], row["reserve"], row["link"] = one.controller, one.reserve, one.link
@@ -280,9 +280,9 @@ def _set(row: Any, one: Watched, given: Supervision, frame_rate: int, nominal: f
 
 
 def _thresholds(rows: NDArray[Any], given: Supervision, settings: Any) -> None:
-    """What a supervisor's monitors are set to."""
+    """Fill the thresholds of a supervisor's monitors."""
     cycle_s = float(settings["cycle"]) / float(settings["frame_rate"])
     for row, (name, watch) in zip(rows, watches(given).items(), strict=True):
         seconds = watch.lasts * (cycle_s if MONITORS[name].lasts_unit == CYCLES else 1.0)
         row["limit"], row["follows"] = watch.limit, CONSEQUENCES.get(watch.follows, OFF)
-        row["lasts_ns"] = max(0, round(seconds * NANOSECONDS) - 1)  # ticks are rounded down to a nanosecond
+        row["lasts_ns"] = max(0, round(seconds * NANOSECONDS) - 1)  # tick times are rounded down to 1 ns

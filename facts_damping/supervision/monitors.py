@@ -1,4 +1,4 @@
-"""Values of a supervisor's monitors after a tick; compiled. What each monitor is: `facts_damping/monitor_table.py`."""
+"""Values of a supervisor's monitors after a tick; compiled. `facts_damping/monitor_table.py` defines the monitors."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ _CHANNEL = {name: i for i, name in enumerate(CHANNELS)}
 _ANGLE, _SPEED, _POWER = _CHANNEL["voltage_angle"], _CHANNEL["speed_deviation"], _CHANNEL["active_power"]
 _FREQUENCY = _CHANNEL["frequency"]
 
-SMOOTHING = 0.1  # s, of a station's mismatches
-LATENCY = 1.0  # s, over which latency is averaged
-STILL_HZ = 5e-4  # so near the nominal frequency an angle may stand still
-SATURATION = 2.0  # s, over which it counts
-REVERSAL = 0.1  # share of the limit that counts as a turn
-ACTS = 0.05  # share of the limit from which on an output acts on the grid,
-WORKS = 0.2  # and from which on the oscillation must fade by it
-LEAST_POWER = 0.1  # p.u., beside which powers are compared at least
-LEAST_LYAPUNOV = 1e-3  # beside which its rise is compared at least: an error of a twentieth of `scale`
-PHASOR = 0.25  # rate of the phasors, beside the mode's rad/s
+SMOOTHING = 0.1  # s, time constant of a station's mismatches
+LATENCY = 1.0  # s, time constant of the mean latency
+STILL_HZ = 5e-4  # Hz: this close to the nominal frequency an angle may stay constant
+SATURATION = 2.0  # s, window
+REVERSAL = 0.1  # share of the limit: least swing back that counts as a reversal
+ACTS = 0.05  # share of the limit: least output that affects the grid
+WORKS = 0.2  # share of the limit: least output that must damp the oscillation
+LEAST_POWER = 0.1  # p.u., least base for comparing powers
+LEAST_LYAPUNOV = 1e-3  # least base for its relative rise: an error of 1/20 of `scale`
+PHASOR = 0.25  # rate of the phasor filters / omega of the mode
 
 
 @compiled
 def check_entry(made: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
-    """What a newer frame says of its station; of those that arrive together all are looked at, then the newest held."""
+    """Update a station's data quality from a newer frame; call it for each frame of an arrival, before `ingest`."""
     station = state.stations[s, entry.station]
     before_ns = station.measured_ns
     if entry.measured_ns <= before_ns:
@@ -75,7 +75,7 @@ def check_entry(made: Supervisors, state: SupervisorState, s: int, entry: Any) -
 
 @compiled
 def update_signals(made: Supervisors, state: SupervisorState, s: int, since_ns: int, arrival_ns: int) -> None:
-    """What new signals say: their latency, and the oscillation."""
+    """Update latency, jitter and the signal's phasor from new signals."""
     row, dt = state.rows[s], since_ns * 1e-9
     latency = (arrival_ns - state.held.newest_ns[s]) * 1e-9
     if row.arrived_ns == UNSET:
@@ -91,7 +91,10 @@ def update_signals(made: Supervisors, state: SupervisorState, s: int, since_ns: 
 
 @compiled
 def update_filters(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
-    """Keep what a tick's signal and outputs were: of who acts, and of the controller while nobody does."""
+    """Store a tick's signal and outputs, and update the outputs' phasors.
+
+    The outputs are those that act; if none acts, the controller's setpoints, limited to the authority.
+    """
     row, own, size = state.rows[s], made.settings[s], state.past.shape[1]
     place, before = state.past[s, tick % size], state.past[s, (tick - 1) % size]
     y = state.held.signal[s, 0]
@@ -114,7 +117,7 @@ def update_filters(made: Supervisors, state: SupervisorState, s: int, tick: int)
 
 @compiled
 def _turn(device: Any, u: float, least: float) -> float:
-    """1 where an output has turned back by more than `least` from its newest extreme."""
+    """1 if an output has reversed by more than `least` from its newest extreme, else 0."""
     moved, before = u - device.extreme, device.direction
     if before * moved > 0.0:
         device.extreme = u
@@ -126,7 +129,7 @@ def _turn(device: Any, u: float, least: float) -> float:
 
 @compiled
 def check_data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
-    """Values of the monitors of data."""
+    """Update the monitors of data."""
     row, own, held = state.rows[s], made.settings[s], state.held
     value = row.values
     value[MISSING] = (end_ns - max(row.arrived_ns, 0)) * 1e-9
@@ -161,7 +164,7 @@ def check_data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -
 
 @compiled
 def controller(made: Supervisors, state: SupervisorState, s: int, end_ns: int, lapses: int) -> None:
-    """Values of the monitors of the controller; `lapses`: setpoints of this tick that were not finite."""
+    """Update the monitors of the controller; `lapses`: number of non-finite setpoints in this tick."""
     row, rate = state.rows[s], made.settings[s].frame_rate
     value = row.values
     value[SILENT] = 0.0 if row.owed_ns == UNSET else (end_ns - row.owed_ns) * 1e-9
@@ -181,7 +184,7 @@ def controller(made: Supervisors, state: SupervisorState, s: int, end_ns: int, l
 
 @compiled
 def _count(past: NDArray[np.float64], tick: int, window: int, side: float) -> int:
-    """Of the last ticks, this one included, those in which an output was at its limit on one side."""
+    """Number of the last `window` ticks, this one included, with an output at its limit on one side (+1 or -1)."""
     total, size = 0, past.shape[0]
     for i in range(min(window, tick + 1)):
         if past[(tick - i) % size, 2] == side:
@@ -191,7 +194,7 @@ def _count(past: NDArray[np.float64], tick: int, window: int, side: float) -> in
 
 @compiled
 def check_grid(made: Supervisors, state: SupervisorState, s: int, devices: NDArray[Any]) -> None:
-    """Values of the monitors of the grid; of what frames say of it only while they are sound."""
+    """Update the monitors of the grid; those based on frames are NaN while data are unsound."""
     value, own = state.rows[s].values, made.settings[s]
     value[DEVICE] = 0.0
     for d in range(made.devices.shape[1]):
@@ -211,7 +214,7 @@ def check_grid(made: Supervisors, state: SupervisorState, s: int, devices: NDArr
 
 @compiled
 def _apart(made: Supervisors, state: SupervisorState, s: int) -> tuple[float, float]:
-    """Largest deviation of a frequency, Hz, and largest angle between stations, from that at the start, degrees."""
+    """Largest frequency deviation, Hz, and largest change of an angle between two stations since the start, degrees."""
     held, worst, low, high = state.held, 0.0, math.inf, -math.inf
     for i in range(held.entry_ns.shape[1]):
         station = state.stations[s, i]
@@ -224,7 +227,7 @@ def _apart(made: Supervisors, state: SupervisorState, s: int) -> tuple[float, fl
 
 @compiled
 def _count_turns_anew(made: Supervisors, state: SupervisorState, s: int) -> None:
-    """After a time without sound data, in which nobody has counted: less than half a turn from the first station."""
+    """Rewrap angles after unsound data, in which turns are lost: within half a turn of the first station's change."""
     held, first = state.held, math.nan
     for i in range(held.entry_ns.shape[1]):
         station = state.stations[s, i]
@@ -236,7 +239,7 @@ def _count_turns_anew(made: Supervisors, state: SupervisorState, s: int) -> None
 
 @compiled
 def unsound(made: Supervisors, state: SupervisorState, s: int) -> bool:
-    """Whether a monitor of data that would have it fall back, or trip, is beyond its limit."""
+    """Whether a monitor of data whose consequence is a fallback or trip exceeds its limit."""
     for m in range(LAST_OF_DATA + 1):
         if made.thresholds[s, m].follows >= FALL_BACK and state.rows[s].values[m] > made.thresholds[s, m].limit:
             return True
@@ -245,7 +248,7 @@ def unsound(made: Supervisors, state: SupervisorState, s: int) -> bool:
 
 @compiled
 def _harm(made: Supervisors, state: SupervisorState, s: int) -> float:
-    """What the outputs add to the mode's growth rate: Re sum_d R_d u_d / y of their phasors, 1/s; 0 where none acts."""
+    """Growth rate that the outputs add to the mode, 1/s: Re sum_d R_d u_d / y, with phasors u_d, y; 0 if none acts."""
     acts, total = False, 0.0
     for d in range(made.devices.shape[1]):
         if made.devices[s, d].place != UNSET:
@@ -257,10 +260,10 @@ def _harm(made: Supervisors, state: SupervisorState, s: int) -> float:
 
 @compiled
 def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
-    """The least growth rate of three cycles, ln of the signal's range beside that of the cycle before, 1/s.
+    """Least growth rate over three cycles minus the mode's open-loop rate sigma, 1/s.
 
-    Less the rate at which the mode grows, or fades, without control; 0 unless the output works in each of the three:
-    what follows an event in a quiet grid is not its doing.
+    A cycle's growth rate: ln(range of the signal / range in the cycle before) / cycle. 0 unless the output exceeds
+    WORKS in each of the three cycles: the controller does not cause the growth after an event in a quiet grid.
     """
     past, own, size = state.past[s], made.settings[s], state.past.shape[1]
     tick, cycle = state.rows[s].tick, own.cycle

@@ -1,7 +1,7 @@
-"""What a supervisor says: setpoints of whoever acts, within its authority, or zero; compiled.
+"""A supervisor's output: the acting source's setpoints, limited to its authority, or zero; compiled.
 
-Whoever takes over from whom: v = (1 - b) v_0 + b u, v_0 what was said last before the change, u the newcomer's setpoint
-(0: nobody's), b from 0 to 1 in the time of a ramp.
+After a change of source, the output is v = (1 - b) v_0 + b u: v_0 is the last output before the change, u the new
+source's setpoint (0 for NOBODY), and b rises from 0 to 1 during the ramp.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MINUTE = 60.0  # s
 
 @compiled
 def source_of(state: int) -> int:
-    """Whose setpoints act in a state."""
+    """Source of the setpoints that act in a state."""
     return CONTROLLER if state == ARMED else RESERVE if state == FALLBACK else NOBODY
 
 
@@ -41,9 +41,10 @@ def forward_setpoints(
     out: NDArray[Any],
     first: int,
 ) -> tuple[int, int, bool]:
-    """Take the setpoints of controller and fallback, by time; whoever acts has them passed on.
+    """Store the setpoints of controller and fallback in order of time; write the acting source's to `out`.
 
-    Index after the last that is said; how many were not finite; whether the controller has said something.
+    Returns the index after the last setpoint written, the number of non-finite setpoints, and whether the controller
+    issued any.
     """
     row, own = state.rows[s], made.settings[s]
     lapses, answered, acts = 0, False, source_of(row.state)
@@ -71,7 +72,7 @@ def forward_setpoints(
 
 @compiled
 def _next(issued: NDArray[Any], many: int, i: int, controller: int) -> int:
-    """Index from i on of the next setpoint of a controller."""
+    """Index of a controller's next setpoint from index i on; `many` if there is none."""
     while i < many and issued[i].controller != controller:
         i += 1
     return i
@@ -79,7 +80,7 @@ def _next(issued: NDArray[Any], many: int, i: int, controller: int) -> int:
 
 @compiled
 def _place(made: Supervisors, s: int, device: int) -> int:
-    """Place of a device among a supervisor's."""
+    """Index of an installed device among a supervisor's devices; UNSET if it has none."""
     for d in range(made.devices.shape[1]):
         if made.devices[s, d].place == device:
             return d
@@ -90,7 +91,10 @@ def _place(made: Supervisors, s: int, device: int) -> int:
 def emit_zero(
     made: Supervisors, state: SupervisorState, s: int, tick: int, at_ns: int, out: NDArray[Any], first: int
 ) -> int:
-    """Zero, or what is left of a ramp, or a probe's tones; they rest on no measurement but that of the time."""
+    """Write setpoints of zero, of the rest of a ramp, or of a probe. Returns the index after the last.
+
+    They use no measurement: their time of measurement is that of issue.
+    """
     for d in range(made.devices.shape[1]):
         if made.devices[s, d].place != UNSET:
             state.commanded[s, d].given[NOBODY] = probe.tones(made, state, s, d, at_ns)
@@ -111,7 +115,7 @@ def _write(
     out: NDArray[Any],
     first: int,
 ) -> None:
-    """A device's setpoint at a time: of who acts, within the authority, of which a ramp has its share."""
+    """Write a device's setpoint at a time: the acting source's, ramped, limited in size, energy and rate."""
     row, own = state.rows[s], made.settings[s]
     device, b, limit = state.commanded[s, d], share(row, at_ns), made.devices[s, d].limit
     v, before = min(max(device.given[source_of(row.state)], -limit), limit), device.output
@@ -136,7 +140,7 @@ def _write(
 
 @compiled
 def _spend(made: Supervisors, state: SupervisorState, s: int, since: float) -> None:
-    """Full output, squared, that was used; what may be used in a minute comes back."""
+    """Add the energy used in `since` seconds, and regain it at a rate of `energy` a minute."""
     row, own = state.rows[s], made.settings[s]
     if math.isfinite(own.energy):
         used = 0.0
@@ -148,7 +152,7 @@ def _spend(made: Supervisors, state: SupervisorState, s: int, since: float) -> N
 
 @compiled
 def _commanded(made: Supervisors, s: int) -> int:
-    """How many devices a supervisor commands."""
+    """Number of devices that a supervisor commands."""
     found = 0
     for d in range(made.devices.shape[1]):
         found += made.devices[s, d].place != UNSET
@@ -157,6 +161,6 @@ def _commanded(made: Supervisors, s: int) -> int:
 
 @compiled
 def share(row: Any, at_ns: int) -> float:
-    """How far the newest change of whose setpoints act has come, 0 to 1."""
+    """Completed share of the ramp since the newest change of state, 0 to 1."""
     since = (at_ns - row.begun_ns) * 1e-9
     return 1.0 if since >= row.ramp else max(0.0, since / row.ramp)

@@ -1,10 +1,10 @@
-"""The probe: two tones beside the mode, and how the plant's answer to them compares with the known one; compiled.
+"""The probe: two tones beside the mode, and a fit of the plant's response relative to the known one; compiled.
 
     z' = lambda z + R u,  y = 2 Re(g z) + e^(sigma t) (a cos omega t + b sin omega t) + c + d t
 
-z is what the linearised plant's mode would do, R the residue from setpoint to signal; g, by least squares, is what the
-answer is beside that: its gain and phase. a and b let the mode swing by itself, c and d let the grid drift. The
-coherence is the share of what is left without z that z explains.
+z is the modal state of the linearised plant, and R the residue from setpoint to signal. Least squares give g: the gain
+and phase of the response relative to the known one. a and b model the mode's free swing, c and d the grid's drift. The
+coherence is the share of the residual sum of squares without z that z explains.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
     from facts_damping.supervision.model import Supervisors, SupervisorState
 
-PIVOT = 1e-12  # of a column's own size: less is what the others say already
+PIVOT = 1e-12  # least pivot / squared norm of its column; below it the column depends on others
 
 
 @compiled
 def tones(made: Supervisors, state: SupervisorState, s: int, d: int, at_ns: int) -> float:
-    """The probe's value at a time for a device, p.u."""
+    """A probe's setpoint for a device at a time, p.u.; 0 if the device is not being probed."""
     row, own = state.rows[s], made.settings[s]
     if row.probe_ns == UNSET or d != row.probed:
         return 0.0
@@ -39,7 +39,7 @@ def tones(made: Supervisors, state: SupervisorState, s: int, d: int, at_ns: int)
 
 @compiled
 def write_regressors(made: Supervisors, state: SupervisorState, s: int, tick: int, u: float) -> None:
-    """The modal state at the start of the tick after this one, under a setpoint that has stood for this tick."""
+    """Advance the modal state z to the next tick's start, with setpoint `u` constant over this tick."""
     row, own = state.rows[s], made.settings[s]
     size = state.expected.shape[1]
     eigenvalue = complex(own.sigma, own.omega)
@@ -51,7 +51,7 @@ def write_regressors(made: Supervisors, state: SupervisorState, s: int, tick: in
 
 @compiled
 def update_fit(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
-    """Take the newest signal into the fit, if it was measured while the probe went on, and not too long ago."""
+    """Add the newest signal to the fit if it was measured during the probe and is recent enough."""
     row, own, measured = state.rows[s], made.settings[s], state.held.newest_ns[s]
     at = (measured * own.frame_rate + NANOSECONDS // 2) // NANOSECONDS
     size = state.expected.shape[1]
@@ -60,7 +60,7 @@ def update_fit(made: Supervisors, state: SupervisorState, s: int, tick: int) -> 
     z, t = state.expected[s, at % size], (measured - row.probe_ns) * 1e-9
     fading = exp(own.sigma * t)
     sums = state.sums[s, 0]
-    v = sums[UNKNOWNS]  # room: filled anew each time
+    v = sums[UNKNOWNS]  # work space
     v[0], v[1] = 2.0 * z.real, -2.0 * z.imag
     v[2], v[3] = fading * cos(own.omega * t), fading * sin(own.omega * t)
     v[4], v[5], v[6] = 1.0, t / own.probe_s, state.held.signal[s, 0]
@@ -72,10 +72,11 @@ def update_fit(made: Supervisors, state: SupervisorState, s: int, tick: int) -> 
 
 @compiled
 def fit(sums: NDArray[np.float64], squares: float, work: NDArray[np.float64], first: int) -> float:
-    """Sum of squares that unknowns from `first` on leave of the signal; the solution into the last column of `work`.
+    """Solve for the unknowns from `first` on; returns the residual sum of squares.
 
-    `sums`: upper triangle of the products of all unknowns' columns, and of these with the signal. By Gauss and Jordan,
-    pivots on the diagonal (the matrix is one of squares); a column that others say already counts as not there.
+    The solution goes into the last column of `work`. `sums`: upper triangle of the products of all regressors with each
+    other and with the signal. Method: Gauss-Jordan with pivots on the diagonal (the matrix is positive semidefinite); a
+    regressor that depends on others is left out.
     """
     n = UNKNOWNS
     for i in range(first, n):
@@ -100,7 +101,7 @@ def fit(sums: NDArray[np.float64], squares: float, work: NDArray[np.float64], fi
 
 @compiled
 def store_result(made: Supervisors, state: SupervisorState, s: int) -> None:
-    """What the probe of a device has found; the next device's begins, if there is one."""
+    """Store the result of a device's probe, and reset the fit for the next device."""
     row, d = state.rows[s], state.rows[s].probed
     sums, work, found = state.sums[s, 0], state.sums[s, 1], state.commanded[s, d]
     without = fit(sums, row.squares, work, 2)
@@ -115,15 +116,15 @@ def store_result(made: Supervisors, state: SupervisorState, s: int) -> None:
 
 @compiled
 def reset_fit(state: SupervisorState, s: int) -> None:
-    """Begin a fit anew."""
+    """Clear the sums and the modal state of the fit."""
     state.sums[s], state.expected[s], state.rows[s].squares = 0.0, 0.0, 0.0
 
 
 @compiled
 def gain_of(made: Supervisors, state: SupervisorState, s: int, d: int) -> complex:
-    """What an output is beside the first signal at the mode, of their phasors at the same time; 0 without a signal.
+    """Phasor of output d / phasor of the first signal, at the mode and at the same time; 0 without a signal.
 
-    The signal's phasor is that of its time of measurement, turned on to now.
+    The signal's phasor is advanced by omega from its time of measurement to now.
     """
     y = complex(state.phasors[s, 0, 1], state.phasors[s, 0, 2])
     if not magnitude(y) > 0.0:

@@ -1,4 +1,4 @@
-"""Why a supervisor is in its state, or why it was not armed, in words."""
+"""Text for the cause of a supervisor's state, or of a refusal to arm."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NAMES = list(MONITORS)
 
 
 def reason_of(told: Any, thresholds: NDArray[Any], *, refused: bool = False) -> str:
-    """The cause in a record of SUPERVISION; `refused`: why it was not armed. `thresholds`: of the supervisor."""
+    """Text for the cause in a SUPERVISION record, or with `refused` for the refusal to arm."""
     code = int(told["refused"] if refused else told["cause"])
     if code >= 0:
         row = MONITORS[_NAMES[code]]

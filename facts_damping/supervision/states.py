@@ -1,4 +1,4 @@
-"""A supervisor's states: what leads from one to another, and why it is not armed; compiled."""
+"""A supervisor's states: transitions and reasons to refuse arming; compiled."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from facts_damping.supervision.model import Supervisors, SupervisorState
 
 @compiled
 def handle_commands(made: Supervisors, state: SupervisorState, s: int, start_ns: int) -> None:
-    """What the schedule or an operator asks for."""
+    """Execute commands of the schedule and the operator."""
     row, own = state.rows[s], made.settings[s]
     if row.start_ns < own.probe_ns <= start_ns:
         begin_probe(made, state, s, start_ns)
@@ -54,7 +54,7 @@ def handle_commands(made: Supervisors, state: SupervisorState, s: int, start_ns:
 
 @compiled
 def change(state: SupervisorState, s: int, to: int, cause: int, at_ns: int, ramp: float) -> None:
-    """Go to another state: what was said last is where the ramp begins."""
+    """Change the state; the ramp starts from the present output."""
     row = state.rows[s]
     row.state, row.cause, row.begun_ns, row.ramp, row.probe_ns = to, cause, at_ns, ramp, UNSET
     for d in range(state.commanded.shape[1]):
@@ -63,7 +63,7 @@ def change(state: SupervisorState, s: int, to: int, cause: int, at_ns: int, ramp
 
 @compiled
 def begin_probe(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -> None:
-    """Probe the devices, one after the other, if it is in shadow and knows the mode."""
+    """Start to probe the devices one by one; refused unless in shadow with a known mode."""
     row = state.rows[s]
     if row.state != SHADOW or made.settings[s].omega <= 0.0:
         row.refused = NOT_IN_SHADOW
@@ -76,7 +76,7 @@ def begin_probe(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -
 
 @compiled
 def finish_probe(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -> None:
-    """The end of a device's probe; then the next one's."""
+    """Finish a device's probe, and start that of the next device."""
     row = state.rows[s]
     probe.store_result(made, state, s)
     more = row.probed < made.devices.shape[1] and made.devices[s, row.probed].place != UNSET
@@ -85,14 +85,14 @@ def finish_probe(made: Supervisors, state: SupervisorState, s: int, at_ns: int) 
 
 @compiled
 def _due(made: Supervisors, state: SupervisorState, s: int, m: int) -> bool:
-    """Whether a monitor has been beyond its limit for as long as it takes."""
+    """Whether a monitor has exceeded its limit for its set duration."""
     row = state.rows[s]
     return bool(row.over_ns[m] != UNSET and row.now_ns - row.over_ns[m] >= made.thresholds[s, m].lasts_ns)
 
 
 @entry_point
 def refusal(made: Supervisors, state: SupervisorState, s: int) -> int:
-    """Why a supervisor cannot be armed now: a monitor's code, or another cause; NO_CAUSE: it can."""
+    """Code of the monitor or other cause that forbids arming now; NO_CAUSE if arming is allowed."""
     row, own = state.rows[s], made.settings[s]
     if row.state != SHADOW or row.probe_ns != UNSET:
         return NOT_IN_SHADOW if row.state != SHADOW else NOT_PROBED
@@ -121,7 +121,7 @@ def refusal(made: Supervisors, state: SupervisorState, s: int) -> int:
 
 @compiled
 def arm(made: Supervisors, state: SupervisorState, s: int, at_ns: int, by: int) -> None:
-    """Let the controller act, or say why not."""
+    """Arm, or store the reason of the refusal."""
     row = state.rows[s]
     row.refused = refusal(made, state, s)
     if row.refused == NO_CAUSE:
@@ -130,7 +130,7 @@ def arm(made: Supervisors, state: SupervisorState, s: int, at_ns: int, by: int) 
 
 @compiled
 def judge(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
-    """What follows from the monitors' values."""
+    """Compare the monitors with their limits, and fall back, trip or recover."""
     row, own, worst, cause = state.rows[s], made.settings[s], OFF, NO_CAUSE
     for m in range(row.values.size):
         watched = made.thresholds[s, m]
@@ -153,7 +153,7 @@ def judge(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> Non
 
 @compiled
 def reserve_is_there(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> bool:
-    """Whether there is a fallback that has said something lately."""
+    """Whether there is a fallback with a recent setpoint."""
     row = state.rows[s]
     waits = made.thresholds[s, monitors.LOCAL].limit
     return bool(row.reserve_ns != UNSET and (end_ns - row.reserve_ns) * 1e-9 <= waits)

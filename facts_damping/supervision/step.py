@@ -1,8 +1,8 @@
 """A supervisor's tick; compiled.
 
-First what was asked for, then the setpoints of this tick under the state that it finds, then what the frames of this
-tick say, and last the monitors, whose verdict acts from the end of the tick on. While it lets a controller, or its
-fallback, act, its setpoints are theirs, at their times. Otherwise it says zero (or a probe's tones) once a tick.
+Order: commands; setpoints of this tick in the resulting state; frames of this tick; monitors, whose consequences act
+from the end of the tick on. In states ARMED and FALLBACK the supervisor forwards the setpoints of the controller or the
+fallback at their times of issue. In other states it sends zero, or a probe's tones, once a tick.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ def supervise(
     out: Setpoints,
     first: int,
 ) -> int:
-    """A tick of supervisor s: setpoints that act into `out` from index `first` on; the index after the last.
+    """Run a tick of supervisor s; write the acting setpoints to `out` from index `first` on.
 
-    `delivered`: the `count` entries of its link; `issued`: `many` setpoints, its controller's and its fallback's among
-    them; `devices`: DEVICE_TRUTH at the start of the tick. Its row holds what it knows of its controller's health
-    (`controller_health.py`). A supervisor that has failed publishes nothing. It does not know what the schedule asked
-    for before it began, or began again.
+    Returns the index after the last setpoint written. `delivered`: `count` entries of its link; `issued`: `many`
+    setpoints, including those of its controller and fallback; `devices`: DEVICE_TRUTH at the start of the tick. Its row
+    must hold the controller's health (`controller_health.py`). A failed supervisor writes nothing. A supervisor ignores
+    scheduled commands from before it started or restarted.
     """
     row, own = state.rows[s], made.settings[s]
     if own.dead_ns <= start_ns < own.back_ns:
@@ -49,11 +49,11 @@ def supervise(
     if own.hung == 0 and row.start_ns < own.dead_ns and start_ns >= own.back_ns:
         begin(state, s)
     if row.tick < 0 and tick > 0:
-        row.start_ns = start_ns  # it began later than the run
+        row.start_ns = start_ns  # it started later than the run
     handle_commands(made, state, s, start_ns)
     row.tick, row.start_ns, row.now_ns = tick, start_ns, end_ns
     first, lapses, answered = forward_setpoints(made, state, s, tick, issued, many, out, first)
-    if row.probe_ns != UNSET:  # what it says in this tick stands from its end on
+    if row.probe_ns != UNSET:
         probe.write_regressors(made, state, s, tick, state.commanded[s, row.probed].output)
     if row.state not in (ARMED, FALLBACK):
         first = emit_zero(made, state, s, tick, end_ns - 1, out, first)
@@ -66,7 +66,7 @@ def supervise(
 def _take_frames(
     made: Supervisors, state: SupervisorState, s: int, tick: int, delivered: Deliveries, count: int, answered: bool
 ) -> None:
-    """Take the frames of a tick, arrival by arrival, as the controller does."""
+    """Process the frames of a tick, one arrival time after another, as the controller does."""
     row, i = state.rows[s], 0
     owed = UNSET
     while i < count:
@@ -92,7 +92,7 @@ def _take_frames(
 def _judge(
     made: Supervisors, state: SupervisorState, s: int, tick: int, end_ns: int, devices: DeviceTruths, lapses: int
 ) -> None:
-    """What the monitors say at the end of a tick, and what follows from it."""
+    """Update the monitors at the end of a tick, and act on them."""
     row = state.rows[s]
     monitors.update_filters(made, state, s, tick)
     if row.probe_ns != UNSET and (end_ns - row.probe_ns) * 1e-9 >= made.settings[s].probe_s:
@@ -105,7 +105,7 @@ def _judge(
 
 @entry_point
 def write_status(made: Supervisors, state: SupervisorState, s: int, tick: int, out: Supervisions, at: int) -> bool:
-    """What a supervisor tells of itself after a tick, into `out[at]`; False: it has failed."""
+    """Write a supervisor's status after a tick to `out[at]`; returns False if it has failed."""
     told = out[at]
     row, own = state.rows[s], made.settings[s]
     if row.tick != tick:
