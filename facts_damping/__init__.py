@@ -1,6 +1,6 @@
 """Wide-area damping of power systems with FACTS devices, as a ROS 2 node graph.
 
-For scripts and notebooks: `import facts_damping as fd`; what there is, is in `api`.
+For scripts and notebooks: `import facts_damping as fd`; the functions are in `api`.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from facts_damping.version import __version__ as __version__
 if TYPE_CHECKING:
     from facts_damping.api import *  # noqa: F403 (types, for those who check them)
 
-PUBLIC = (  # of api
+PUBLIC = (  # names from `api`
     *("FactsDampingError", "InputError", "RecordingError", "Result", "RunError", "Simulation", "Spec", "Sweep"),
     *("linear_plant", "load_recording", "modes", "simulate", "summarise", "sweep"),
 )
 
 
 def __getattr__(name: str) -> Any:
-    """What is public is loaded when it is asked for, so that a command loads what it needs alone."""
+    """Load public names on first access, so that a command loads only what it needs."""
     if name in PUBLIC:
         return getattr(importlib.import_module("facts_damping.api"), name)
     raise AttributeError(f"module 'facts_damping' has no attribute '{name}'; it has {', '.join(PUBLIC)}")
 
 
 def __dir__() -> list[str]:
-    """For completion, also what has not been loaded yet."""
+    """Names for completion, including those not loaded yet."""
     return sorted([*globals(), *PUBLIC])

@@ -1,4 +1,4 @@
-"""The digest of a run: a number that two runs share if all their signals are the same, to the last bit."""
+"""The digest of a run: the same for runs whose signals are all identical bit for bit."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-LENGTH = 16  # hexadecimal digits that are shown and stored
-NAMES = ("stations", "machine_names", "device_names", "controller_names")  # what columns of the signals are of
+LENGTH = 16  # hexadecimal digits shown and stored
+NAMES = ("stations", "machine_names", "device_names", "controller_names")  # names of the signals' columns
 
 
 def digest(record: Record) -> str:
-    """Hexadecimal digits of the SHA-256 of a record's arrays, with their names, fields and shapes, and `NAMES`.
+    """First hexadecimal digits of the SHA-256 of a record's arrays (with names, fields and shapes) and of `NAMES`.
 
-    What does not follow from the run is left out: the text of the configuration, what nodes refused, who published.
+    Left out is what the run does not determine: the configuration's text, refused messages, publishers.
     """
     told = sha256(repr([list(getattr(record, name)) for name in NAMES]).encode())
     for one in fields(record):
@@ -33,7 +33,7 @@ def digest(record: Record) -> str:
 
 
 def canonical(table: NDArray[Any]) -> NDArray[Any]:
-    """The same numbers, little-endian and with one NaN: which of its bits are set depends on the processor."""
+    """The numbers in little-endian order with a single NaN, because the bits of NaN depend on the processor."""
     found = table.astype(table.dtype.newbyteorder("<"))
     for column in [found[name] for name in found.dtype.names] if found.dtype.names else [found]:
         if column.dtype.kind == "f":

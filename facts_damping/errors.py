@@ -1,4 +1,4 @@
-"""The few errors of this package; each message names what was given and what is allowed."""
+"""Errors of this package; each message states what was given and what is allowed."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from facts_damping.escaping import escaped, shortened
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-VERBOSE = "FACTS_DAMPING_VERBOSE"  # variable by which `--verbose` reaches all processes of a command
-OLD_NAMES = {"beds": "base_runs", "v_max": "setpoint_max", "smoothness": "roughness"}  # of keys and figures
-SHORT = range(3, 6)  # letters of a word
+VERBOSE = "FACTS_DAMPING_VERBOSE"  # environment variable that passes `--verbose` to all processes of a command
+OLD_NAMES = {"beds": "base_runs", "v_max": "setpoint_max", "smoothness": "roughness"}  # old keys and figures
+SHORT = range(3, 6)  # lengths of words that count as short
 
 
 class FactsDampingError(Exception):
-    """Base class of every error that this package raises on purpose.
+    """Base class of all errors that this package raises on purpose.
 
-    `details`: what `--verbose` shows beside it, such as the traceback of the user's code in a node.
+    `details`: shown with `--verbose`, such as the traceback of the user's code in a node.
     """
 
     details = ""
 
 
 class InputError(FactsDampingError):
-    """Bad input of the user's: a file, a field, an option. The command line exits with 2."""
+    """Bad user input: a file, a field, an option. The command line exits with 2."""
 
 
 class RunError(FactsDampingError):
@@ -41,12 +41,12 @@ class RecordingError(FactsDampingError):
 
 
 def one_line(error: object) -> str:
-    """What an error says, in one line that can be seen and is not longer than a screen."""
+    """Message of an error in one printable line of limited length."""
     return shortened(escaped(" ".join(str(error).split())))
 
 
 def traced(error: BaseException) -> str:
-    """Where an error is from, if that is asked for: the traceback of its first cause, else its details; lines."""
+    """With `--verbose`: the traceback of the error's first cause, else its details; otherwise empty."""
     if VERBOSE not in os.environ:
         return ""
     if error.__cause__ is None:
@@ -60,20 +60,20 @@ def traced(error: BaseException) -> str:
 
 
 def meant(name: str, allowed: Iterable[str]) -> str:
-    """What a mistyped name may have been, as a part of a message; nothing where none is close."""
+    """Suggestion for a mistyped name, as part of a message; empty if no name is similar."""
     if name in OLD_NAMES:
         return f" (called {OLD_NAMES[name]} now)"
     from difflib import get_close_matches  # noqa: PLC0415 (asked for by errors alone)
 
     by_small = {one.lower(): one for one in allowed}
-    likeness = 0.65 if name.isalpha() and len(name) in SHORT else 0.8  # of short words a letter is a third
+    likeness = 0.65 if name.isalpha() and len(name) in SHORT else 0.8  # in a short word one letter is a third
     found = get_close_matches(name.lower(), by_small, 3, likeness)
-    found.sort(key=lambda one: sorted(one) != sorted(name.lower()))  # letters that changed places come first
+    found.sort(key=lambda one: sorted(one) != sorted(name.lower()))  # prefer names with swapped letters
     return f" (did you mean {by_small[found[0]]}?)" if found else ""
 
 
 def check_known(where: str, name: str, allowed: Iterable[str]) -> None:
-    """Raise `InputError` where a name is not among those that there are."""
+    """Raise `InputError` if a name is not among the allowed ones."""
     names = list(allowed)
     if name not in names:
         raise InputError(f"{where}: '{name}' given{meant(name, names)}; allowed: {', '.join(names) or 'none'}")

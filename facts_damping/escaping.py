@@ -1,14 +1,14 @@
-"""The door for text: what comes from outside is shown as it is written, and steers no terminal."""
+"""Escapes text from outside, so that it shows as written and cannot control the terminal."""
 
 from __future__ import annotations
 
-SCREEN = 1200  # characters: an error longer than this is not read
+SCREEN = 1200  # characters of the longest error message
 
 
 def escaped(text: str) -> str:
-    r"""Text on lines, of characters that can be seen: others, and those that turn others' order, as `\x1b`, `\u202e`.
+    r"""Text in which unprintable characters, such as `\x1b` or the bidirectional control `\u202e`, are escaped.
 
-    Lines end, and tabulators stay.
+    Line breaks and tabs stay.
     """
     if text.isprintable():
         return text
@@ -20,7 +20,7 @@ def _escape(one: str) -> str:
 
 
 def shortened(text: str, most: int = SCREEN) -> str:
-    """Text of at most so many characters: of a longer one the beginning and the end, which says what is allowed."""
+    """Text of at most `most` characters: long text keeps its beginning and its end, which states what is allowed."""
     if len(text) <= most:
         return text
     end = most // 3

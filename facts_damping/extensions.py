@@ -1,4 +1,4 @@
-"""Rows that installed packages add to tables of this one, by entry points (docs/extensions.md)."""
+"""Rows that installed packages add to this package's tables, by entry points (docs/extensions.md)."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Collection
     from importlib.metadata import EntryPoint
 
-PREFIX = "facts_damping."  # of groups
-PAIRS = (("devices", "device_kinds"), ("stages", "stage_kinds"))  # fields of a kind, and what it does
+PREFIX = "facts_damping."  # of entry point groups
+PAIRS = (("devices", "device_kinds"), ("stages", "stage_kinds"))  # fields of a kind, and its behaviour
 GROUPS = (
     "antecedents",
     "commands",
@@ -31,15 +31,15 @@ GROUPS = (
 
 @cache
 def given(group: str) -> dict[str, EntryPoint]:
-    """Entry points of a group, by their names in alphabetical order."""
+    """Entry points of a group by name, in alphabetical order."""
     return {one.name: one for one in sorted(every(), key=lambda one: one.name) if one.group == PREFIX + group}
 
 
 @cache
 def every() -> list[EntryPoint]:
-    """Those of all groups.
+    """Entry points of all groups.
 
-    Raises `InputError` where a group is none of this package, half of a pair is missing, or two give the same name.
+    Raises `InputError` for an unknown group, an incomplete pair, or a name that is given twice.
     """
     known = entry_points()
     found = [one for group in sorted(known.groups) if group.startswith(PREFIX) for one in known.select(group=group)]
@@ -59,10 +59,10 @@ def every() -> list[EntryPoint]:
 
 
 def rows(group: str, row: type, own: Collection[str] = ()) -> dict[str, Any]:
-    """Rows of a table that packages add, by their names.
+    """Rows that packages add to a table, by name.
 
-    `row`: what each is, or is a class of; `own`: names that are taken. Raises `InputError` where one cannot be loaded,
-    is something else, or has a name that is taken.
+    `row`: required type of each row, or base class; `own`: names already taken. Raises `InputError` if a row cannot be
+    loaded, has another type, or has a name that is taken.
     """
     found = {}
     for name, one in given(group).items():
@@ -79,5 +79,5 @@ def rows(group: str, row: type, own: Collection[str] = ()) -> dict[str, Any]:
 
 
 def _named(one: EntryPoint) -> str:
-    """An entry point in a message."""
+    """Text of an entry point for messages."""
     return f"entry point {one.name} = {one.value} of {one.group} ({one.dist.name if one.dist else 'no package'})"

@@ -1,4 +1,4 @@
-"""Libraries that are installed with an extra of this package: imported where they are asked for."""
+"""Optional libraries, installed with an extra of this package and imported on demand."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from facts_damping.errors import InputError
 
 
 def library(module: str, extra: str, name: str = "", where: str = "") -> Any:
-    """A module of a library, which people call `name`; `where`: begins the error, if there is one.
+    """Import a module of a library; `name`: its usual name; `where`: start of the error message, if any.
 
-    Raises `InputError` where it is not installed.
+    Raises `InputError` if it is not installed.
     """
     try:
         return importlib.import_module(module)

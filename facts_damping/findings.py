@@ -1,4 +1,4 @@
-"""What came out of a run, in a few lines of words and numbers: on the terminal, in notebooks, by `print`."""
+"""The main results of a run in a few lines, for the terminal, notebooks and `print`."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ KINDS = {
     "load_step": "step",
     "mechanical_power_step": "step of the power",
     "generator_trip": "trip",
-}  # of events, as people say them; others by their names
-UNSAID = ("clear",)  # goes without saying
+}  # common names of events; others keep their own
+UNSAID = ("clear",)  # events that titles leave out
 EVENTS, CONTROLLERS, NETWORK, MEASUREMENT, SEED = range(5)  # parts of a title
-MOST = 3  # elements with events that a title names
+MOST = 3  # elements with events in a title, at most
 NO_CONTROL: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None, "asked": None}
 
 
 def findings(record: Record, summary: Mapping[str, Any]) -> list[str]:
-    """Lines: what it is of, the verdict, the index beside no control, what supervisors did, what is odd.
+    """Lines: title, verdict, index compared with no control, actions of supervisors, warnings.
 
-    `summary`: of the record (`analysis.summarise`). Where the record holds its run, that is simulated without control.
+    `summary`: of the record (`analysis.summarise`). If the record holds its run, it is also simulated without control.
     """
     told = [title(record), _verdict(summary), *_index(record, summary)]
     told += [f"supervisor of {one['controller']}: {history_text(one)}" for one in summary["supervision"]]
@@ -41,7 +41,7 @@ def findings(record: Record, summary: Mapping[str, Any]) -> list[str]:
 
 
 def title(record: Record) -> str:
-    """Grid, events, controllers and network of a record in words."""
+    """Grid, events, controllers and network of a record as text."""
     run = record.configuration
     if not run:
         return "a recording without its run"
@@ -50,7 +50,7 @@ def title(record: Record) -> str:
 
 
 def names(records: Sequence[Record]) -> list[str]:
-    """Short names of records in words: as few parts as tell them apart, numbered where none do; of one its title."""
+    """Short names of records: as few parts as distinguish them, numbered if none do; a single one gets its title."""
     if len(records) == 1:
         return [title(records[0])]
     rows = [_parts(record) if record.configuration else (title(record),) * 5 for record in records]
@@ -63,7 +63,7 @@ def names(records: Sequence[Record]) -> list[str]:
 
 
 def names_of_seeds(records: Sequence[Record]) -> list[str]:
-    """Names of records, of which those that differ in their seeds alone share one."""
+    """Names of records; records that differ only in their seeds share one."""
     kinds = [tuple(sorted((key, repr(value)) for key, value in one.asked.items() if key != "seed")) for one in records]
     first = {kind: record for kind, record in reversed(list(zip(kinds, records, strict=True))) if kind}
     if len(first) == len(records) or not all(kinds):
@@ -73,7 +73,7 @@ def names_of_seeds(records: Sequence[Record]) -> list[str]:
 
 
 def _parts(record: Record) -> tuple[str, ...]:
-    """What happens to which grid, who controls it, over which network, measured by what, with which seed."""
+    """Texts: grid and events, controllers, network, measurement, seed."""
     run = record.configuration
     grid = clause(run["system"])
     told = [grid[0].upper() + grid[1:], *_events(run.get("scenario") or [])]
@@ -84,13 +84,13 @@ def _parts(record: Record) -> tuple[str, ...]:
 
 
 def clause(table: Mapping[str, Any]) -> str:
-    """How the description of a shipped table begins; else its name."""
+    """Start of the description of a shipped table; else its name."""
     begins = str(table.get("description") or "").partition(",")[0].partition(" (")[0].strip()
     return begins or str(table.get("name", "")).replace("_", " ")
 
 
 def _events(events: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Events by their elements: `fault and trip of line 3`."""
+    """Events grouped by element: `fault and trip of line 3`."""
     by_element: dict[str, list[str]] = {}
     for event in sorted(events, key=lambda event: float(event["time"])):
         if event["kind"] not in UNSAID:
@@ -105,12 +105,12 @@ def _events(events: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _several(words: Sequence[str]) -> str:
-    """Words with commas and `and`."""
+    """Words joined by commas and `and`."""
     return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
 
 
 def _verdict(summary: Mapping[str, Any]) -> str:
-    """The verdict, with what it rests on."""
+    """The verdict with its reason."""
     if not summary["modes"] or summary["verdict"] not in ("damped", "growing"):
         return f"{summary['verdict']}: {summary['verdict_because']}"
     mode = summary["modes"][0]
@@ -118,7 +118,7 @@ def _verdict(summary: Mapping[str, Any]) -> str:
 
 
 def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
-    """ITAE of a run with an event, beside that of the same run without control."""
+    """ITAE of a run with an event, compared with the same run without control."""
     own = (summary["indices"] or {}).get("ITAE")
     if own is None or not record.configuration.get("scenario"):
         return []

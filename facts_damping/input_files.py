@@ -1,7 +1,7 @@
-"""The door for files: every file whose name is given is read here.
+"""All files that users name are read here, with checks.
 
-Only regular files of a bounded size are read, bounded also when unpacked. A file may be named by the command line or by
-a file of the user's. A recording, message, service or parameter names no file: within `naming_no_files` none is opened.
+A file must be regular and of limited size, also when unpacked. Only a command line, or a file named there, may name
+files; those named by recordings, messages, services and parameters are never opened (`naming_no_files`).
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from facts_damping.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-TEXT = 10_000_000  # bytes of a YAML file, a table, a program, matrices
-MATRICES = 100_000_000  # of matrices, unpacked
-GRID = 50_000_000  # of a grid of another program
+TEXT = 10_000_000  # bytes of a YAML file, table, program or matrices
+MATRICES = 100_000_000  # bytes of unpacked matrices
+GRID = 50_000_000  # bytes of another program's grid
 FMU, FMU_UNPACKED = 500_000_000, 2_000_000_000
 RECORDING = 4_000_000_000
 KINDS = {
@@ -34,8 +34,8 @@ KINDS = {
     stat.S_IFBLK: "a device",
 }
 
-_others: ContextVar[str | None] = ContextVar("_others", default=None)  # who names files now, if not the user
-_opened: set[Path] = set()  # files that this process has read for its user
+_others: ContextVar[str | None] = ContextVar("_others", default=None)  # source of file names now, if not the user
+_opened: set[Path] = set()  # files that this process has read for the user
 
 
 @cache
@@ -52,9 +52,9 @@ def share_folder() -> Path:
 
 @contextmanager
 def naming_no_files(who: str) -> Iterator[None]:
-    """Within the block names of files come from somebody else than the user: only shipped files are opened.
+    """In the block, file names come from others than the user: only shipped files are opened.
 
-    Files that were read before may be read again. `who`: what errors call the source of the names.
+    Files read before may be read again. `who`: name of the source in errors.
     """
     before = _others.set(who)
     try:
@@ -64,13 +64,13 @@ def naming_no_files(who: str) -> Iterator[None]:
 
 
 def is_file(path: Path) -> bool:
-    """Whether the file exists. Raises `InputError` where its name comes from somebody who may not know that."""
+    """Whether the file exists. Raises `InputError` if the source of the name may not open files."""
     _check_named(path)
     return path.is_file()
 
 
 def read_bytes(path: Path, most: int = TEXT) -> bytes:
-    """Content of a file of at most so many bytes. Raises `InputError`."""
+    """Content of a file of at most `most` bytes. Raises `InputError`."""
     _check_named(path)
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
@@ -87,7 +87,7 @@ def read_bytes(path: Path, most: int = TEXT) -> bytes:
 
 
 def read_text(path: Path, most: int = TEXT, errors: str = "strict") -> str:
-    """Text of a file in UTF-8; `errors`: as `bytes.decode` has them. Raises `InputError`."""
+    """UTF-8 text of a file; `errors`: as for `bytes.decode`. Raises `InputError`."""
     try:
         return read_bytes(path, most).decode("utf-8", errors).replace("\r\n", "\n")
     except UnicodeDecodeError as error:
@@ -95,7 +95,7 @@ def read_text(path: Path, most: int = TEXT, errors: str = "strict") -> str:
 
 
 def check_file(path: Path, most: int) -> None:
-    """Raise `InputError` for a file that a library is not to open: by who names it, its kind, its size."""
+    """Raise `InputError` if a library may not open a file: by source of the name, kind, or size."""
     _check_named(path)
     try:
         _check_kind(path, path.stat(), most)
@@ -106,7 +106,7 @@ def check_file(path: Path, most: int) -> None:
 
 
 def check_unpacked(path: Path, content: bytes, most: int) -> None:
-    """Raise `InputError` for a ZIP archive (NPZ, FMU) whose content is more than so many bytes unpacked."""
+    """Raise `InputError` for a ZIP archive (NPZ, FMU) of more than `most` bytes unpacked."""
     with ZipFile(BytesIO(content)) as archive:
         size = sum(one.file_size for one in archive.infolist())
     if size > most:
@@ -114,7 +114,7 @@ def check_unpacked(path: Path, content: bytes, most: int) -> None:
 
 
 def _check_named(path: Path) -> None:
-    """Raise `InputError` for a file that is named by someone who may not."""
+    """Raise `InputError` if the source of the name may not open the file."""
     who = _others.get()
     place = Path(os.path.normpath(path.absolute()))
     if who is None or place in _opened or share_folder() / "config" in place.parents:

@@ -1,8 +1,8 @@
-"""Linear algebra whose bits no processor chooses, for what a run starts from and what its controllers know.
+"""Linear algebra with the same bits on all processors, for initial states and controller design.
 
-BLAS, behind products and solutions of NumPy and SciPy, has other kernels for other processors, and these sum in another
-order. Here sums are taken in the order that is written. Matrices are small, and methods are those that need products
-and solutions alone:
+BLAS, used by NumPy and SciPy for products and solutions, has different kernels for different processors, which sum in
+different orders. Here the order of summation is fixed by the code. Matrices are small, and the methods need only
+products and solutions:
 
 - the exponential by scaling and squaring of Taylor's series (N. J. Higham, Functions of Matrices, 2008, 10);
 - the sign of a matrix and Lyapunov's equation by Newton's iteration (J. D. Roberts, Linear Model Reduction and Solution
@@ -11,7 +11,7 @@ and solutions alone:
   Periodic Discrete-Time Algebraic Riccati Equations, Int. J. Control 77(8), 2004);
 - singular values by rotations of pairs of columns (J. Demmel, K. Veselic, Jacobi's Method is More Accurate than QR,
   SIAM J. Matrix Anal. Appl. 13(4), 1992);
-- an eigenvalue, near one that is known to some digits, by inverse iteration.
+- an eigenvalue near an approximate one by inverse iteration.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 
     Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
 
-TERMS = 16  # of Taylor's series, of which the next is below 1e-19 where the norm is 1/2
-MOST = 100  # steps of an iteration: one that has not ended by then never does
-NEAR = 1e-9  # of the largest entry: steps become squares of themselves, so none is left after one as small as this
+TERMS = 16  # terms of Taylor's series; the next is below 1e-19 for a norm of 1/2
+MOST = 100  # steps of an iteration, which otherwise does not converge
+NEAR = 1e-9  # of the largest entry: convergence is quadratic, so after such a step no error is left
 ALIKE = 1e-15  # cosine of the angle between two columns that counts as a right angle
-GRID = 1e-5  # 1/s: of two kernels eigenvalues differ by far less, of two modes by far more
-STEPS = 6  # of inverse iteration, each of which leaves GRID over the distance to the next mode
+GRID = 1e-5  # 1/s: eigenvalues of two kernels differ by far less, those of two modes by far more
+STEPS = 6  # of inverse iteration; each reduces the error by GRID over the distance to the next mode
 
 
 @compiled
@@ -49,13 +49,13 @@ def _multiply(a: NDArray[Any], b: NDArray[Any], out: NDArray[Any]) -> None:
 
 @compiled
 def size_of_pivot(z: Any) -> float:
-    """|Re z| + |Im z|, by which pivots are chosen: a magnitude would be rounded."""
+    """|Re z| + |Im z|, the criterion for pivots: unlike the magnitude it needs no rounded root."""
     return abs(z.real) + abs(z.imag)  # type: ignore[no-any-return]
 
 
 @compiled
 def _eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
-    """Solve a x = b by Gauss's elimination with the largest pivots, x into `b`; False where a pivot is zero."""
+    """Solve a x = b by Gaussian elimination with pivoting; x replaces `b`. False if a pivot is zero."""
     n, columns = b.shape
     for k in range(n):
         pivot = k
@@ -86,7 +86,7 @@ def _eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
 
 @entry_point
 def _rotate(u: Float2, v: Float2) -> None:
-    """Turn the rows of `u` in pairs until all are at right angles, and those of `v` with them."""
+    """Rotate the rows of `u` in pairs until all are orthogonal, and apply the same rotations to `v`."""
     for _ in range(MOST):
         turned = False
         for p in range(u.shape[0]):
@@ -132,12 +132,12 @@ def _eliminate_complex(a: Complex2, b: Complex2) -> bool:
 
 
 def _plain(values: NDArray[Any], kind: Any) -> NDArray[Any]:
-    """A copy of a matrix, or of a vector as a matrix of one column, as compiled functions take it."""
+    """A copy of a matrix, or of a vector as a one-column matrix, for compiled functions."""
     return np.array(values if values.ndim == 2 else values[:, None], kind, order="C")
 
 
 def product(first: NDArray[Any], *others: NDArray[Any]) -> NDArray[Any]:
-    """The product of matrices and vectors, from left to right: as `first @ second @ ...`."""
+    """Product of matrices and vectors from left to right, as `first @ second @ ...`."""
     for other in others:
         kind = np.result_type(first, other)
         out = np.zeros((1 if first.ndim == 1 else len(first), 1 if other.ndim == 1 else other.shape[1]), kind)
@@ -148,7 +148,7 @@ def product(first: NDArray[Any], *others: NDArray[Any]) -> NDArray[Any]:
 
 
 def solve(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
-    """The x of a x = b, for a vector or a matrix b. Raises `LinAlgError` where a is singular."""
+    """Solution x of a x = b for a vector or matrix b. Raises `LinAlgError` if a is singular."""
     kind = np.result_type(a, b, float)
     x = _plain(b, kind)
     eliminate = _eliminate_complex if kind == np.complex128 else _eliminate_real
@@ -158,7 +158,7 @@ def solve(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
 
 
 def exponential(a: NDArray[np.float64]) -> NDArray[np.float64]:
-    """exp(a), by Taylor's series of a / 2^s, then squared s times."""
+    """exp(a) by Taylor's series of a / 2^s, squared s times."""
     norm = np.abs(a).sum(axis=1).max(initial=0.0)
     halved = max(0, math.frexp(norm)[1] + 1)
     one, small = np.eye(len(a)), a / math.ldexp(1.0, halved)
@@ -171,7 +171,7 @@ def exponential(a: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _divided(a: NDArray[np.float64], q: NDArray[np.float64]) -> Pair:
-    """The limits of a <- (a + a^-1) / 2 and q <- (q + a^-1 q a^-T) / 2: the sign of a, and twice `lyapunov`."""
+    """Limits of a <- (a + a^-1) / 2 and q <- (q + a^-1 q a^-T) / 2: the sign of a, and twice `lyapunov`."""
     one = np.eye(len(a))
     for _ in range(MOST):
         inverse = solve(a, one)
@@ -188,17 +188,17 @@ def sign(a: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def lyapunov(a: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The x of a x + x a^T + q = 0, for a stable a."""
+    """Solution x of a x + x a^T + q = 0 for a stable a."""
     return _divided(a, q)[1] / 2.0
 
 
 def riccati(
     a: NDArray[np.float64], b: NDArray[np.float64], q: NDArray[np.float64], r: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The x of x = a^T x a - a^T x b (r + b^T x b)^-1 b^T x a + q with which a - b k is stable, q and r symmetric.
+    """Stabilising solution x of x = a^T x a - a^T x b (r + b^T x b)^-1 b^T x a + q; q and r symmetric.
 
-    After k steps x is the least cost of 2^k frames, and a what they leave of a state. Raises `LinAlgError` where
-    something always remains: where what does not decay is not moved by b, or costs nothing.
+    After k steps x is the minimum cost over 2^k frames, and a the closed-loop transition over them. Raises
+    `LinAlgError` if there is none: a mode that does not decay is uncontrollable by b or has no cost.
     """
     n, one, x, g = len(a), np.eye(len(a)), q, product(b, solve(r, b.T))
     for _ in range(MOST):
@@ -215,7 +215,7 @@ def riccati(
 
 
 def singular(a: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """U, s and V of a = U diag(s) V^T, s falling; columns of U are zero where s is."""
+    """U, s and V of a = U diag(s) V^T, s descending; columns of U are zero where s is."""
     u, v = _plain(a.T, float), np.eye(a.shape[1])
     _rotate(u, v)
     s = np.sqrt((u * u).sum(axis=1))
@@ -225,7 +225,7 @@ def singular(a: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def least_squares(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The smallest x, a vector, for which |a x - b| is least; singular values that are round-off count as none."""
+    """Minimum-norm vector x that minimises |a x - b|; singular values at round-off level are dropped."""
     u, s, v = singular(a)
     kept = s > np.finfo(float).eps * max(a.shape) * s.max(initial=0.0)
     return product(v[:, kept], product(u[:, kept].T, b) / s[kept])
@@ -236,9 +236,9 @@ def eigenvalue_near(
 ) -> tuple[complex, NDArray[np.complex128], NDArray[np.complex128]]:
     """The eigenvalue (1/s) nearest a guess, v of a v = lambda v and w of w a = lambda w, their largest entries 1.
 
-    The guess may be LAPACK's: what counts is where on the GRID it is, on which all kernels agree. Iteration begins a
-    third of the grid beside that, for a matrix less an eigenvalue has no solution, and not with a symmetric vector, for
-    half of the modes of symmetric plants have no part in one.
+    The guess may come from LAPACK: it is rounded to GRID, where all kernels agree. The shift lies a third of the grid
+    beside that point, because a shift equal to an eigenvalue gives a singular matrix. The initial vector is not
+    symmetric, because a symmetric one has no component along half of the modes of symmetric plants.
     """
     shift = (complex(round(guess.real / GRID), round(guess.imag / GRID)) + 1 / 3) * GRID
     shifted = a - shift * np.eye(len(a))
@@ -249,13 +249,13 @@ def eigenvalue_near(
 
 
 def root(gramian: NDArray[np.float64]) -> NDArray[np.float64]:
-    """S of S S^T = P, P symmetric and not negative."""
+    """S of S S^T = P for a symmetric positive semidefinite P."""
     axes, values, _ = singular((gramian + gramian.T) / 2.0)
     return axes * np.sqrt(values)
 
 
 def parts(joined: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Which part each of several hangs together with, numbered as they appear; `joined`: (n, n), either way."""
+    """Index of the connected component of each element, in order of appearance; `joined`: (n, n), either direction."""
     label = np.full(len(joined), -1)
     either = joined | joined.T
     for first in range(len(joined)):

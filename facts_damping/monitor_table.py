@@ -1,4 +1,4 @@
-"""The tables of supervision: states, commands, consequences, and the monitors, a row each."""
+"""Tables of supervision: states, commands, consequences, and one row per monitor."""
 
 from __future__ import annotations
 
@@ -6,27 +6,27 @@ import math
 from typing import NamedTuple
 
 DISARMED, SHADOW, ARMED, FALLBACK, TRIPPED = range(5)
-STATES = ("disarmed", "shadow", "armed", "fallback", "tripped")  # as messages, YAML and pictures have them
+STATES = ("disarmed", "shadow", "armed", "fallback", "tripped")  # names in messages, YAML and pictures
 
 ARM, DISARM, RESET, PROBE = range(1, 5)
-COMMANDS = {"arm": ARM, "disarm": DISARM, "reset": RESET, "probe": PROBE}  # what an operator may ask for; 0: nothing
+COMMANDS = {"arm": ARM, "disarm": DISARM, "reset": RESET, "probe": PROBE}  # an operator's commands; 0: none
 
 OFF, WARN, FALL_BACK, TRIP = range(4)
 CONSEQUENCES = {"warn": WARN, "fall_back": FALL_BACK, "trip": TRIP}
 
-CYCLES = "cycles"  # of the mode that a supervisor watches
+CYCLES = "cycles"  # of the mode that the supervisor watches
 
 
 class Monitor(NamedTuple):
-    """A row: what is watched, from which limit on, for how long, and what follows."""
+    """A monitor: what it watches, its limit, how long it must be exceeded, and the consequence."""
 
     group: str  # data, controller or grid
     description: str
     unit: str
-    limit: float  # more than this is too much
-    low: float  # least limit that is allowed
+    limit: float  # exceeded by larger values
+    low: float  # smallest limit allowed
     high: float
-    lasts: float  # how long it must last, s or cycles of the mode
+    lasts: float  # time that the limit must be exceeded, s or cycles of the mode
     lasts_unit: str
     follows: str
     reason: str  # why this limit
@@ -181,9 +181,9 @@ MONITORS = {
 }  # fmt: skip
 CODES = {name: code for code, name in enumerate(MONITORS)}
 
-# Why a supervisor is in its state: a monitor, or
+# Causes of a supervisor's state, beside monitors.
 NO_CAUSE, BY_OPERATOR, BY_SCHEDULE = -1, -2, -3
-# why it was not armed when that was asked for: a monitor, or
+# Causes for refusing to arm, beside monitors.
 NOT_IN_SHADOW, NOT_PROBED, PROBE_WEAK, PROBE_GAIN, PROBE_PHASE, PROBE_HARM = range(-4, -10, -1)
 CAUSES = {
     NO_CAUSE: "",
@@ -201,16 +201,16 @@ _CODES_OF_CAUSES = {text: code for code, text in CAUSES.items()}
 
 
 def cause_name(code: int) -> str:
-    """A cause as messages have it: a monitor's name, or in words; empty for none."""
+    """Name of a cause in messages: a monitor or a text; empty for none."""
     return CAUSES[code] if code < 0 else _NAMES[code]
 
 
 def cause_code(name: str) -> int:
-    """The code of a cause. Raises `KeyError` for what is none."""
+    """Code of a cause. Raises `KeyError` for an unknown name."""
     return CODES[name] if name in CODES else _CODES_OF_CAUSES[name]
 
 
-# What is plausible of each channel (signals.CHANNELS), by its deviation from zero or, of a frequency, the nominal one.
+# Largest plausible deviation of each channel (signals.CHANNELS) from zero or, for frequency, from nominal.
 PLAUSIBLE = {
     "voltage_magnitude": 2.0,
     "voltage_angle": math.inf,

@@ -1,7 +1,7 @@
-"""Arithmetic of complex numbers and arrays, elementwise, whose bits no processor chooses.
+"""Elementwise arithmetic of complex numbers and arrays with the same bits on all processors.
 
-NumPy has loops for processors with FMA, in which a product is added to another one without being rounded before: so its
-complex products and magnitudes are others there. So are Python's own where its compiler had that instruction for all.
+NumPy has loops for processors with FMA, which adds a product without rounding it first, so its complex products and
+magnitudes differ there. So do Python's own if its compiler used that instruction.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from facts_damping.elementary import exp_complex, magnitude, phase, rect
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-SERIES = 1e-18  # of a sum: terms below it change nothing
+SERIES = 1e-18  # relative to a sum: smaller terms do not change it
 
 
 @compiled
 def _product(a: complex, b: complex) -> complex:
-    """As `times`, of two numbers; in Python the same bits."""
+    """`times` of two numbers; in Python with the same bits."""
     return complex(a.real * b.real - a.imag * b.imag, a.real * b.imag + a.imag * b.real)
 
 
 @compiled
 def _quotient(a: complex, b: complex) -> complex:
-    """As `over`, of two numbers: divided by the larger part of b first. In Python the same bits, but for 0, NaN."""
+    """`over` of two numbers, scaled by the larger part of b. In Python with the same bits, except for 0 and NaN."""
     if abs(b.real) >= abs(b.imag):
         ratio = b.imag / b.real
         divisor = b.real + b.imag * ratio
@@ -69,7 +69,7 @@ def _angles(z: Complex1, out: Float1) -> None:
 
 @entry_point
 def _turned(size: Float1, angle: Float1, out: Complex1) -> None:
-    """Numbers of magnitudes and angles, rad."""
+    """Numbers of given magnitudes and angles, rad."""
     for i in range(out.size):
         out[i] = rect(size[i], angle[i])
 
@@ -82,7 +82,7 @@ def _exponentials(z: Complex1, out: Complex1) -> None:
 
 
 def _elementwise(kernel: Any, kind: Any, *given: ArrayLike, of: Any = complex) -> NDArray[Any]:
-    """What a kernel makes of arrays of one shape, or that are broadcast to one."""
+    """Apply a kernel to arrays of one shape or broadcast to one."""
     arrays = [np.asarray(one, of) for one in given]
     out = np.zeros(np.broadcast_shapes(*(one.shape for one in arrays)), kind)
     whole = (one if one.shape == out.shape else np.broadcast_to(one, out.shape) for one in arrays)
@@ -92,7 +92,7 @@ def _elementwise(kernel: Any, kind: Any, *given: ArrayLike, of: Any = complex) -
 
 def times(a: ArrayLike, b: ArrayLike) -> NDArray[np.complex128]:
     """Products a b."""
-    if isinstance(a, NUMERIC) and isinstance(b, NUMERIC):  # many, when a grid is set up: no call of a kernel for each
+    if isinstance(a, NUMERIC) and isinstance(b, NUMERIC):  # frequent in setting up a grid: needs no kernel call
         return np.array(_product.py_func(complex(a), complex(b)))
     return _elementwise(_times, complex, a, b)
 
@@ -115,7 +115,7 @@ def angles(z: ArrayLike) -> NDArray[np.float64]:
 
 
 def polar(size: ArrayLike, angle: ArrayLike) -> NDArray[np.complex128]:
-    """Numbers r e^(j phi) of magnitudes and angles, rad."""
+    """Numbers r e^(j phi) of given magnitudes and angles, rad."""
     return _elementwise(_turned, complex, size, angle, of=float)
 
 
@@ -163,7 +163,7 @@ def _factors(w: Complex1, out: Complex1) -> None:
 
 
 def power(z: complex, n: int) -> complex:
-    """The n-th power of z, n >= 0, by squares."""
+    """The n-th power of z, n >= 0, by repeated squaring."""
     out = np.zeros(1, complex)
     _powers(np.array([z], complex), n, out)
     return complex(out[0])

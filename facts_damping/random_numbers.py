@@ -1,9 +1,9 @@
-"""Random numbers of a run: the distributions of NumPy's `Generator`, with bits that no processor chooses.
+"""Random numbers of a run: the distributions of NumPy's `Generator` with the same bits on all processors.
 
-What a bit generator gives are whole numbers, the same everywhere and in every version of NumPy. NumPy makes numbers of
-a distribution of them with the C library's logarithms and exponentials, which round as the processor has it, and may do
-so otherwise in a later version. The functions here do the same steps with elementary functions of their own, so that
-they give NumPy's numbers, up to last digits, and leave a stream where NumPy leaves it:
+Bit generators give integers that are the same everywhere and in every version of NumPy. NumPy converts them to a
+distribution with the C library's logarithms and exponentials, whose rounding depends on the processor, and may change
+its method in later versions. The functions here take the same steps with their own elementary functions, so they give
+NumPy's numbers up to the last digits and leave the stream at the same position:
 
 - normal and exponential numbers by the ziggurat (`ziggurat`);
 - gamma numbers by G. Marsaglia, W. W. Tsang, A Simple Method for Generating Gamma Variables, ACM Trans. Mathematical
@@ -30,20 +30,20 @@ if TYPE_CHECKING:
     Size = int | tuple[int, ...]
 
 Raw = Annotated[NDArray[np.uint64], Array(np.uint64, 1)]
-UNIT = 2.0**-53  # a double is drawn of 53 bits
+UNIT = 2.0**-53  # a double is made of 53 bits
 HALF = 2**32
 
 
 @compiled
 def _next(raw: NDArray[np.uint64], at: NDArray[np.int64]) -> np.uint64:
-    """The next one of the stream; beyond those at hand zero, with which every draw comes to an end."""
+    """The next number of the stream; zero beyond the numbers at hand, which ends any draw."""
     at[0] += 1
     return raw[at[0] - 1] if at[0] <= raw.size else np.uint64(0)  # type: ignore[no-any-return]
 
 
 @compiled
 def _double(raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
-    """A number in [0, 1)."""
+    """A uniform number in [0, 1)."""
     return (_next(raw, at) >> np.uint64(11)) * UNIT  # type: ignore[no-any-return]
 
 
@@ -162,7 +162,7 @@ def _fill(
     at: Int1,
     out: Float1,
 ) -> int:
-    """Draw until all are drawn or the stream's numbers at hand do not suffice for one; how many, and `at` behind it."""
+    """Draw until `out` is full or the stream at hand runs out; returns the number drawn, `at` points behind them."""
     for i in range(out.size):
         begun = at[0]
         out[i] = _one(kind, a, b, n, e, raw, at)
@@ -174,8 +174,8 @@ def _fill(
 
 @entry_point
 def _bounded(bound: int, raw: Raw, at: Int1, out: Int1) -> int:
-    """Whole numbers below a bound, of 32 bits each: the stream's numbers, their lower halves first; `at`: in halves."""
-    least = np.uint64((HALF - bound) % bound)  # below it some numbers would come more often than others
+    """Integers below a bound from 32 bits each: each number's lower half first; `at` counts halves."""
+    least = np.uint64((HALF - bound) % bound)  # smaller values would make some numbers more frequent
     for i in range(out.size):
         while True:
             if at[0] >= 2 * raw.size:
@@ -190,18 +190,18 @@ def _bounded(bound: int, raw: Raw, at: Int1, out: Int1) -> int:
 
 
 def random(generator: np.random.Generator, size: Size) -> NDArray[np.float64]:
-    """Numbers equally likely in [0, 1)."""
+    """Uniform numbers in [0, 1)."""
     raw = np.asarray(generator.bit_generator.random_raw(math.prod(np.atleast_1d(size).tolist())), np.uint64)
     return np.reshape((raw >> np.uint64(11)) * UNIT, size)
 
 
 def uniform(generator: np.random.Generator, low: float, high: float, size: Size) -> NDArray[np.float64]:
-    """Numbers equally likely in [low, high)."""
+    """Uniform numbers in [low, high)."""
     return low + (high - low) * random(generator, size)
 
 
 def _drawn(generator: np.random.Generator, kind: int, a: float, b: float, size: Size) -> NDArray[np.float64]:
-    """Draws of one of `KINDS`; the generator stands behind what they took of its stream."""
+    """Draws of one of `KINDS`; the generator then points behind the numbers used."""
     found, source = np.zeros(size), generator.bit_generator
     flat, before, raw, at = found.reshape(-1), source.state, np.zeros(0, np.uint64), np.zeros(1, np.int64)
     done = used = 0
@@ -216,17 +216,17 @@ def _drawn(generator: np.random.Generator, kind: int, a: float, b: float, size: 
 
 
 def normal(generator: np.random.Generator, mean: float, std: float, size: Size) -> NDArray[np.float64]:
-    """Normal numbers."""
+    """Normally distributed numbers."""
     return _drawn(generator, NORMAL, mean, std, size)
 
 
 def standard_normal(generator: np.random.Generator, size: Size) -> NDArray[np.float64]:
-    """Normal numbers of mean 0 and standard deviation 1."""
+    """Normally distributed numbers of mean 0 and standard deviation 1."""
     return _drawn(generator, NORMAL, 0.0, 1.0, size)
 
 
 def lognormal(generator: np.random.Generator, mean: float, sigma: float, size: Size) -> NDArray[np.float64]:
-    """Numbers whose logarithm is normal, of such a mean and standard deviation."""
+    """Numbers whose logarithm is normal with mean `mean` and standard deviation `sigma`."""
     return _drawn(generator, LOGNORMAL, mean, sigma, size)
 
 
@@ -241,7 +241,7 @@ def gamma(generator: np.random.Generator, shape: float, scale: float, size: Size
 
 
 def integers(generator: np.random.Generator, bound: int, size: Size) -> NDArray[np.int64]:
-    """Whole numbers from 0 to below a bound, which is less than 2^32; of a stream that gave no half before."""
+    """Integers from 0 to below a bound, which is less than 2^32; the stream must have no half number left."""
     found, source = np.zeros(size, np.int64), generator.bit_generator
     flat, before, at, done = found.reshape(-1), source.state, np.zeros(1, np.int64), 0
     raw = np.zeros(0, np.uint64)
@@ -255,7 +255,7 @@ def integers(generator: np.random.Generator, bound: int, size: Size) -> NDArray[
 
 
 def _keep_half(source: np.random.BitGenerator, raw: NDArray[np.uint64], taken: int) -> None:
-    """The upper half of the last number, where it is not taken yet, for who takes halves next."""
+    """Store the upper half of the last number, if unused, for the next draw of halves."""
     state: Any = source.state
     if taken % 2:
         state["has_uint32"], state["uinteger"] = 1, int(raw[taken // 2]) >> 32

@@ -1,7 +1,7 @@
-"""Names, units and layouts of everything that is measured, sent and recorded.
+"""Names, units and layouts of all quantities that are measured, sent and recorded.
 
-Tables are NumPy arrays of structured type, so that the compiled functions, the nodes and the
-analysis read the same fields by the same names. Times are integer nanoseconds of simulated time.
+Tables are NumPy arrays of structured type, so that compiled functions, nodes and analysis use the same field names.
+Times are integer nanoseconds of simulated time.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 NANOSECONDS = 1_000_000_000
-LOST = np.iinfo(np.int64).max  # in the place of a time: never
+LOST = np.iinfo(np.int64).max  # stands for a time that never comes
 
 
 def to_ns(seconds: float) -> int:
@@ -29,7 +29,7 @@ def to_ns(seconds: float) -> int:
     return round(seconds * NANOSECONDS)
 
 
-# What a PMU station reports, in the order of the columns of a frame: name, unit. NaN = not available.
+# Channels of a PMU station in the order of a frame's columns: name, unit. NaN: not available.
 CHANNELS = {
     "voltage_magnitude": "pu",
     "voltage_angle": "rad",
@@ -55,7 +55,7 @@ DELIVERY = np.dtype(
     ]
 )
 
-SPEED_BAND = 0.2  # p.u. about synchronous speed: beyond it no machine runs, and nothing here is a model of it
+SPEED_BAND = 0.2  # p.u. about synchronous speed, beyond which the machine model is not valid
 
 # One setpoint of one device, as a controller issues it or as a link delivers it.
 SETPOINT = np.dtype(
@@ -70,7 +70,7 @@ SETPOINT = np.dtype(
     ]
 )
 
-# What an identifier estimates after a tick, a row for each of its signals and devices.
+# Estimates of an identifier after a tick: one row for each of its signals and devices.
 ESTIMATE = np.dtype(
     [
         ("tick", "i8"),
@@ -86,7 +86,7 @@ ESTIMATE = np.dtype(
     ]
 )
 
-# How a network learns, after a tick: a row for each output and group of parameters (h, s, w and so on).
+# Learning of a network after a tick: one row for each output and group of parameters (h, s, w and so on).
 LEARNING = np.dtype(
     [
         ("tick", "i8"),
@@ -94,13 +94,13 @@ LEARNING = np.dtype(
         ("identifier", "i8"),  # 0: the controller's own network, 1: its identifier's
         ("output", "i8"),  # index of the output: a device of the controller, a signal of the identifier
         ("group", "i8"),  # index of the group, in the order of the network's parameters
-        ("rate", "f8"),  # learning rate of the newest frame that taught
+        ("rate", "f8"),  # learning rate at the newest frame used for learning
         ("lyapunov", "f8"),  # Lyapunov function at that frame, normalised (6.15), (6.10)
-        ("fall", "f8"),  # its fall by the step, to first order in the parameters
+        ("fall", "f8"),  # its decrease by the step, to first order in the parameters
     ]
 )
 
-# What a supervisor tells of itself after a tick: codes are those of `facts_damping.monitor_table`.
+# State of a supervisor after a tick; codes as in `facts_damping.monitor_table`.
 SUPERVISION = np.dtype(
     [
         ("tick", "i8"),
@@ -108,18 +108,18 @@ SUPERVISION = np.dtype(
         ("state", "i8"),
         ("cause", "i8"),
         ("refused", "i8"),
-        ("share", "f8"),  # how far the newest change of whose setpoints act has come, 0 to 1
-        ("values", "f8", (len(MONITORS),)),  # of the monitors; NaN: not known
-        ("probe_gain", "f8"),  # of the device whose answer is least as known; NaN: not probed
+        ("share", "f8"),  # progress of the newest switch-over between setpoint sources, 0 to 1
+        ("values", "f8", (len(MONITORS),)),  # values of the monitors; NaN: unknown
+        ("probe_gain", "f8"),  # of the device whose response is known least; NaN: not probed
         ("probe_phase", "f8"),  # rad
         ("probe_coherence", "f8"),
-        ("added_damping", "f8"),  # 1/s, what the probe says that the controller takes from the mode's growth rate
-        ("phase_margin", "f8"),  # rad, by which it may be late or early until it adds none
-        ("gain_margin", "f8"),  # of its gain: the factor at which the mode neither fades nor grows; NaN: none
+        ("added_damping", "f8"),  # 1/s, reduction of the mode's growth rate by the controller, from the probe
+        ("phase_margin", "f8"),  # rad, phase error in either direction at which the added damping becomes zero
+        ("gain_margin", "f8"),  # factor on the gain at which the mode neither decays nor grows; NaN: none
     ]
 )
 
-# The truth about a machine, which no PMU sees as a whole.
+# True state of a machine, which PMUs do not measure completely.
 MACHINE_TRUTH = np.dtype(
     [
         ("rotor_angle", "f8"),  # rad, against the synchronously rotating frame
@@ -131,9 +131,8 @@ MACHINE_TRUTH = np.dtype(
     ]
 )
 
-# The truth about a FACTS device. A setpoint is a series voltage, at a bus an offset of the voltage reference, of an
-# HVDC link power added to its order; a link's current and power are those at its `to` bus. What has no meaning for a
-# kind is NaN.
+# True state of a FACTS device. The setpoint is a series voltage; at a bus, an offset of the voltage reference; for an
+# HVDC link, power added to its order, with current and power at its `to` bus. NaN: not applicable to the kind.
 DEVICE_TRUTH = np.dtype(
     [
         ("setpoint", "f8"),  # p.u., the setpoint in force, after limits
@@ -142,17 +141,17 @@ DEVICE_TRUTH = np.dtype(
         ("active_voltage", "f8"),  # p.u., in phase with the current, drop positive; NaN: no series device
         ("current", "f8"),  # p.u. of the system base
         ("dc_voltage", "f8"),  # p.u. of the rated DC voltage; NaN: no DC link
-        ("active_power", "f8"),  # p.u. of the system base, given to the network
-        ("reactive_power", "f8"),  # p.u. of the system base, given to the network
+        ("active_power", "f8"),  # p.u. of the system base, supplied to the network
+        ("reactive_power", "f8"),  # p.u. of the system base, supplied to the network
         ("blocked", "f8"),  # 1 = blocked (too little current or voltage, or no solution)
-        ("released", "f8"),  # 1 = released by its watchdog: it takes no setpoint
-        ("refused_value", "f8"),  # setpoints that its watchdog has refused so far: not finite or beyond the limit,
+        ("released", "f8"),  # 1 = released by its watchdog: it accepts no setpoint
+        ("refused_value", "f8"),  # setpoints refused by its watchdog so far: not finite or beyond the limit,
         ("refused_stamp", "f8"),  # too old or from the future,
-        ("refused_order", "f8"),  # not newer than one before
+        ("refused_order", "f8"),  # not newer than a previous one
     ]
 )
 
-# Tables of these, for compiled functions.
+# Table types for compiled functions.
 Deliveries = Annotated[NDArray[Any], Array(DELIVERY, 1)]
 Deliveries2 = Annotated[NDArray[Any], Array(DELIVERY, 2)]
 Setpoints = Annotated[NDArray[Any], Array(SETPOINT, 1)]
@@ -165,7 +164,7 @@ DeviceTruths = Annotated[NDArray[Any], Array(DEVICE_TRUTH, 1)]
 
 @dataclass(frozen=True)
 class RunChange:
-    """What was changed in a run under way, from a tick on: by which node, in its role and place."""
+    """A change during a run, effective from a tick on, and the node that made it."""
 
     tick: int
     node: str
@@ -178,7 +177,7 @@ class RunChange:
 
 @dataclass(frozen=True)
 class Absence:
-    """Ticks, from the first to before the end, at which a node of a run (its role, its place) was not there."""
+    """Ticks from `first` to before `end` at which a node, given by role and index, was absent."""
 
     role: str
     index: int
@@ -188,26 +187,25 @@ class Absence:
 
 @dataclass(frozen=True)
 class Record:
-    """Everything that one closed loop left behind: from `loop.run` or from a recording alike.
+    """All results of one closed loop, from `loop.run` or from a recording.
 
-    `frames` has shape (ticks, stations, channels): what each station reports at a tick, as of `measured_ns` (ticks,
-    stations; LOST: nothing yet) with the bits `status`; `machines` (ticks, machines) of MACHINE_TRUTH,
-    `devices` (ticks, devices) of DEVICE_TRUTH; `delivered` has a row an entry (DELIVERY), `issued`
-    and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE), `learning` a row a
-    learning rate (LEARNING). `supervised` has a row a setpoint of a supervisor (SETPOINT), `supervision` a row a tick
-    and supervisor (SUPERVISION).
+    `frames` (ticks, stations, channels): each station's report at a tick, with time of measurement `measured_ns`
+    (ticks, stations; LOST: none yet) and status bits `status`; `machines` (ticks, machines) of MACHINE_TRUTH; `devices`
+    (ticks, devices) of DEVICE_TRUTH; `delivered`: one row per entry (DELIVERY); `issued` and `applied`: one row per
+    setpoint (SETPOINT); `estimates`: one row per identified derivative (ESTIMATE); `learning`: one row per learning
+    rate (LEARNING); `supervised`: one row per setpoint of a supervisor (SETPOINT); `supervision`: one row per tick and
+    supervisor (SUPERVISION).
 
-    `links` is the number of links that deliver, also of those that have not delivered yet.
-    `refused` is how many messages each node refused: `node`, `topic`, `cause`, `source`, `count`. `joined` are nodes
-    that joined the run under way: `node`, `time_s`, `armed_s` (None: disarmed to the end). `changes` are what was
-    changed under way: `tick` from which it acts, `node`, `role`, `index`, `kind`, `name`, `value` (run_control.md).
-    `absences` are ticks at which a node was not there, before it began (again): `role`, `index`, `first`, `end`.
-    `heard`: what nodes had at hand when they acted, by role, index and what it was: (ticks, 2), a tick of the node and
-    the tick of the newest message that it had then. `publishers`: the node that published, by topic and the publisher's
-    identity (GID), in one text. `versions` are of what made it, by package; none where that is not known.
-    `in_synchronism` is false at the tick that ended an unstable run. `notes` says what a damaged
-    recording lacks; `gap_tick` is its first tick of which something is missing, none if there is none.
-    `arrays` has all of it as one column a quantity, a row a tick, and `units` the unit of each.
+    `links`: number of delivering links, including those that have not delivered yet. `refused`: number of messages that
+    each node refused: `node`, `topic`, `cause`, `source`, `count`. `joined`: nodes that joined during the run: `node`,
+    `time_s`, `armed_s` (None: disarmed to the end). `changes`: changes during the run: `tick` from which it acts,
+    `node`, `role`, `index`, `kind`, `name`, `value` (run_control.md). `absences`: ticks at which a node was absent
+    before it began or restarted: `role`, `index`, `first`, `end`. `heard`: newest inputs of nodes when they acted, by
+    role, index and name of the input: (ticks, 2), the node's tick and the tick of the newest message it had.
+    `publishers`: publishing node by topic and the publisher's identity (GID), in one text. `versions`: of the software
+    that made it, by package; empty if unknown. `in_synchronism` is false at the tick that ended an unstable run.
+    `notes` list what a damaged recording lacks; `gap_tick` is the first tick with missing data, None if complete.
+    `arrays` has one column per quantity and one row per tick, `units` the unit of each column.
     """
 
     configuration: dict[str, Any]
@@ -248,12 +246,12 @@ class Record:
 
     @property
     def asked(self) -> dict[str, Any]:
-        """The run by the names that the user gave, where they are known, else as configured."""
+        """The run with the names that the user gave, if known, else as configured."""
         return dict(self.configuration.get("asked") or self.configuration)
 
     @property
     def frame_rate(self) -> int:
-        """Frames per second: as configured, else from the times of the ticks."""
+        """Frames per second: configured, else from the times of the ticks."""
         given = self.configuration.get("frame_rate")
         if isinstance(given, int):
             return given
@@ -261,15 +259,15 @@ class Record:
 
     @property
     def ticks(self) -> NDArray[np.int64]:
-        """Number of every tick: t_k = k / f, rounded down."""
+        """Number of each tick: t_k = k / f, rounded down."""
         return -(-self.time_ns * self.frame_rate // NANOSECONDS)
 
     @cached_property
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All signals on the grid of ticks by name, each (ticks,) (docs/recordings.md).
 
-        What comes now and then (delivered entries, setpoints) stands at a tick as it was last known at the tick's end;
-        NaN before the first.
+        Occasional values (delivered entries, setpoints) are the last ones known at the end of each tick; NaN before the
+        first.
         """
         return {name: values for name, _, values in _columns(self)}
 
@@ -279,21 +277,21 @@ class Record:
         return {name: unit for name, unit, _ in _columns(self)}
 
 
-FLAGS = ("blocked", "released")  # of DEVICE_TRUTH
-REFUSED = ("refused_value", "refused_stamp", "refused_order")  # its counts, by cause
+FLAGS = ("blocked", "released")  # fields of DEVICE_TRUTH that are flags
+REFUSED = ("refused_value", "refused_stamp", "refused_order")  # its counters of refused setpoints, by cause
 
-# Of the truth's fields; all others are p.u.
+# Units of the truth's fields; all others are p.u.
 TRUTH_UNITS = {"rotor_angle": "rad", **dict.fromkeys((*FLAGS, *REFUSED), "-")}
 
 
 def truth_field(name: str) -> str:
-    """One of the truth's fields as messages and columns have it: with its unit, where it has one."""
+    """Name of a truth's field in messages and columns: with its unit, if it has one."""
     unit = TRUTH_UNITS.get(name, "pu")
     return name if unit == "-" else f"{name}_{unit}"
 
 
 def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
-    """Name, unit and values of every column of a record; a name ends with its unit."""
+    """Name, unit and values of each column of a record; names end with the unit."""
     yield "tick", "-", record.ticks
     yield "time_s", "s", record.time_s
     for s, station in enumerate(record.stations):
@@ -325,7 +323,7 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
 
 
 def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
-    """Columns of what identifiers estimate and how networks learn."""
+    """Columns of identifiers' estimates and networks' learning."""
     rows = record.estimates
     for (c, i, d), own in group_by(rows, "controller", "signal", "device"):
         place, signal = record.controller_names[c], _signal(record, c, i)
@@ -349,7 +347,7 @@ def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
 
 
 def _watched(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
-    """Columns of what supervisors tell: their state by its code, the share of its ramp, and what monitors see."""
+    """Columns of supervisors: code of the state, share of the ramp, values of the monitors."""
     units = {"state": "-", "share": "-", **{name: row.unit for name, row in MONITORS.items()}}
     for (c,), own in group_by(record.supervision, "controller"):
         values = _held(record.ticks, own["tick"], np.column_stack([own["state"], own["share"], own["values"]]))
@@ -358,27 +356,27 @@ def _watched(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
 
 
 def group_by(rows: NDArray[Any], *fields: str) -> list[tuple[tuple[int, ...], NDArray[Any]]]:
-    """Rows of a table by the values of some fields: these, ascending, and the rows that have them."""
+    """Group rows of a table by the values of some fields: the values, ascending, and their rows."""
     keys = np.column_stack([rows[field] for field in fields])
     return [(tuple(key.tolist()), rows[np.all(keys == key, axis=1)]) for key in np.unique(keys, axis=0)]
 
 
 def _signal(record: Record, controller: int, signal: int) -> str:
-    """Name of a controller's signal, as configured; else its place."""
+    """Name of a controller's signal as configured; else its index."""
     rows = record.configuration.get("controllers") or []
     names = rows[controller].get("signals", []) if controller < len(rows) else []
     return str(names[signal]) if signal < len(names) else str(signal)
 
 
 def _newest(rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Which deliveries of a station are newer, by measurement, than all before them."""
+    """Whether each delivery of a station has a newer time of measurement than all before."""
     measured = rows["measured_ns"]
     before = np.concatenate([[np.iinfo(np.int64).min], np.maximum.accumulate(measured)[:-1]]) if len(rows) else measured
     return np.asarray(measured > before)
 
 
 def _held(ticks: NDArray[np.int64], at: NDArray[np.int64], values: NDArray[Any]) -> NDArray[np.float64]:
-    """Values (rows, columns) of ticks `at`, sorted, on a grid of ticks: the last up to each; NaN before the first."""
+    """Values (rows, columns) at sorted ticks `at`, held on a grid of ticks; NaN before the first."""
     place = np.searchsorted(at, ticks, side="right")
     padded = np.vstack([np.full((1, values.shape[1]), np.nan), values])
     return np.asarray(padded[place], np.float64)

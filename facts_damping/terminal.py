@@ -1,4 +1,4 @@
-"""What a user sees: progress and tables on the terminal, JSON in a file or on standard output."""
+"""Output for the user: progress and tables on the terminal, JSON in a file or on standard output."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
 
-exit_now = os._exit  # also where user's code may not call it
-CM, USUAL_PT, PRINT_DPI = 2.54, 10.0, 300  # an inch; size of text that pictures are drawn with; where a width is asked
+exit_now = os._exit  # kept for contexts in which user code may not call it
+CM, USUAL_PT, PRINT_DPI = 2.54, 10.0, 300  # cm per inch; usual text size of pictures; resolution if a width is given
 INTERRUPTED = 130  # exit status
-SILENCE_S = 3.0  # so long a command says nothing
-PR_SET_PDEATHSIG = 1  # of prctl(2)
-INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # also of a polite kill, of a terminal that is closed
+SILENCE_S = 3.0  # s; a busy line appears after this time without output
+PR_SET_PDEATHSIG = 1  # constant of prctl(2)
+INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # also from a plain kill, or when the terminal closes
 
 
 def duration(seconds: float) -> str:
-    """A time as people say it: 42 s, 3 min 20 s, 1 h 21 min."""
+    """A duration as text: 42 s, 3 min 20 s, 1 h 21 min."""
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"
@@ -41,16 +41,16 @@ def duration(seconds: float) -> str:
 
 
 class Progress:
-    """A line of progress on standard error, where that is a terminal."""
+    """A progress line on standard error, if that is a terminal."""
 
-    shown: ClassVar[Progress | None] = None  # the one whose line stands on the terminal
+    shown: ClassVar[Progress | None] = None  # the progress line now on the terminal
 
     def __init__(self, label: str, unit: str = "ticks", *, shown: bool = True) -> None:
         self._label, self._unit, self._shown = escaped(label), unit, shown and sys.stderr.isatty()
         self._began, self._before, self._done, self._of = time.monotonic(), 0, 0, 1
 
     def __call__(self, done: int, of: int) -> None:
-        """Show how far it is."""
+        """Show the progress."""
         self._done, self._of = done, of
         if self._shown:
             Progress.shown = self
@@ -67,7 +67,7 @@ class Progress:
         return f"\r{self._label} [{bar:<{width}}] {done}/{of} {self._unit}, {duration(took)}{still}\033[K"
 
     def resume(self, done: int) -> None:
-        """So many were done before: they say nothing of the time that is left."""
+        """Set the number done before this start, which does not count in the estimate of remaining time."""
         self._before = done
 
     def close(self) -> None:
@@ -78,25 +78,25 @@ class Progress:
 
 
 def show(text: str) -> None:
-    """Lines on standard output, in which what comes from outside steers no terminal."""
+    """Print lines on standard output; text from outside cannot control the terminal."""
     clear_line()
     sys.stdout.write(escaped(text) + "\n")
 
 
 def note(text: str) -> None:
-    """A line on standard error, at most as long as a screen."""
+    """Print a line of limited length on standard error."""
     clear_line()
     sys.stderr.write(shortened(escaped(text)) + "\n")
 
 
-_waiting = threading.Event()  # a line says that a command is at work
+_waiting = threading.Event()  # a busy line is shown
 
 
 @contextmanager
 def busy_line(name: str) -> Iterator[None]:
-    """Where a command says nothing for `SILENCE_S`, a line on the terminal says that it works; progress stays current.
+    """Show a line on the terminal after `SILENCE_S` without output, and keep a progress line current.
 
-    The line is written past `sys.stderr`, whose lock a command may hold.
+    The line bypasses `sys.stderr`, whose lock a command may hold.
     """
     began, over = time.monotonic(), threading.Event()
 
@@ -123,7 +123,7 @@ def busy_line(name: str) -> Iterator[None]:
 
 
 def clear_line() -> None:
-    """Take the line of `busy_line` away, before something is said."""
+    """Remove the line of `busy_line` before other output."""
     if _waiting.is_set():
         _waiting.clear()
         os.write(2, b"\r\033[K")
@@ -132,9 +132,9 @@ def clear_line() -> None:
 def table(
     titles: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1, *, markdown: bool = False, rule: bool = True
 ) -> list[str]:
-    """Lines of a table, its first `left` columns aligned to the left, the others to the right.
+    """Lines of a table for a terminal, or in Markdown; `rule`: a line below the titles.
 
-    For a terminal, with a `rule` below the titles, or in Markdown.
+    The first `left` columns are aligned to the left, the others to the right.
     """
     cells = [list(titles), *map(list, rows)]
     if markdown:
@@ -152,13 +152,13 @@ def table(
 
 
 def some_of(names: Sequence[str], most: int = 8) -> str:
-    """Names with commas between; of many the first ones, and how many more there are."""
+    """Names separated by commas; of many, the first ones and the number of the others."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 @contextmanager
 def naming(target: str) -> Iterator[None]:
-    """Let an error of writing name the file: that of a full disk does not."""
+    """Add the file's name to errors of writing, which a full disk's error lacks."""
     try:
         yield
     except OSError as error:
@@ -167,8 +167,8 @@ def naming(target: str) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A file beside `path` to write to: whole, it takes its place; else nothing is left. Interruptions wait."""
-    place = path.resolve()  # of what a link leads to
+    """A temporary file beside `path` that replaces it if complete; otherwise nothing is left. Delays interruptions."""
+    place = path.resolve()  # target of a link
     beside = place.with_name(place.name + ".new")
     with interruptions_held():
         try:
@@ -182,7 +182,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def interruptions_held() -> Iterator[None]:
-    """Answer interruptions after the block."""
+    """Delay interruptions until after the block."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -198,7 +198,7 @@ def interruptions_held() -> Iterator[None]:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a file whole or not at all; a device as it is."""
+    """Write a file whole or not at all; devices are written directly."""
     if path.exists() and not path.is_file():
         with naming(str(path)):
             path.write_text(text, encoding="utf-8")
@@ -208,7 +208,7 @@ def write_whole(path: Path, text: str) -> None:
 
 
 class PictureFormat(NamedTuple):
-    """How pictures are written: format, width in cm and size of usual text in points; None: as they are drawn."""
+    """Format of pictures: file format, width in cm, usual text size in points; None: as drawn."""
 
     format: str = "png"
     width_cm: float | None = None
@@ -220,12 +220,12 @@ _look: ContextVar[PictureFormat] = ContextVar("_look", default=DEFAULT_FORMAT)
 
 
 def set_picture_format(look: PictureFormat) -> None:
-    """Have pictures written like this from here on."""
+    """Set the format of all later pictures."""
     _look.set(look)
 
 
 def save_picture(figure: Any, path: Path, **options: Any) -> Path:
-    """Write a figure of Matplotlib, whole or not at all; `path`: as PNG. Returns where it is."""
+    """Write a Matplotlib figure, whole or not at all; `path`: name as PNG. Returns the path written."""
     look = _look.get()
     place = path.with_suffix(f".{look.format}")
     if look.font_pt is not None:
@@ -242,27 +242,27 @@ def save_picture(figure: Any, path: Path, **options: Any) -> Path:
 
 
 def heeded() -> list[signal.Signals]:
-    """The interruptions that this process answers: all, but for SIGHUP where that is ignored, as after `nohup`."""
+    """Interruptions that this process handles: all except SIGHUP if that is ignored, as after `nohup`."""
     ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return [one for one in INTERRUPTIONS if one != signal.SIGHUP or not ignored]
 
 
 def end_at_once(_number: int, _frame: Any) -> None:
-    """Answer an interruption by the end of the process: as long as there is nothing to clean up.
+    """Handle an interruption by ending the process, while there is nothing to clean up.
 
-    An exception is lost where Python itself takes it, in an import above all.
+    An exception could be lost inside Python itself, above all in an import.
     """
     leave("interrupted")
 
 
 def leave(reason: str) -> NoReturn:
-    """End this process as it stands, with a line, because of an interruption."""
+    """End this process at once because of an interruption, with a line of output."""
     os.write(2, f"facts-damping: {reason}\n".encode())
     exit_now(INTERRUPTED)
 
 
 def clean_up_first() -> None:
-    """From here on an interruption is an exception: there is something to clean up, or to say."""
+    """From here on interruptions raise an exception, because there is something to clean up or report."""
     if threading.current_thread() is threading.main_thread():
         for number in INTERRUPTIONS:
             if signal.getsignal(number) is end_at_once:
@@ -277,7 +277,7 @@ def write_json(target: str | None, content: Any) -> None:
 
 
 def write_text(target: str, text: str) -> None:
-    """Write text to a file, or to standard output for `-`: to a terminal as it is shown, else as it is."""
+    """Write text to a file, or to standard output for `-`; unprintable characters are escaped on a terminal."""
     if target != "-":
         write_whole(Path(target), text)
     else:
@@ -285,7 +285,7 @@ def write_text(target: str, text: str) -> None:
 
 
 def finite(content: Any) -> Any:
-    """Content with None for numbers that JSON does not know."""
+    """Content with None in place of numbers that JSON lacks."""
     if isinstance(content, dict):
         return {key: finite(value) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
@@ -296,13 +296,13 @@ def finite(content: Any) -> Any:
 
 
 def tie_to_parent(number: int = signal.SIGTERM) -> None:
-    """Have this process told to end when the one that started it does, however that ends."""
+    """Have the kernel send this process a signal when its parent ends for any reason."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number)
 
 
 @contextmanager
 def script_apart() -> Iterator[None]:
-    """The caller's script is not run once more in each process that is started, as `multiprocessing` would."""
+    """Prevent `multiprocessing` from running the caller's script again in each process that is started."""
     main = vars(sys.modules["__main__"])
     kept = {name: value for name, value in main.items() if name in ("__file__", "__spec__")}
     main.update(dict.fromkeys(kept))

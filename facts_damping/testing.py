@@ -1,7 +1,7 @@
-"""For tests of nodes, the user's own ones too: a graph in this process, without DDS, in simulated time.
+"""For tests of nodes, including the user's own: a graph in this process, without DDS, in simulated time.
 
-`loopback` is a fixture of pytest: `from facts_damping.testing import loopback`. While a test has it, `rclpy` and the
-nodes of this package run on it, and `time.sleep` lets simulated time pass (docs/testing_nodes.md).
+`loopback` is a pytest fixture: `from facts_damping.testing import loopback`. During the test `rclpy` and this package's
+nodes run on it, and `time.sleep` lets simulated time pass (docs/testing_nodes.md).
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ class Loopback:
     """A graph in this process."""
 
     def __init__(self, world: World) -> None:
-        """As the fixture makes it."""
+        """Called by the fixture."""
         self._world = world
 
     def start(self, name: str, main: Callable[[], Any], arguments: Sequence[str] = ()) -> Process:
-        """Start a node by its entry point; it runs when this thread waits, and ends with the test.
+        """Start a node by its entry point; it runs while this thread waits, and ends with the test.
 
-        `name`: how errors call it; `arguments`: as on a command line (`--ros-args ...`).
+        `name`: its name in errors; `arguments`: as on a command line (`--ros-args ...`).
         """
         return self._world.start(name, main, arguments, os.environ, sys.stdout, sys.stderr)
 
     def run(
         self, run: str | PathLike[str] | None, out: Path, mode: str = "lockstep", timeout: float = 5.0, **fields: Any
     ) -> Result:
-        """Run a graph, as `facts-damping run --out` does, and load its recording.
+        """Run a graph as `facts-damping run --out` does, and load its recording.
 
-        `fields`: of the run, as of `facts_damping.simulate`; a controller with a node of your own is `external` there.
-        Raises `RunError` naming the node that has ended or stays silent, `InputError`.
+        `fields`: of the run, as in `facts_damping.simulate`; a controller with a node of your own is `external` there.
+        Raises `InputError`, and `RunError` naming a node that ended or stays silent.
         """
         outcome = graph.run(case_of(run, fields), mode, out, lambda _done, _of: None, timeout)
         return load_recording(outcome.recording)

@@ -1,4 +1,4 @@
-"""The version of the package, which setup.py reads here, and those of what it computes with."""
+"""The version of the package, which setup.py reads here, and those of the software that it computes with."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 __version__ = "0.2.0"
 
-NUMERICAL = ("numpy", "scipy", "numba", "llvmlite")  # llvmlite brings LLVM
+NUMERICAL = ("numpy", "scipy", "numba", "llvmlite")  # llvmlite contains LLVM
 
 
 @cache
@@ -20,6 +20,6 @@ def _version(package: str) -> str:
 
 
 def versions(*more: str) -> dict[str, str]:
-    """What a run is made with: this package, Python, the processor's kind, and packages: `NUMERICAL`, `more`."""
+    """Versions of a run's software: this package, Python, the kind of processor, `NUMERICAL` and `more` packages."""
     found = {"facts_damping": __version__, "python": platform.python_version(), "processor": platform.machine()}
     return found | {package: _version(package) for package in (*NUMERICAL, *more)}

@@ -1,4 +1,4 @@
-"""The ziggurat: layers of equal area below a falling density, of which random numbers are drawn.
+"""The ziggurat: layers of equal area under a decreasing density, for drawing random numbers.
 
 G. Marsaglia, W. W. Tsang, The Ziggurat Method for Generating Random Variables, J. Statistical Software 5(8), 2000.
 """
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from facts_damping.compiling.structs import Array, Float1, Struct
 
 LAYERS = 256
-BITS_OF_NORMAL, BITS_OF_EXPONENTIAL = 52, 53  # of a place in a layer
-# x where the layers of exp(-x^2 / 2) end, the lowest one first, as wide as if it had no tail, then from the top down.
-# They are those of NumPy, whose last digits are round-off of the recursion that they were computed with.
+BITS_OF_NORMAL, BITS_OF_EXPONENTIAL = 52, 53  # bits of a position within a layer
+# Ends x of the layers of exp(-x^2 / 2): the bottom layer first, as wide as if it had no tail, then from the top down.
+# These are NumPy's values, whose last digits are round-off of their recursion.
 NORMAL_ENDS = """
 3.910757959524912 0.21524189598488003 0.2861745917920715 0.33573751921442435 0.3751213328783798 0.40838913461199033
 0.4375184022078708 0.4636343367908815 0.4874439661392353 0.509423329602091 0.5299097206615574 0.5491517023271645
@@ -64,20 +64,20 @@ NORMAL_ENDS = """
 2.8941210536134125 2.934366867208888 2.9786032798818436 3.027837791769594 3.0835261320021434 3.147889289518001
 3.224575052047802 3.320244733839826 3.4492782985614316 3.654152885361009
 """.split()  # noqa: SIM905 (a list has a line for each)
-EXPONENTIAL_END = "7.6971174701310497140446280481"  # of exp(-x) the lowest layer's, with which 256 have equal areas
+EXPONENTIAL_END = "7.6971174701310497140446280481"  # of exp(-x): end of the bottom layer that gives 256 equal areas
 NORMAL_R, EXPONENTIAL_R = float(NORMAL_ENDS[-1]), float(EXPONENTIAL_END)  # where the tails begin
 
 
 class Ziggurat(Struct):
-    """Layers of equal area below a falling density f; a number's place in one is so many bits."""
+    """Layers of equal area under a decreasing density f; a position in a layer is an integer of given bits."""
 
-    width: Float1  # (LAYERS,), x of a layer's end over the number of places
-    inside: Annotated[NDArray[np.uint64], Array(np.uint64, 1)]  # (LAYERS,), places before this one lie below f
+    width: Float1  # (LAYERS,), x of a layer's end divided by the number of positions
+    inside: Annotated[NDArray[np.uint64], Array(np.uint64, 1)]  # (LAYERS,), smaller positions lie below f
     density: Float1  # (LAYERS,), f at the layer's end
 
 
 def _ziggurat(ends: list[Decimal], densities: list[Decimal], bits: int) -> Ziggurat:
-    """The layers that end at x, the lowest one first, then from the top down."""
+    """Layers with ends at x: the bottom one first, then from the top down."""
     below, *others = ends
     inside = [others[-1] / below, Decimal(0), *(a / b for a, b in pairwise(others))]
     return Ziggurat(
@@ -98,7 +98,7 @@ def normal_layers() -> Ziggurat:
 
 @cache
 def exponential_layers() -> Ziggurat:
-    """Layers below exp(-x), by f(x_i) = f(x_(i+1)) + area / x_(i+1) from the lowest one upwards."""
+    """Layers under exp(-x), by f(x_i) = f(x_(i+1)) + area / x_(i+1) from the bottom up."""
     with localcontext() as context:
         context.prec = 40
         r = Decimal(EXPONENTIAL_END)

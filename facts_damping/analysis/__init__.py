@@ -1,6 +1,6 @@
-"""What a record says about the control: records in, figures out. Knows neither plant nor ROS.
+"""Evaluates records: a record in, figures out. It depends on neither plant nor ROS.
 
-Plots are in `facts_damping.analysis.plotting.plots`, apart, because loading Matplotlib takes longer than a run.
+Plots are separate, in `facts_damping.analysis.plotting.plots`: loading Matplotlib takes longer than a run.
 """
 
 from facts_damping.analysis.summary import summarise, table

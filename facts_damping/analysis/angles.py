@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-WHOLE = "system"  # the area of machines that name none
+WHOLE = "system"  # area of machines without one
 
 
 def centre_of_angle(angles: NDArray[np.float64], inertias: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -28,11 +28,11 @@ def centre_of_angle(angles: NDArray[np.float64], inertias: NDArray[np.float64]) 
 
 
 def centres_of_angle(record: Record) -> dict[str, NDArray[np.float64]]:
-    """Centre of angle of each area, rad, (ticks,), by the true rotor angles: of no use to a controller.
+    """Centre of angle of each area from the true rotor angles, which controllers do not have, rad, (ticks,).
 
-    Areas, ratings and inertia constants are those of a system inline; without these nothing. Against an infinite bus,
-    where there is one. Otherwise against the centre of all machines: after a change of load the whole system runs at
-    another frequency, and its angles against synchronous speed would only tell that.
+    Areas, ratings and inertia constants come from an inline system; empty without one. The reference is an infinite bus
+    if there is one, else the centre of all machines: after a change of load the system frequency changes, and all
+    angles against synchronous speed would drift.
     """
     areas = _areas(record)
     if not areas:
@@ -45,13 +45,13 @@ def centres_of_angle(record: Record) -> dict[str, NDArray[np.float64]]:
 
 
 def mean_speeds(record: Record) -> dict[str, NDArray[np.float64]]:
-    """Mean speed deviation of each area, weighted by inertia, p.u., (ticks,): how its centre of angle turns."""
+    """Mean speed deviation of each area, weighted by inertia, p.u., (ticks,): the rate of its centre of angle."""
     speeds = np.asarray(record.machines["speed_deviation"])
     return {area: centre_of_angle(speeds[:, own], inertias) for area, (own, inertias) in _areas(record).items()}
 
 
 def _areas(record: Record) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """By area: places of its machines in the record, and their inertias; nothing where some are not known."""
+    """By area: indices of its machines in the record, and their inertias; empty if any is unknown."""
     system = inline_system(record.configuration)
     data: dict[str, Mapping[str, Any]] = {one["name"]: one for one in system.get("machines") or []}
     if not record.machine_names or any(not _complete(data.get(name)) for name in record.machine_names):

@@ -1,7 +1,7 @@
-"""What a finer integration step changes in the figures of a run, and how many of their digits hold.
+"""Convergence of a run's figures with the integration step, and the number of digits that hold.
 
-A run is converged where halving the step leaves its verdict as it is and changes no index by more than 1 %. Runs of
-controllers that chatter need not be: which side of a jump a sample falls on changes all that follows.
+A run is converged if halving the step keeps its verdict and changes no index by more than 1 %. Runs of controllers that
+chatter may not converge: the side of a jump on which a sample falls changes all that follows.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from facts_damping.analysis.indices import INDICES
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-TOLERANCE = 0.01  # relative change of an index by half the step
-DIGITS = 4  # that are printed at most
-MARK = "~"  # before a figure that is not converged
-FIGURES = ("settling_time_s", "roughness", "max_injected_voltage_pu")  # beside the indices, for their digits alone
+TOLERANCE = 0.01  # largest relative change of an index when the step is halved
+DIGITS = 4  # printed at most
+MARK = "~"  # prefix of a figure that is not converged
+FIGURES = ("settling_time_s", "roughness", "max_injected_voltage_pu")  # their changes only set the digits shown
 
 
 def compare(told: Mapping[str, Any], finer: Mapping[str, Any]) -> dict[str, Any]:
-    """`converged`, `step_change`, the relative change of each figure, and `warnings`: of two summaries.
+    """Compare two summaries: `converged`, `step_change` (relative change of each figure) and `warnings`.
 
-    The second is of half the step. A figure that only one of the two has, or that is zero in the second alone, has
-    changed by infinity. The warnings are those of the first, and one more if it is not converged.
+    The second summary is of half the step. The change is infinite if only one of the two has the figure, or if it is
+    zero in the second alone. The warnings are those of the first, and one more if it is not converged.
     """
     pairs = {name: ((told["indices"] or {}).get(name), (finer["indices"] or {}).get(name)) for name in INDICES}
     pairs |= {name: (told[name], finer[name]) for name in FIGURES}
@@ -40,14 +40,14 @@ def compare(told: Mapping[str, Any], finer: Mapping[str, Any]) -> dict[str, Any]
 
 
 def text(value: float, change: float, form: str = f".{DIGITS}g") -> str:
-    """A figure with the digits that hold: the last is worth more than twice the change. `~`: none is sure to 1 %."""
+    """A figure with the digits that hold: the last is worth more than twice the change. `~`: not certain to 1 %."""
     digits = 1 if change >= 1 else DIGITS if change <= 0 else floor(-log10(2 * change))
     mark = MARK if change > TOLERANCE else ""
     return mark + format(value, form if digits >= DIGITS else f".{max(digits, 1)}g")
 
 
 def _change(value: float | None, finer: float | None) -> float:
-    """Relative change, of the finer one."""
+    """Change relative to the finer value."""
     if value == finer:
         return 0.0
     if value is None or not finer or not isfinite(value - finer):

@@ -1,4 +1,4 @@
-"""What `analyze` tells of records beyond their summaries: regions of the indices, latency by hop, improvement."""
+"""Further figures of `analyze`: regions of the indices, latency per hop, improvement over a baseline."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-JUDGED = (*INDICES, "roughness")  # of which improvement is told
-PARTS = ("up", "wait", "down")  # of the whole way, which the summary tells
+JUDGED = (*INDICES, "roughness")  # figures that improvement is computed for
+PARTS = ("up", "wait", "down")  # hops; the summary has the whole way
 
 
 def details(record: Record) -> dict[str, Any]:
-    """More figures of a run, ready for JSON, beside those of `summarise`.
+    """Figures of a run beyond `summarise`, ready for JSON.
 
-    `regions`: of each index over time (figure 4.4) `cliff_from_s`, `cliff_to_s` and `slope`, None where the index stays
-    0; empty unless stable. `latency_hops_ms`: {hop: {who: mean, p50, p99, max}}, see `hops_ms`.
+    `regions`: for each index over time (figure 4.4) `cliff_from_s`, `cliff_to_s` and `slope`, None if the index stays
+    0; empty unless stable. `latency_hops_ms`: {hop: {name: mean, p50, p99, max}}, see `hops_ms`.
     """
     found: dict[str, Any] = {}
     if is_stable(record):
@@ -37,9 +37,9 @@ def details(record: Record) -> dict[str, Any]:
 
 
 def compare(results: Sequence[dict[str, Any]], baseline: int) -> None:
-    """Put into each result its `improvement_percent` on that of the baseline (4.109).
+    """Add to each result its `improvement_percent` over the baseline's (4.109).
 
-    Of the indices and the roughness; None where one of the two is not stable.
+    It covers the indices and the roughness; None if one of the two runs is not stable.
     """
     first = _judged(results[baseline])
     for result in results:
@@ -48,7 +48,7 @@ def compare(results: Sequence[dict[str, Any]], baseline: int) -> None:
 
 
 def lines(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: int) -> Iterator[str]:
-    """Text of modes with their intervals, saturation, latency by hop and, of several runs, improvement."""
+    """Text: modes with intervals, saturation, latency per hop and, with several runs, improvement."""
     yield ""
     yield "modes, half the width of their intervals of 95 %, and how often setpoints are at their limits"
     for name, result in zip(names, results, strict=True):
@@ -72,7 +72,7 @@ def lines(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: 
 
 
 def _judged(result: Mapping[str, Any]) -> dict[str, float] | None:
-    """What improvement is told of."""
+    """Figures that improvement is computed from."""
     return result["indices"] and {**result["indices"], "roughness": result["roughness"]}
 
 
@@ -81,7 +81,7 @@ def _values(parts: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, 
 
 
 def together(names: Sequence[str]) -> str:
-    """Those with the same latencies, in a word."""
+    """One label for names that have the same latencies."""
     return f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else names[0]
 
 
@@ -96,7 +96,7 @@ def _mode(mode: Mapping[str, Any]) -> str:
 
 
 def _width(error: float | None) -> str:
-    """Half the interval of 95 %."""
+    """Half-width of the 95 % interval."""
     return "" if error is None else f" ± {COVERED * error:.1g}"
 
 

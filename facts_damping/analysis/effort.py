@@ -1,4 +1,4 @@
-"""How hard and how smoothly the devices are driven."""
+"""Control effort: roughness of setpoints, saturation, injected voltage."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 
 def roughness(setpoints: NDArray[np.float64], dt: float = 1.0) -> float:
-    """Control-effort roughness `sqrt(1/N sum_k ((u_k+1 - 2 u_k + u_k-1) / dt^2)^2)`; small is smooth.
+    """Control-effort roughness `sqrt(1/N sum_k ((u_k+1 - 2 u_k + u_k-1) / dt^2)^2)`; smaller is smoother.
 
-    `setpoints`: (ticks,) or (ticks, devices), p.u., the setpoints in force on the grid of frames (N is the
-    number of differences of all devices together); `dt`: s, the frame's length, gives p.u./s^2; 1 gives
-    the plain second difference, p.u. 0 for fewer than three frames. Source: (5.34).
+    `setpoints`: (ticks,) or (ticks, devices), p.u., those in force at each frame; N: number of differences of all
+    devices; `dt`: frame length, s, gives p.u./s^2; 1 gives the plain second difference, p.u. 0 for fewer than three
+    frames. Source: (5.34).
     """
     if len(setpoints) < 3 or setpoints.size == 0:
         return 0.0
@@ -29,7 +29,7 @@ def roughness(setpoints: NDArray[np.float64], dt: float = 1.0) -> float:
 def record_roughness(record: Record) -> dict[str, float]:
     """Both forms of (5.34) for a record: `per_second` (over dt^2, p.u./s^2) and `per_frame` (plain, p.u.).
 
-    A lost frame stretches dt only where it was lost, so dt is the median.
+    dt is the median time step, because a lost frame lengthens only a single step.
     """
     dt = float(np.median(np.diff(record.time_s))) if len(record.time_ns) > 1 else 1.0
     setpoints = record.devices["setpoint"]
@@ -39,7 +39,7 @@ def record_roughness(record: Record) -> dict[str, float]:
 def saturation_duty(record: Record, since: float = 0.0) -> dict[str, float]:
     """Share of the frames at which a device's setpoint is at its limit, 0 to 1, by device; `since`: s.
 
-    Of the devices whose limit the configuration tells (`setpoint_limits`).
+    Only for devices whose limit is in the configuration (`setpoint_limits`).
     """
     limits, kept = setpoint_limits(record.configuration), record.time_s >= since
     return {
@@ -50,7 +50,7 @@ def saturation_duty(record: Record, since: float = 0.0) -> dict[str, float]:
 
 
 def max_injected_voltage(record: Record) -> float | None:
-    """Largest magnitude of any voltage injected in series on the grid of frames, p.u.; none without such a device."""
+    """Largest magnitude of injected series voltage at any frame, p.u.; None without a series device."""
     voltage = np.abs(record.devices["injected_voltage"])
     finite = voltage[np.isfinite(voltage)]
     return float(finite.max()) if finite.size else None

@@ -1,4 +1,4 @@
-"""What controllers learnt over time: Jacobians and learning rates, a curve each."""
+"""Learning over time: Jacobians and learning rates, one curve each."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 
 class History(NamedTuple):
-    """A quantity over time: the instants of the ticks (s) and its values, both (n,)."""
+    """A quantity over time: times of the ticks (s) and values, both (n,)."""
 
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
 
 
 def jacobian_histories(record: Record) -> dict[tuple[str, int, str], History]:
-    """What identifiers take for the plant's Jacobian, p.u. of the signal per p.u. of setpoint, one frame ahead.
+    """Identifiers' estimates of the plant's Jacobian, p.u. of the signal per p.u. of setpoint, one frame ahead.
 
-    By controller, index of its signal, and device. Source: (5.3) on; the derivative that (5.1) hands to the controller.
+    Keys: controller, index of its signal, device. Source: (5.3) on; the derivative that (5.1) passes to the controller.
     """
     return {
         (_controller(record, c), s, record.device_names[d]): _history(record, rows, "jacobian")
@@ -35,8 +35,8 @@ def jacobian_histories(record: Record) -> dict[tuple[str, int, str], History]:
 def learning_rate_histories(record: Record) -> dict[tuple[str, bool, int, int], History]:
     """Learning rates of all networks, no unit.
 
-    By controller, whether it is its identifier's, index of the output, and index of the group of parameters. Rates that
-    are the same for all groups have a single history, of group 0. Source: (4.39), (5.20) on.
+    Keys: controller, whether the network is its identifier's, index of the output, index of the parameter group. If all
+    groups have the same rate there is a single history, of group 0. Source: (4.39), (5.20) on.
     """
     found = {}
     for (c, identifier, output, group), rows in group_by(
@@ -47,13 +47,13 @@ def learning_rate_histories(record: Record) -> dict[tuple[str, bool, int, int], 
 
 
 def _history(record: Record, rows: NDArray[Any], field: str) -> History:
-    """A field of rows over the instants of their ticks: a controller acts in each, also where the record lacks it."""
+    """A field of rows over the times of their ticks, including ticks that the record lacks."""
     rate = record.configuration.get("frame_rate") or 1 / np.median(np.diff(record.time_s))
     return History(rows["tick"] / rate, np.asarray(rows[field]))
 
 
 def _controller(record: Record, index: int) -> str:
-    """Name of a controller; a recording may be without one that learnt."""
+    """Name of a controller; its index if the record does not have it."""
     names = record.controller_names
     return names[index] if index < len(names) else f"controller_{index}"
 

@@ -1,4 +1,4 @@
-"""Performance indices (4.108): totals, their growth over time (figure 4.4), and how much better one run is (4.109)."""
+"""Performance indices (4.108): totals, growth over time (figure 4.4), improvement between runs (4.109)."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ INDICES = {
     "ISE": Index(0, 2, "p.u.² s"),
 }
 INDICES |= rows("indices", Index, INDICES)
-THESIS_INDICES = ("ITAE", "IAE", "ITSE", "ISE")  # those of its tables, of scores and of agreement; no other ones
-EDGE = 0.05  # of an index's final value: so much lies before its cliff, and so much after it
+THESIS_INDICES = ("ITAE", "IAE", "ITSE", "ISE")  # of the thesis; scores and agreement use only these
+EDGE = 0.05  # share of an index's final value before its cliff, and after it
 
 
 class Regions(NamedTuple):
-    """Where a curve of an index over time bends, and how steep it is between (figure 4.4)."""
+    """Bends of an index's curve over time, and the slope between them (figure 4.4)."""
 
     cliff_from_s: float  # s, end of the error floor
     cliff_to_s: float  # s, start of the small error
-    slope: float  # of the cliff, the index's unit per s
+    slope: float  # slope of the cliff, unit of the index per s
 
 
 def performance_indices(
@@ -46,10 +46,9 @@ def performance_indices(
 ) -> dict[str, float]:
     """Indices `int_0^T t^r sum_i |dw_i|^s dt` by the trapezoidal rule on the recorded frames.
 
-    `time_s`: (ticks,), s; `deviations`: (ticks, n), local and interarea speed differences, p.u.;
-    `since`: s, the instant that counts as t = 0 and before which nothing counts (the first event's, say;
-    the integral begins with the first frame not before it). Returns each of `INDICES`, in its
-    unit. Source: (4.108), with r and s as there.
+    `time_s`: (ticks,), s; `deviations`: (ticks, n), local and interarea speed differences, p.u.; `since`: s, the time
+    that counts as t = 0, such as that of the first event; the integral begins with the first frame at or after it.
+    Returns each of `INDICES` in its unit. Source: (4.108), with r and s as there.
     """
     t, integrands = _integrands(time_s, deviations, since)
     return {name: float(np.sum(_steps(t, f))) / 2 for name, f in integrands.items()}
@@ -58,7 +57,7 @@ def performance_indices(
 def index_curves(
     time_s: NDArray[np.float64], deviations: NDArray[np.float64], since: float = 0.0
 ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-    """Times (s), and what each index has grown to by then: the totals of `performance_indices` at the end.
+    """Times (s) and the growth of each index; the last values are the totals of `performance_indices`.
 
     Arguments and units as there. Source: figure 4.4, the integral of (4.108) to t instead of to the end.
     """
@@ -70,9 +69,9 @@ def index_curves(
 def regions(time_s: NDArray[np.float64], curve: NDArray[np.float64]) -> Regions | None:
     """Divide a curve of an index into error floor, cliff and small error.
 
-    `time_s`, `curve`: (ticks,), as from `index_curves`. The error floor lasts until the curve has 5 % of its final
-    value, the cliff from there to 95 %, the small error to the end; between frames the curve is a line. The thesis
-    draws the three regions and gives no figures for their borders. None if the index stays 0. Source: figure 4.4.
+    `time_s`, `curve`: (ticks,), as from `index_curves`. The error floor lasts until the curve reaches 5 % of its final
+    value, the cliff from there to 95 %, the small error to the end; interpolation between frames is linear. The thesis
+    draws the three regions without figures for their borders. None if the index stays 0. Source: figure 4.4.
     """
     if not len(curve) or curve[-1] <= 0:
         return None
@@ -81,7 +80,7 @@ def regions(time_s: NDArray[np.float64], curve: NDArray[np.float64]) -> Regions 
 
 
 def improvement(reference: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float | None]:
-    """By how much each figure of `other` is below that of `reference`, %: `100 (A - B) / A`; none where A is 0.
+    """Reduction of each figure of `other` against `reference`, %: `100 (A - B) / A`; None if A is 0.
 
     Negative: `other` is worse. Source: (4.109), with A the conventional control and B the one that is judged.
     """
@@ -91,7 +90,7 @@ def improvement(reference: Mapping[str, float], other: Mapping[str, float]) -> d
 def _integrands(
     time_s: NDArray[np.float64], deviations: NDArray[np.float64], since: float
 ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-    """Times from `since` on, and what the indices integrate."""
+    """Times from `since` on, and the integrands of the indices."""
     kept = time_s >= since
     t = time_s[kept] - since
     magnitude = np.abs(np.reshape(deviations, (len(time_s), -1))[kept])
@@ -99,11 +98,11 @@ def _integrands(
 
 
 def _steps(t: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Twice the integral of f from frame to frame by the trapezoidal rule."""
+    """Twice the integral of f over each frame by the trapezoidal rule."""
     return np.asarray(np.diff(t) * (f[1:] + f[:-1]))
 
 
 def _crossing(t: NDArray[np.float64], curve: NDArray[np.float64], level: float) -> float:
-    """Time at which a curve that never falls, and starts below the level, reaches it."""
+    """Time at which a non-decreasing curve that starts below the level reaches it."""
     i = int(np.searchsorted(curve, level))
     return float(t[i - 1] + (level - curve[i - 1]) / (curve[i] - curve[i - 1]) * (t[i] - t[i - 1]))

@@ -1,4 +1,4 @@
-"""How old a measurement is when it acts, and what the link lost."""
+"""Latency from measurement to actuation, and frames lost on the links."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ HOPS = {
 
 
 def ages_ms(record: Record) -> NDArray[np.float64]:
-    """Latency of each applied setpoint, ms of simulated time, (setpoints,); see `latency`. NaN: one that cannot be.
+    """Latency of each applied setpoint, ms of simulated time, (setpoints,); see `latency`.
 
-    That is one that is negative, or longer than the run was old: of a clock that is wrong, or of a forged stamp. Those
-    that rest on no measurement do not count (`measured`).
+    NaN for an impossible value, negative or longer than the run so far: a wrong clock or a forged stamp. Setpoints that
+    use no measurement are left out (`measured`).
     """
     return _ages(record, measured(record))
 
 
 def measured(record: Record) -> NDArray[Any]:
-    """The applied setpoints that rest on a measurement: without zeros and tones of supervisors that let nobody act.
+    """Applied setpoints that use a measurement; without supervisors' zeros and probing tones.
 
-    These are said as their tick ends, and bear that time as that of their measurement.
+    Those are issued at the end of their tick and have that time as their time of measurement.
     """
     rows, rate = record.applied, record.frame_rate
     ends = (rows["issued_ns"] * rate // NANOSECONDS + 1) * NANOSECONDS // rate - 1
@@ -53,7 +53,7 @@ def _ages(record: Record, rows: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _between(measured_ns: NDArray[np.int64], later_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Time from measurements to what came of them, ms; NaN where that cannot be."""
+    """Time from a measurement to a later event, ms; NaN if impossible."""
     sound = (measured_ns >= 0) & (later_ns >= measured_ns)
     return np.where(sound, (later_ns - measured_ns) / MILLISECOND, np.nan)
 
@@ -61,21 +61,21 @@ def _between(measured_ns: NDArray[np.int64], later_ns: NDArray[np.int64]) -> NDA
 def latency(record: Record) -> dict[str, float | None]:
     """Mean, median, 99 % quantile and maximum of the applied setpoints' latency, ms of simulated time.
 
-    Latency = time at which the setpoint acts on the device - time of measurement of the newest frame it
-    rests on: the whole way, both links and the wait for alignment. It acts when it reaches the device, but not before
-    the tick in which it was delivered: in real time a node may have been late. None where nothing was applied.
+    Latency = time at which the setpoint acts on the device - time of measurement of the newest frame it uses. It covers
+    both links and the wait for alignment. A setpoint acts when it reaches the device, but not before the tick in which
+    it was delivered: in real time a node may be late. None if nothing was applied.
     """
     ages = ages_ms(record)
     return statistics(ages[np.isfinite(ages)])
 
 
 def left_out(record: Record) -> int:
-    """How many applied setpoints have a latency that cannot be."""
+    """Number of applied setpoints with an impossible latency."""
     return int(np.count_nonzero(np.isnan(ages_ms(record))))
 
 
 def statistics(values: NDArray[np.float64]) -> dict[str, float | None]:
-    """Mean, median, 99 % quantile and maximum of values (n,); None where there is none."""
+    """Mean, median, 99 % quantile and maximum of values (n,); None if empty."""
     if not len(values):
         return dict.fromkeys(("mean", "p50", "p99", "max"))
     p50, p99 = np.percentile(values, [50, 99])
@@ -83,7 +83,7 @@ def statistics(values: NDArray[np.float64]) -> dict[str, float | None]:
 
 
 def alike(told: Mapping[str, Told]) -> dict[Told, list[str]]:
-    """Names of which the same is told, together."""
+    """Group names by equal values."""
     found: dict[Told, list[str]] = {}
     for name, one in told.items():
         found.setdefault(one, []).append(name)
@@ -91,21 +91,21 @@ def alike(told: Mapping[str, Told]) -> dict[Told, list[str]]:
 
 
 def cdf(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Empirical distribution: values (n,) ascending, and the share of all that is not above each, 1/n to 1."""
+    """Empirical distribution: values (n,) ascending, and the share of all values up to each, 1/n to 1."""
     return np.sort(values), np.arange(1, len(values) + 1) / max(len(values), 1)
 
 
 def hops_ms(record: Record) -> dict[str, dict[str, NDArray[np.float64]]]:
-    """Latency of each hop by time stamps, ms of simulated time: {hop: {who: (n,)}}.
+    """Latency of each hop from the time stamps, ms of simulated time: {hop: {name: (n,)}}.
 
-    - `up`: from measurement to arrival at the controllers, an entry a value, by station (`station/link` with several);
-    - `wait`: from the first arrival of the newest frame that a setpoint rests on to its issue, by controller: it waits
-      for its other signals;
+    - `up`: from measurement to arrival at the controllers, per entry, by station (`station/link` with several links);
+    - `wait`: from the first arrival of the newest frame that a setpoint uses to its issue, by controller: the wait for
+      its other signals;
     - `down`: from issue to the device, by device;
     - `whole`: from measurement to the device, by device: `latency` of each.
 
-    Where frames overtake each other or are copied the hops of one setpoint need not add up to the whole. What was never
-    delivered has no latency: see `frames_lost`.
+    The hops of a setpoint need not add up to the whole if frames overtake each other or are duplicated. Undelivered
+    entries have no latency: see `frames_lost`.
     """
     up = _between(record.delivered["measured_ns"], record.delivered["arrival_ns"])
     down = _between(record.applied["issued_ns"], record.applied["effective_ns"])
@@ -119,13 +119,13 @@ def hops_ms(record: Record) -> dict[str, dict[str, NDArray[np.float64]]]:
 
 
 def _by(values: NDArray[np.float64], names: Mapping[Any, str], keys: NDArray[Any]) -> dict[str, NDArray[np.float64]]:
-    """Finite values by the name of their key; names without any are left out."""
+    """Finite values by the name of their key; names without values are left out."""
     parts = {name: values[(keys == np.array(key, keys.dtype)) & np.isfinite(values)] for key, name in names.items()}
     return {name: part for name, part in parts.items() if len(part)}
 
 
 def _ways(record: Record) -> dict[tuple[int, int], str]:
-    """Names of the ways up, by station and link."""
+    """Names of the upward paths, by station and link."""
     links = np.unique(record.delivered["link"]).tolist()
     several = len(links) > 1
     return {
@@ -136,7 +136,7 @@ def _ways(record: Record) -> dict[tuple[int, int], str]:
 
 
 def _waits(record: Record) -> NDArray[np.float64]:
-    """From the first arrival of a setpoint's newest frame, by its controller's link, to its issue, ms, (setpoints,)."""
+    """Time from the first arrival of a setpoint's newest frame, over its link, to its issue, ms, (setpoints,)."""
     waits = np.full(len(record.issued), np.nan)
     for controller, link in enumerate(_links(record)):
         entries = record.delivered[record.delivered["link"] == link]
@@ -153,7 +153,7 @@ def _waits(record: Record) -> NDArray[np.float64]:
 
 
 def _links(record: Record) -> list[int]:
-    """Index of the link that each controller uses: the run's comes first where one has none of its own."""
+    """Index of each controller's link: 0 is the run's, if any controller uses it; own links follow in order."""
     own = [bool(one.get("link")) for one in record.configuration.get("controllers") or ()]
     own += [False] * (len(record.controller_names) - len(own))
     places, following = [], 0 if all(own) else 1
@@ -164,10 +164,10 @@ def _links(record: Record) -> list[int]:
 
 
 def frames_lost(record: Record) -> int:
-    """Entries of stations that were measured and never arrived, over all links, also of a station that went silent.
+    """Number of station entries that were measured but never arrived, over all links, silent stations included.
 
-    The last ones, measured before the end by no more than the longest latency of their way, may still be under way and
-    do not count; where nothing at all came by a way, that of all ways stands for it.
+    Entries may still be under way at the end if they were measured later than the longest latency of their path before
+    it; these are not counted. A path without any arrival takes the longest latency of all paths.
     """
     rows = record.delivered
     late = np.where(rows["measured_ns"] < 0, 0, rows["arrival_ns"] - rows["measured_ns"])

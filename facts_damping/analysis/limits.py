@@ -1,7 +1,7 @@
-"""Limits of the model that a run has left: what its figures no longer hold for, a line each.
+"""Checks whether a run left the limits of the model, beyond which its figures do not hold; one line per limit.
 
-Balanced phasors of one frequency, machines and controls without protection: beyond these limits relays would have
-acted, loads and converters would no longer be what they are taken for.
+The model has balanced phasors at one frequency, and machines and controls without protection. Beyond these limits
+relays would have acted, and the models of loads and converters are not valid.
 """
 
 from __future__ import annotations
@@ -20,19 +20,18 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-FREQUENCY = 2.5  # Hz from the nominal one, at a machine
-VOLTAGE = (0.7, 1.2)  # p.u., at machines and stations while no fault burns
-DRIFT = 0.5  # Hz, of the machines' common frequency from start to end, with nothing to hold it
+FREQUENCY = 2.5  # Hz from nominal, at a machine
+VOLTAGE = (0.7, 1.2)  # p.u., at machines and stations outside of faults
+DRIFT = 0.5  # Hz, change of the machines' common frequency from start to end, without governors or an infinite bus
 VOLTAGE_CHANNEL = list(CHANNELS).index("voltage_magnitude")
 
 
 def warnings(record: Record) -> list[str]:
-    """A line for each limit that the run has left, with what, when and for how long; none: it stayed within.
+    """A line for each limit that the run exceeded: what, when and for how long. Empty if it stayed within all.
 
-    Frequency beyond 2.5 Hz from the nominal one at a machine in service; voltage outside of 0.7 to 1.2 p.u. at a
-    machine or station, but for the time of faults; parts of the network without a branch between them; and without
-    governors and infinite bus a common frequency that has moved by more than 0.5 Hz. All but the voltage only where the
-    configuration has the system inline.
+    Limits: frequency 2.5 Hz from nominal at a machine in service; voltage 0.7 to 1.2 p.u. at a machine or station
+    outside of faults; no separated part of the network; without governors and infinite bus, a change of the common
+    frequency of 0.5 Hz. All but the voltage are checked only if the configuration has the system inline.
     """
     if not len(record.time_ns):
         return []
@@ -40,7 +39,7 @@ def warnings(record: Record) -> list[str]:
 
 
 def _frequency(record: Record) -> Iterator[str]:
-    """Machines too fast or too slow."""
+    """Machines beyond the frequency limit."""
     nominal = inline_system(record.configuration).get("frequency")
     if nominal is None:
         return
@@ -55,7 +54,7 @@ def _frequency(record: Record) -> Iterator[str]:
 
 
 def _voltage(record: Record) -> Iterator[str]:
-    """Voltages too low or too high outside of faults; at stations, if these report them exactly and at once."""
+    """Voltages beyond the limits outside of faults; at stations only if these report exactly and without delay."""
     sound = ~_burning(record)
     service = _in_service(record)
     places = {name: record.machines["terminal_voltage"][:, i] for i, name in enumerate(record.machine_names)}
@@ -73,7 +72,7 @@ def _voltage(record: Record) -> Iterator[str]:
 
 
 def _islands(record: Record) -> Iterator[str]:
-    """Parts of the network that events have left without a branch to the rest."""
+    """Parts of the network that events separated from the rest."""
     system = inline_system(record.configuration)
     names = [bus["name"] for bus in system.get("buses") or () if isinstance(bus, dict)]
     switched = [event for event in record.events if event["kind"] in ("line_out", "line_in")]
@@ -88,10 +87,7 @@ def _islands(record: Record) -> Iterator[str]:
 
 
 def _parts(system: Mapping[str, Any], names: list[str], out: set[str]) -> list[list[str]]:
-    """Buses that hang together, the largest part first; devices in series carry current whatever they do.
-
-    An HVDC link holds no parts together.
-    """
+    """Connected groups of buses, the largest first. Series devices always connect; an HVDC link does not."""
     series = [row for row in system.get("devices") or () if row.get("kind") != "hvdc"]
     branches = [*(system.get("lines") or ()), *(system.get("transformers") or ()), *series]
     group = {name: i for i, name in enumerate(names)}
@@ -107,7 +103,7 @@ def _parts(system: Mapping[str, Any], names: list[str], out: set[str]) -> list[l
 
 
 def _drift(record: Record) -> Iterator[str]:
-    """A common frequency that nothing holds."""
+    """Change of a common frequency that nothing controls."""
     system = inline_system(record.configuration)
     rows = {row["name"]: row for row in system.get("machines") or () if isinstance(row, dict)}
     held = any(row.get("enabled", True) for row in system.get("governors") or ())
@@ -122,13 +118,13 @@ def _drift(record: Record) -> Iterator[str]:
 
 
 def _when(record: Record, beyond: NDArray[np.bool_]) -> str:
-    """For how long, and from when."""
+    """Text: duration and start."""
     length = np.count_nonzero(beyond) / record.frame_rate
     return f"{length:.2f} s from {record.time_s[np.argmax(beyond)]:.2f} s on"
 
 
 def _in_service(record: Record) -> NDArray[np.bool_]:
-    """Which machines are connected, (ticks, machines)."""
+    """Whether each machine is connected, (ticks, machines)."""
     found = np.ones(record.machines.shape, np.bool_)
     for event in record.events:
         if event["kind"] == "generator_trip" and event["element"] in record.machine_names:
@@ -137,7 +133,7 @@ def _in_service(record: Record) -> NDArray[np.bool_]:
 
 
 def _burning(record: Record) -> NDArray[np.bool_]:
-    """At which ticks a fault burns, (ticks,)."""
+    """Whether a fault is present, (ticks,)."""
     found = np.zeros(len(record.time_ns), np.bool_)
     burning: set[str] = set()
     for event in sorted(record.events, key=lambda event: event["time_ns"]):

@@ -1,4 +1,4 @@
-"""What is judged in a record: the speed differences, and the times of the events."""
+"""Inputs of the evaluation: speed differences, and times of the events."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def speed_differences(record: Record) -> dict[str, NDArray[np.float64]]:
 
 
 def station_speeds(record: Record) -> NDArray[np.float64]:
-    """Speed at each station, (ticks, stations), p.u.: the true one of its machine, else as reported; NaN: none."""
+    """Speed at each station, (ticks, stations), p.u.: the true one of its machine, else as reported; NaN: unknown."""
     found: NDArray[np.float64] = record.frames[:, :, SPEED].copy()
     machines = {s.get("name"): s.get("machine") for s in inline_system(record.configuration).get("stations") or ()}
     for i, station in enumerate(record.stations):
@@ -46,9 +46,9 @@ def station_speeds(record: Record) -> NDArray[np.float64]:
 def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, float]]:
     """Weights of the speed differences by station: {name: {station: weight}}.
 
-    From `measures` = {"local" | "interarea": {name: {station: weight}}}, or from a system inline, where
-    `measures` = {"local" | "interarea": [name]} refers to `signals` = {name: {"weights": ...}}. Without any,
-    each machine's speed against the first's; against synchronous speed where there is an infinite bus.
+    From `measures` = {"local" | "interarea": {name: {station: weight}}}, or from an inline system, whose `measures` =
+    {"local" | "interarea": [name]} refer to `signals` = {name: {"weights": ...}}. Default: each machine's speed against
+    the first machine's; against synchronous speed if there is an infinite bus.
     """
     source = configuration if "measures" in configuration else inline_system(configuration) or configuration
     signals = source.get("signals") or {}
@@ -60,7 +60,7 @@ def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, 
 
 
 def _against_the_first(system: Mapping[str, Any]) -> dict[str, Mapping[str, float]]:
-    """Speed differences of the stations at machines, where a system names none."""
+    """Default speed differences of the stations at machines, for a system that names none."""
     stations = [s["name"] for s in system.get("stations") or () if isinstance(s, dict) and s.get("machine")]
     if system.get("infinite_buses") or len(stations) == 1:
         return {name: {name: 1.0} for name in stations}
@@ -68,19 +68,19 @@ def _against_the_first(system: Mapping[str, Any]) -> dict[str, Mapping[str, floa
 
 
 def setpoint_limits(configuration: Mapping[str, Any]) -> dict[str, float]:
-    """Largest setpoint of each device, p.u., from a system inline: {device: `setpoint_max`}."""
+    """Largest setpoint of each device, p.u., from an inline system: {device: `setpoint_max`}."""
     devices = inline_system(configuration).get("devices") or []
     return {one["name"]: float(one["setpoint_max"]) for one in devices if "setpoint_max" in one}
 
 
 def inline_system(configuration: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The system where a configuration has it inline; empty where it only names it."""
+    """The system if the configuration has it inline; empty if it only names it."""
     system = configuration.get("system")
     return system if isinstance(system, dict) else {}
 
 
 def exactly_measured(configuration: Mapping[str, Any]) -> bool:
-    """Whether stations report what is there, at once: PMUs without filter, noise and the like."""
+    """Whether stations report exactly and without delay: PMUs without filter, noise and other errors."""
     measurement = configuration.get("measurement")
     if not isinstance(measurement, dict):
         return measurement in (None, "ideal")
@@ -92,8 +92,8 @@ def exactly_measured(configuration: Mapping[str, Any]) -> bool:
 def event_times(record: Record) -> list[float]:
     """Times of the events up to the record's end, s, ascending.
 
-    From the events in the record (`time_ns`), which know when a fault clears itself; if there are none,
-    from `configuration["events"]` (`time`, `duration`, s).
+    From the events in the record (`time_ns`), which include the clearing of faults; if there are none, from
+    `configuration["events"]` (`time`, `duration`, s).
     """
     times = [event["time_ns"] / NANOSECONDS for event in record.events]
     for event in () if times else record.configuration.get("events") or ():
@@ -102,7 +102,7 @@ def event_times(record: Record) -> list[float]:
 
 
 def columns(signals: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Signals side by side: (ticks, n)."""
+    """Signals as columns: (ticks, n)."""
     return np.column_stack(list(signals.values()))
 
 

@@ -1,4 +1,4 @@
-"""Any signal of a record by its name."""
+"""Access to any signal of a record by name."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-# Units of columns that may be analysed, as drawn.
+# Units of columns that may be analysed, as shown in pictures.
 UNITS = {"pu": "p.u.", "rad": "rad", "hz": "Hz", "hz_per_s": "Hz/s", "s": "s", "pu/pu": "p.u./p.u."}
 
 
 def recorded(record: Record, name: str) -> tuple[NDArray[np.float64], str]:
-    """Values of a signal (ticks,), NaN where it is not known, and its unit as drawn, such as `p.u.` or `rad`.
+    """Values of a signal (ticks,), NaN where unknown, and its unit as shown in pictures, such as `p.u.` or `rad`.
 
-    `name`: a signal of the system, as its stations measure it, without washout; or a column of `record.arrays` that has
-    a unit. Angles are unwrapped. Raises InputError for any other.
+    `name`: a signal of the system, as its stations measure it, without washout; or a column of `record.arrays` with a
+    unit. Angles are unwrapped. Raises InputError for any other name.
     """
     signals = inline_system(record.configuration).get("signals") or {}
     if name in signals:
@@ -43,7 +43,7 @@ def recorded(record: Record, name: str) -> tuple[NDArray[np.float64], str]:
 
 
 def _unwrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """An angle without jumps by whole turns, rad."""
+    """An unwrapped angle, rad."""
     known = np.isfinite(angle)
     angle = angle.copy()
     angle[known] = np.unwrap(angle[known])

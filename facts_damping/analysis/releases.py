@@ -1,4 +1,4 @@
-"""What the watchdogs of the devices did: releases, re-arming, refused setpoints; and which nodes joined."""
+"""Actions of the devices' watchdogs: releases, re-arming, refused setpoints; and nodes that joined during the run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def releases(record: Record) -> list[dict[str, Any]]:
-    """Every release by time: device, its begin and, if it was, the re-arming in s, the time-out."""
+    """Releases by time: device, time of release and of re-arming (if any), s, and the timeout."""
     found: list[dict[str, Any]] = []
     silent = timeout(record)
     for d, device in enumerate(record.device_names):
@@ -31,7 +31,7 @@ def releases(record: Record) -> list[dict[str, Any]]:
 
 
 def refused_setpoints(record: Record) -> dict[str, dict[str, int]]:
-    """How many setpoints each device's watchdog refused, by cause; devices that refused none are left out."""
+    """Number of setpoints that each device's watchdog refused, by cause; devices without any are left out."""
     found = {}
     for d, device in enumerate(record.device_names):
         counts = {field.removeprefix("refused_"): _last(record.devices[field][:, d]) for field in REFUSED}
@@ -41,19 +41,19 @@ def refused_setpoints(record: Record) -> dict[str, dict[str, int]]:
 
 
 def _last(counts: Any) -> int:
-    """The newest count that was recorded."""
+    """The newest recorded count."""
     known = counts[np.isfinite(counts)]
     return int(known[-1]) if len(known) else 0
 
 
 def timeout(record: Record) -> float:
-    """The time-out of the watchdogs of a run, s."""
+    """Timeout of a run's watchdogs, s."""
     given = record.configuration.get("watchdog") or {}
     return float(given.get("timeout", Watchdog().timeout))
 
 
 def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
-    """Rows of a table of runs: devices that were released or refused setpoints in one of them, nodes that joined."""
+    """Rows of a table of runs: releases and refused setpoints by device, and nodes that joined."""
     found = _told(summaries, "releases", "device", "released", released_text)
     for device in dict.fromkeys(name for s in summaries for name in s.get("refused_setpoints") or {}):
         cells = [refused_text((s.get("refused_setpoints") or {}).get(device)) for s in summaries]
@@ -64,7 +64,7 @@ def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
 def _told(
     summaries: Sequence[Mapping[str, Any]], key: str, name: str, label: str, text: Callable[[dict[str, Any]], str]
 ) -> list[tuple[str, list[str]]]:
-    """Rows of what the lists at a key of summaries tell of each name, as texts."""
+    """Rows of the lists under a key of the summaries, by name, as texts."""
     lists = [s.get(key) or [] for s in summaries]
     return [
         (f"{one} {label}", ["; ".join(text(row) for row in rows if row[name] == one) or "-" for rows in lists])
@@ -73,26 +73,26 @@ def _told(
 
 
 def released_text(row: dict[str, Any]) -> str:
-    """A release, for people."""
+    """Text of a release."""
     ended = "" if row["rearmed_s"] is None else f", re-armed at {row['rearmed_s']:.2f} s"
     return f"at {row['time_s']:.2f} s: no setpoint for {row['timeout_s']:g} s{ended}"
 
 
 def joined_text(row: Mapping[str, Any]) -> str:
-    """How a node joined a run under way, for people."""
+    """Text of a node that joined during the run."""
     armed = "disarmed" if row["armed_s"] is None else f"armed at {row['armed_s']:.2f} s"
     return f"at {row['time_s']:.2f} s, {armed}"
 
 
 def refused_text(counts: dict[str, int] | None) -> str:
-    """Refused setpoints, for people: how many, and why."""
+    """Text of refused setpoints: number and causes."""
     if not counts:
         return "-"
     return ", ".join(f"{number} by {cause}" for cause, number in counts.items() if number)
 
 
 def by_cause(counted: Iterable[tuple[str, int]]) -> str:
-    """What was refused, counted in several places, for people: how many in all, and why."""
+    """Text of refusals that were counted in several places: total and causes."""
     counts: Counter[str] = Counter()
     for cause, number in counted:
         counts[cause] += number

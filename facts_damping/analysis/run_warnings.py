@@ -1,4 +1,4 @@
-"""What is odd about a run's controllers, a line each: not armed, not heard, late, at their limits."""
+"""Warnings about a run's controllers, one line each: not armed, without effect, late, at their limits."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-LATE_S = 2.0  # a longer mean latency is taken for a mistake of units
+LATE_S = 2.0  # s; a longer mean latency suggests a mistake of units
 MOSTLY = 0.5  # share of the frames
 
 
 def odd_findings(
     record: Record, supervision: Sequence[Mapping[str, Any]], latency: Mapping[str, Any], duty: Mapping[str, float]
 ) -> list[str]:
-    """Lines for what a reader of the figures must know first; none: the controllers could do what they are for.
+    """Warnings that readers of the figures must know; empty if the controllers could act as intended.
 
-    `supervision`, `latency`, `duty`: as `analysis.summary` has them.
+    `supervision`, `latency`, `duty`: as in `analysis.summary`.
     """
     mean = latency.get("mean")
     late = (
@@ -34,7 +34,7 @@ def odd_findings(
 
 
 def _not_armed(record: Record, supervision: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Controllers that were to act, and were not let."""
+    """Controllers that `arm_at` should have armed but that never were."""
     for one in supervision:
         if record.configuration.get("arm_at") is not None and one["shares"][STATES[ARMED]] == 0.0:
             why = f" ({cause_text(one['refusals'][-1])})" if one["refusals"] else ""
@@ -42,7 +42,7 @@ def _not_armed(record: Record, supervision: Sequence[Mapping[str, Any]]) -> Iter
 
 
 def _not_heard(record: Record) -> Iterator[str]:
-    """Controllers of which no setpoint came to a device."""
+    """Controllers without any setpoint that reached a device."""
     rows = record.configuration.get("controllers") or []
     fallbacks = {i for i, row in enumerate(rows) if row.get("fallback_of") is not None}
     for c, name in enumerate(record.controller_names):
@@ -54,5 +54,5 @@ def _not_heard(record: Record) -> Iterator[str]:
 
 
 def _delay(link: Mapping[str, Any]) -> float:
-    """Constant delays of a link, both ways, s."""
+    """Sum of a link's constant delays, both ways, s."""
     return sum(float(row.get("delay") or 0.0) for way in ("up", "down") for row in link.get(way) or ())

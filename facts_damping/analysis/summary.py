@@ -1,4 +1,4 @@
-"""The figures of one run, and a table that puts several side by side."""
+"""The figures of a run, and a table that compares several runs."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ ROWS = (
     ("latency, 99 % [ms]", ("latency_ms", "p99"), ".2f"),
     ("frames lost", ("frames_lost",), "d"),
 )
-UNSET: tuple[Any, ...] = (None, False, [], {}, "none")  # values of a controller's fields that say nothing
+UNSET: tuple[Any, ...] = (None, False, [], {}, "none")  # values that mean a controller's field is not set
 WORDS = {True: "yes", False: "no", None: "-"}
-AUTO = "auto"  # how modes are found, unless a method is asked for: by what excited them
+AUTO = "auto"  # choose the method of mode identification by the excitation
 
 
 def summarise(
@@ -58,13 +58,12 @@ def summarise(
 ) -> dict[str, Any]:
     """Figures of a run, ready for JSON: numbers, None and lists of them.
 
-    `differences`: name -> (ticks,), p.u., the speed differences to judge; by default those that the
-    configuration names. `method`: how their modes are found, of `analysis.poles.METHODS` or `ambient.METHOD`; AUTO:
-    from the noise of a run that has loads with noise and no event, else from the ringdown; None: not at all.
-    Of a run that is not stable (or of which that is not known: `stable` None) indices and
-    settling time are None, and there are no modes. `indices` count from t = 0, `indices_since_event` from the
-    first event; `roughness` is (5.34) over dt^2, `roughness_per_frame` without. Raises InputError if the speed
-    differences do not fit the record, or for an unknown method.
+    `differences`: name -> (ticks,), p.u., the speed differences to judge; default: those of the configuration.
+    `method`: how modes are identified, one of `analysis.poles.METHODS` or `ambient.METHOD`; AUTO: from the noise if the
+    run has load noise and no event, else from the ringdown; None: not at all. For a run that is not stable, or of
+    unknown stability (`stable` None), indices and settling time are None and there are no modes. `indices` count from t
+    = 0, `indices_since_event` from the first event; `roughness` is (5.34) over dt^2, `roughness_per_frame` without.
+    Raises InputError if the speed differences do not fit the record, or for an unknown method.
     """
     given = speed_differences(record) if differences is None else differences
     stable = is_stable(record)
@@ -94,7 +93,7 @@ def summarise(
 
 
 def _run(record: Record) -> dict[str, Any]:
-    """The run in short: a system by its name, also where fields of it were changed; of controllers what is set."""
+    """Short form of the run: the system by name, even if some fields were changed; only set fields of controllers."""
     run = record.asked
     for name in ("system", "model"):
         if isinstance(run.get(name), dict):
@@ -105,32 +104,32 @@ def _run(record: Record) -> dict[str, Any]:
 
 
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
-    """Text table for a terminal: a column a run (its name, its summary), a row a figure."""
+    """Text table for a terminal: one column per run (name, summary), one row per figure."""
     rows = [[label, *(row_text(summary, path, form) for _, summary in summaries)] for label, path, form in ROWS]
     rows += [[label, *cells] for label, cells in more_rows([summary for _, summary in summaries])]
     return "\n".join(terminal.table(["", *(name for name, _ in summaries)], rows))
 
 
 def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
-    """Rows of a table of runs that are there only where one of them has something to say, as texts."""
+    """Optional rows of a table of runs, as texts; each is there if one of the runs has a value for it."""
     found = _checked(summaries) + _cycles(summaries) + supervision.rows(summaries) + releases.rows(summaries)
     if any(s.get("latencies_left_out") for s in summaries):
         found.append(("latencies that cannot be", [str(s.get("latencies_left_out", 0)) for s in summaries]))
     if any(s.get("refused_messages") for s in summaries):
-        rows = [s.get("refused_messages") or [] for s in summaries]  # each node counts what it got
+        rows = [s.get("refused_messages") or [] for s in summaries]  # each node counts the messages that it received
         texts = [releases.by_cause((row["cause"], row["count"]) for row in own) for own in rows]
         found.append(("refused messages", texts))
     return found
 
 
 def _checked(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
-    """Whether half the integration step leaves the figures as they are, where that was tried."""
+    """Result of halving the integration step, if that was done."""
     told = [s.get("converged") for s in summaries]
     return [] if all(one is None for one in told) else [("converged", [WORDS[one] for one in told])]
 
 
 def _cycles(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
-    """Amplitude of limit cycles, and how often the devices are at their limits in them."""
+    """Amplitude of limit cycles, and share of time that devices are at their limits in them."""
     cycles = [s.get("limit_cycle") for s in summaries]
     if not any(cycles):
         return []
@@ -145,7 +144,7 @@ def _cycles(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]
 def _oscillation(
     record: Record, differences: Mapping[str, NDArray[np.float64]], method: str | None, stable: bool | None
 ) -> dict[str, Any]:
-    """Figures that only a run in synchronism to its end has."""
+    """Figures that exist only for a run in synchronism to its end."""
     if not stable:
         return {
             "verdict": LOST if stable is False else UNDECIDED,
@@ -179,7 +178,7 @@ def _oscillation(
 def _fit(
     record: Record, signals: NDArray[np.float64], since: float, method: str | None
 ) -> tuple[Fit | None, str | None]:
-    """Modes of a run after its last event (s), and the method that found them."""
+    """Modes of a run after its last event (s), and the method that identified them."""
     if method == AUTO:
         noise = record.configuration.get("load_noise") and not event_times(record)
         method = ambient.METHOD if noise else METHOD
@@ -191,7 +190,7 @@ def _fit(
 
 
 def _modes(fit: Fit | None, method: str | None = None) -> dict[str, Any]:
-    """Modes, how they were found, and what is known of their fit."""
+    """Modes, their method, and the quality of the fit."""
     if fit is None:
         return {"modes": [], "modes_method": None, "ringdown": None}
     modes = [{key: _known(value) for key, value in mode._asdict().items() if key != "energy"} for mode in fit.modes]
@@ -200,20 +199,20 @@ def _modes(fit: Fit | None, method: str | None = None) -> dict[str, Any]:
 
 
 def _known(value: float | tuple[float, ...]) -> float | list[float] | None:
-    """A number or several for JSON; none for NaN."""
+    """A number or several for JSON; None for NaN."""
     if isinstance(value, tuple):
         return list(value)
     return None if np.isnan(value) else value
 
 
 def _duration(record: Record) -> float:
-    """Simulated time that the record covers, s: a frame longer than the span of its stamps."""
+    """Simulated time of the record, s: the span of its stamps and one frame."""
     t = record.time_s
     return round(float(t[-1] - t[0] + np.median(np.diff(t))), 6) if len(t) > 1 else 0.0
 
 
 def find(summary: Any, path: Sequence[str | int]) -> Any:
-    """Value at a path; None where it ends early."""
+    """Value at a path; None if the path ends early."""
     for key in path:
         if not summary or (isinstance(key, str) and key not in summary):
             return None
@@ -222,7 +221,7 @@ def find(summary: Any, path: Sequence[str | int]) -> Any:
 
 
 def row_text(summary: Mapping[str, Any], path: Sequence[str | int], form: str) -> str:
-    """A figure of the table; where the step was halved, with the digits that this has left."""
+    """A figure of the table; if the step was halved, with only the digits that hold."""
     value, change = find(summary, path), find(summary, ("step_change", path[-1]))
     known = change is not None and isinstance(value, float)
     return convergence.text(value, change, form) if known else value_text(value, form)

@@ -1,4 +1,4 @@
-"""What the supervisors of the controllers did: changes of state with what caused them, probes, what was refused."""
+"""Actions of the controllers' supervisors: changes of state and their causes, probes, refusals to arm."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-SILENT = "silent"  # in the place of a state: a supervisor that has failed
-DIGITS = range(3, 7)  # of a value and its limit: as few as tell the two apart
-MOST = 6  # changes that are told one by one in a table: the first ones, and the last
+SILENT = "silent"  # stands for the state of a failed supervisor
+DIGITS = range(3, 7)  # digits of a value and its limit: as few as distinguish them
+MOST = 6  # changes listed in a table: the first ones and the last
 _NAMES = list(MONITORS)
 
 
 class Bound(NamedTuple):
-    """A value that was beyond its limit."""
+    """A value beyond its limit."""
 
     value: float
     limit: float
@@ -47,17 +47,17 @@ class Bound(NamedTuple):
 
 
 def supervised(record: Record) -> dict[str, NDArray[Any]]:
-    """Rows of SUPERVISION of each controller that has a supervisor, by its name."""
+    """Rows of SUPERVISION of each supervised controller, by its name."""
     return {record.controller_names[c]: rows for (c,), rows in group_by(record.supervision, "controller")}
 
 
 def limits(record: Record) -> dict[str, float]:
-    """Limit of each monitor in the run, in its unit; inf: it is not watched."""
+    """Limit of each monitor in the run, in its unit; inf: not watched."""
     return {name: one.limit for name, one in watches(_given(record)).items()}
 
 
 def on_ticks(record: Record, rows: NDArray[Any], values: NDArray[Any]) -> NDArray[np.float64]:
-    """Values of a supervisor's rows on the grid of the record's ticks; NaN where it said nothing."""
+    """Values of a supervisor's rows on the grid of the record's ticks; NaN where there is no row."""
     found = np.full(len(record.time_ns), np.nan)
     place, inside = np.searchsorted(record.ticks, rows["tick"]), np.isin(rows["tick"], record.ticks)
     found[place[inside]] = values[inside]
@@ -65,9 +65,9 @@ def on_ticks(record: Record, rows: NDArray[Any], values: NDArray[Any]) -> NDArra
 
 
 def strained(record: Record, rows: NDArray[Any], least: float) -> dict[str, NDArray[np.float64]]:
-    """Monitors beside their limits, (ticks,), 1 at the limit: those that came above a share of it once.
+    """Monitors relative to their limits, (ticks,), 1 at the limit; only those that once exceeded `least`.
 
-    What is not watched is left out; of a limit of zero it is the value itself.
+    Monitors that are not watched are left out; with a limit of zero, the value itself is given.
     """
     found = {}
     for (name, limit), values in zip(limits(record).items(), rows["values"].T, strict=True):
@@ -78,17 +78,17 @@ def strained(record: Record, rows: NDArray[Any], least: float) -> dict[str, NDAr
 
 
 def _given(record: Record) -> Supervision:
-    """The run's supervision; the table's where a recording does not hold its run."""
+    """The run's supervision; the defaults if the record does not hold it."""
     return Supervision.model_validate(record.configuration.get("supervision") or {})
 
 
 def supervision(record: Record, mode_hz: float | None = None) -> list[dict[str, Any]]:
-    """What each supervisor did, ready for JSON; empty where there is none.
+    """Actions of each supervisor, ready for JSON; empty without supervisors.
 
-    `controller`; `state`, the last; `shares` of the run's ticks by state, less than 1 in all where it was silent;
-    `changes` and `refusals`, lists of `time_s`, `state` or nothing, `cause`, and the cause's `value`, `limit` and
-    `unit`, where there is a number to it; `trips`, how many; `probe`, the newest one, or None. `mode_hz`: of the mode,
-    by which a margin of phase is one of delay.
+    `controller`; `state`, the last; `shares` of the run's ticks by state, whose sum is below 1 if the supervisor was
+    silent; `changes` and `refusals`, lists of `time_s`, `state` (changes only), `cause`, and the cause's `value`,
+    `limit` and `unit`, if it has a number; `trips`, their number; `probe`, the newest one, or None. `mode_hz`:
+    frequency of the mode, which converts the phase margin into a delay margin.
     """
     found = []
     for name, rows in supervised(record).items():
@@ -115,12 +115,12 @@ def _shares(record: Record, rows: NDArray[Any]) -> dict[str, float]:
 
 
 def _changes(record: Record, rows: NDArray[Any]) -> Iterator[dict[str, Any]]:
-    """Every change from one tick to the next, and where it fell silent for longer than devices wait for a setpoint.
+    """Changes of state, and the times at which a supervisor fell silent for longer than the devices' timeout.
 
-    It begins in shadow.
+    The initial state is shadow.
     """
     longest = timeout(record) * record.frame_rate
-    ends = np.append(rows["tick"] + 1, record.ticks[-1] + 1)  # from when on it is silent
+    ends = np.append(rows["tick"] + 1, record.ticks[-1] + 1)  # ticks at which each silence begins
     silent = np.append(rows["tick"], record.ticks[-1] + 1)[1:] - ends[:-1] > longest
     changed = np.diff(rows["state"], prepend=SHADOW) != 0
     changed[1:] |= silent[:-1]
@@ -134,7 +134,7 @@ def _changes(record: Record, rows: NDArray[Any]) -> Iterator[dict[str, Any]]:
 
 
 def _refusals(record: Record, rows: NDArray[Any]) -> Iterator[dict[str, Any]]:
-    """Why a controller was not armed; it was judged by what was known a tick before."""
+    """Causes for refusing to arm; values are of the tick before, on which the decision was based."""
     for i in np.flatnonzero(np.diff(rows["refused"], prepend=NO_CAUSE)):
         cause = int(rows["refused"][i])
         if cause != NO_CAUSE:
@@ -143,16 +143,16 @@ def _refusals(record: Record, rows: NDArray[Any]) -> Iterator[dict[str, Any]]:
 
 
 def _told(record: Record, tick: int, cause: str, bound: Bound | None) -> dict[str, Any]:
-    """What happened at a tick and why, with the value that was beyond its limit."""
+    """Time and cause of a change, with the value that exceeded its limit."""
     value, limit, unit = bound or (None, None, None)
     time_s = int(tick) * NANOSECONDS // record.frame_rate / NANOSECONDS
     return {"time_s": time_s, "cause": cause, "value": value, "limit": limit, "unit": unit}
 
 
 def _bound(record: Record, row: Any, cause: int) -> Bound | None:
-    """Value and limit of a cause; none where there is no number to it, or what was told is within the limit.
+    """Value and limit of a cause; None if it has no number or the recorded value is within the limit.
 
-    So it is of a return to normal, and of a probe, where another device's answer is told than that which failed.
+    The latter holds for a return to normal, and for a probe if the failed device is not the recorded one.
     """
     probe, below = _given(record).probe, cause == PROBE_WEAK
     gain, phase = float(row["probe_gain"]), abs(math.degrees(float(row["probe_phase"])))
@@ -173,7 +173,7 @@ def _bound(record: Record, row: Any, cause: int) -> Bound | None:
 
 
 def _probe(rows: NDArray[Any], mode_hz: float | None) -> dict[str, Any] | None:
-    """The newest probe that is known: of the device whose answer is least as known."""
+    """The newest known probe, of the device whose response is known least."""
     known = rows[np.isfinite(rows["probe_gain"])]
     if not len(known):
         return None
@@ -192,7 +192,7 @@ def _probe(rows: NDArray[Any], mode_hz: float | None) -> dict[str, Any] | None:
 
 
 def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
-    """Rows of a table of runs: what became of each supervised controller, and its probe."""
+    """Rows of a table of runs: history of each supervised controller, and its probe."""
     each = [{one["controller"]: one for one in s.get("supervision") or ()} for s in summaries]
     found = []
     for name in dict.fromkeys(name for own in each for name in own):
@@ -204,7 +204,7 @@ def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
 
 
 def history_text(told: Mapping[str, Any]) -> str:
-    """What a supervisor did, in a line."""
+    """Actions of a supervisor in one line."""
     parts = sorted([*told["changes"], *told["refusals"]], key=lambda row: float(row["time_s"]))
     texts, seen = [], set()
     for row in parts:
@@ -219,13 +219,13 @@ def history_text(told: Mapping[str, Any]) -> str:
 
 
 def change_text(row: Mapping[str, Any], *, again: bool = False) -> str:
-    """A change, or a refusal to arm, for people: `tripped at 5.43 s: harm 0.21 1/s, more than 0.03`."""
+    """Text of a change or of a refusal to arm: `tripped at 5.43 s: harm 0.21 1/s, more than 0.03`."""
     why = "" if row["cause"] in ("", CAUSES[BY_SCHEDULE]) else f": {cause_text(row)}"
     return f"{row.get('state', 'not armed')}{' again' * again} at {row['time_s']:.2f} s{why}"
 
 
 def cause_text(row: Mapping[str, Any]) -> str:
-    """Why, with the value and the limit that it has passed."""
+    """Text of a cause, with value and limit."""
     cause, value, limit = row["cause"], row["value"], row["limit"]
     if value is None:
         return f"{cause} is over" if cause in MONITORS and row.get("state") == STATES[ARMED] else str(cause)
@@ -238,7 +238,7 @@ def cause_text(row: Mapping[str, Any]) -> str:
 
 
 def probe_text(probe: Mapping[str, Any] | None) -> str:
-    """A probe, for people."""
+    """Text of a probe."""
     if probe is None:
         return "-"
     texts = [f"{probe['gain']:.2f} times the known answer, {probe['phase_deg']:+.0f} deg"]
@@ -254,7 +254,7 @@ def probe_text(probe: Mapping[str, Any] | None) -> str:
 
 
 def trips(told: Sequence[Mapping[str, Any]]) -> list[tuple[float, str, str]]:
-    """Time (s), controller and cause of every trip in what supervisors did."""
+    """Time (s), controller and cause of each trip."""
     return [
         (row["time_s"], one["controller"], row["cause"])
         for one in told
@@ -264,7 +264,7 @@ def trips(told: Sequence[Mapping[str, Any]]) -> list[tuple[float, str, str]]:
 
 
 def tripped_texts(told: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Controllers that were tripped, a line each: the last time."""
+    """One line per tripped controller, about its last trip."""
     found = []
     for one in told:
         own = [row for row in one["changes"] if row["state"] == STATES[TRIPPED]]

@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 
 BAND = (0.1, 2.5)  # Hz, electromechanical modes
 LAG, TIME = 10.0, 4.0  # s, lengths of the windows over lag and time
-OVERSAMPLING = 4  # samples a period of the band's upper end, at least
-RIPPLE = 80.0  # dB, by which the filter before decimation suppresses what lies above half the new rate
-ORDER = 2  # of the high-pass, which runs forwards and backwards
-BINS = 512  # frequencies at least
-COLUMNS = 4000  # times at most, if the window over time is long enough to leave none out
+OVERSAMPLING = 4  # samples per period of the band's upper end, at least
+RIPPLE = 80.0  # dB, attenuation of the filter before decimation above half the new rate
+ORDER = 2  # of the high-pass, applied forwards and backwards
+BINS = 512  # frequencies, at least
+COLUMNS = 4000  # times, at most, if the window over time is long enough to skip none
 OVERLAP = 4  # times within the length of that window, at least
-BLOCK = 100_000  # products of lags that are held at once, if the windows let them: 1.6 MB, about a cache
+BLOCK = 100_000  # products of lags held at once, if the windows allow: 1.6 MB, about one cache
 LARGEST_WINDOWS = 2_000_000  # products within both windows
 LARGEST = 100_000_000  # values of a distribution: 800 MB
 FEWEST = 16  # samples
@@ -68,8 +68,8 @@ class Distribution(NamedTuple):
 class Analysed(NamedTuple):
     """A signal's part within a band, and its distribution.
 
-    `time_s`, `x`: (samples,), s and the signal's unit; `z`: (samples,), analytic; `distribution`: whose time marginal
-    is |z|^2 smoothed; `filled`: samples that were missing.
+    `time_s`, `x`: (samples,), s and the signal's unit; `z`: (samples,), analytic; `distribution`: its time marginal is
+    |z|^2 smoothed; `filled`: number of missing samples that were filled.
     """
 
     time_s: NDArray[np.float64]
@@ -178,7 +178,7 @@ def analytic(x: NDArray[np.float64]) -> NDArray[np.complex128]:
 
 
 def _check_windows(h: NDArray[np.float64], g: NDArray[np.float64]) -> None:
-    """Refuse windows that have no middle, or are scaled by nothing."""
+    """Raise InputError for windows without a middle or with a scale of zero."""
     for name, window in (("lag window", h), ("time window", g)):
         if window.ndim != 1 or len(window) % 2 == 0:
             raise InputError(f"{name}: {window.size} samples given; allowed: an odd number")
@@ -189,7 +189,7 @@ def _check_windows(h: NDArray[np.float64], g: NDArray[np.float64]) -> None:
 
 
 def _check_asked(lag: float, time: float, band: tuple[float, float], rate: float) -> None:
-    """Refuse windows, and bands that a record of that rate (samples/s) cannot have."""
+    """Raise InputError for windows or bands that do not fit a record of that rate (samples/s)."""
     if not lag > 0:
         raise InputError(f"lag window: {lag:g} s given; allowed: above 0 s, or inf")
     if not 0 <= time < inf:
@@ -199,7 +199,7 @@ def _check_asked(lag: float, time: float, band: tuple[float, float], rate: float
 
 
 def _hann(length: float, rate: float, most: int) -> NDArray[np.float64]:
-    """Hann's window of that length (s), up to `most` samples from its middle, without its ends, which are zero."""
+    """Hann window of that length (s), at most `most` samples each side of the middle, without its zero ends."""
     half = max(0, min(most, ceil(min(length * rate / 2, most + 1) - 1e-9) - 1))
     return np.asarray(np.cos(np.pi * np.arange(-half, half + 1) / max(length * rate, 1.0)) ** 2)
 
@@ -207,7 +207,7 @@ def _hann(length: float, rate: float, most: int) -> NDArray[np.float64]:
 def _evenly(
     time_s: NDArray[np.float64], x: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-    """A signal on the grid of its most frequent step, from the first known sample to the last; how many are filled."""
+    """A signal on the grid of its most frequent step, from first to last known sample; number of filled samples."""
     known = np.isfinite(x)
     if known.sum() < FEWEST:
         raise InputError(f"{known.sum()} known samples given; allowed: at least {FEWEST}")
@@ -219,7 +219,7 @@ def _evenly(
 
 
 def _decimated(x: NDArray[np.float64], rate: float, high: float) -> tuple[NDArray[np.float64], int]:
-    """A signal at a rate q times lower, and q; what would fold back is filtered off first, and nothing up to `high`."""
+    """A signal at a rate q times lower, and q; the anti-aliasing filter leaves frequencies up to `high` unchanged."""
     q = max(1, int(rate / (OVERSAMPLING * high) + 1e-9))
     if q == 1:
         return x, q
@@ -230,7 +230,7 @@ def _decimated(x: NDArray[np.float64], rate: float, high: float) -> tuple[NDArra
 
 
 def _without_trend(x: NDArray[np.float64], rate: float, low: float) -> NDArray[np.float64]:
-    """A signal without its mean, and without what is slower than `low` (Hz), if that is not 0."""
+    """A signal without its mean and, unless `low` is 0, without components below `low` (Hz)."""
     if low > 0:
         high_pass = signal.butter(ORDER, low, "highpass", fs=rate, output="sos")
         x = signal.sosfiltfilt(high_pass, x, padtype="even", padlen=min(len(x) - 1, ceil(OVERSAMPLING * rate / low)))

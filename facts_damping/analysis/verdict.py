@@ -1,18 +1,18 @@
-"""Whether an oscillation dies, grows or goes on: growth of its envelope with an interval, and what that says of a run.
+"""Decides whether an oscillation decays, grows or persists: growth rate of its envelope with an interval.
 
-The envelope of a signal is `a = sqrt(2 sum w (x - line)^2 / sum w)` over windows of 4 s with Hann's weights w, each
-freed of its straight line. Of a wave `A exp(sigma t) cos(omega t)` its logarithm is a line of slope sigma, but for
-ripples by the phase; that line is fitted by least squares. Its residuals are correlated, for windows overlap and
-chatter wanders. So the interval (Student's) counts as points only what is fitted over the correlation time: the
-integral of the residuals' autocorrelation and half as much again, for a fit shortens it; half a window at least.
+The envelope of a signal is `a = sqrt(2 sum w (x - line)^2 / sum w)` over windows of 4 s with Hann weights w, each with
+its straight line removed. For a wave `A exp(sigma t) cos(omega t)` its logarithm is a line of slope sigma, except for
+ripples due to the phase; the line is fitted by least squares. The residuals are correlated, because windows overlap and
+chatter wanders. So Student's interval counts one point per correlation time: the integral of the residuals'
+autocorrelation times 1.5, since a fit shortens it; at least half a window.
 
-Where one exponential is not enough, or the record is short, and what remains at the end matters:
+If one exponential does not fit, or the record is short, and the oscillation at the end is not negligible:
 
-- a few damped waves with common poles, if they explain nearly all (`ringdown`): modes that beat, or one that grows
-  behind one that decays. The worst pole of those that matter at the end decides, with its interval. Of poles closer
-  than 1/T the envelope has to say the same: else it is undecided;
-- else the line is bent where that is far better, and what is before the bend left out, again and again: a swing that
-  decays to a steady chatter, or grows until a limit stops it.
+- if a few damped waves with common poles explain nearly all (`ringdown`), such as modes that beat or a growing mode
+  behind a decaying one, the worst pole that matters at the end decides, with its interval. If poles are closer than
+  1/T, the envelope must give the same verdict, else it is undecided;
+- otherwise the line is bent if that fits far better, and the part before the bend is dropped, repeatedly: an
+  oscillation that decays to steady chatter, or grows until a limit stops it.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ if TYPE_CHECKING:
     from facts_damping.analysis.modes.ringdown import Fit
 
 DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, LOST = "damped", "growing", "limit cycle", "undecided", "lost synchronism"
-ORDER = (GROWING, LIMIT_CYCLE, UNDECIDED, DAMPED)  # the worst that any signal says is what a run's is
-HANN = 4.0  # s, of a window: a period at 0.25 Hz, the slowest mode in sight
+ORDER = (GROWING, LIMIT_CYCLE, UNDECIDED, DAMPED)  # worst first: the worst verdict of any signal is the run's
+HANN = 4.0  # s, window length: one period at 0.25 Hz, the slowest mode considered
 HOP = 0.5  # s, between windows
-FEWEST = 8  # samples in a window
-UPPER = 0.975  # quantile: the upper end of an interval of 95 %
-RIPPLE = 0.05  # of an amplitude: a change by less from end to end is no growth, phases alone seem to make some
-STRAIGHT = 0.01  # root mean square about the line of the logarithm: what leaves no more is one exponential
-CLEAR_DB = 40.0  # of the signals against the residual of damped waves: from there on they are a sum of such waves
-LAST, SHARE = 5.0, 0.25  # s, and share of what is fitted, that lie behind a bend at least
-BETTER = (0.6, 0.9)  # shares of what a straight line leaves that one bend, or two, must explain
-DEPTH = 0.2  # and so far a bend must move the logarithm
-WIDER = 1.5  # than the residuals' correlation says, which a fit makes shorter
+FEWEST = 8  # samples per window, at least
+UPPER = 0.975  # quantile for the upper end of a 95 % interval
+RIPPLE = 0.05  # relative change of an amplitude from end to end that phases alone can cause; less is no growth
+STRAIGHT = 0.01  # root mean square of the logarithm about its line; below, a single exponential fits
+CLEAR_DB = 40.0  # signal-to-residual ratio of damped waves; above, the signal is a sum of such waves
+LAST, SHARE = 5.0, 0.25  # s, and share of the fitted part, that must follow a bend
+BETTER = (0.6, 0.9)  # shares of the line's residual that one bend, or two, must explain
+DEPTH = 0.2  # least change of the logarithm by a bend
+WIDER = 1.5  # factor on the correlation time of the residuals, which a fit shortens
 FREE = 0.9  # degrees of freedom, at least
 STEADY, WIDEST = 0.7, 2.0  # of the logarithm, factors of 2 and 7: see `judge`
-TONE = 0.3  # of the energy, in three neighbouring lines of the spectrum: less is noise, no oscillation
+TONE = 0.3  # least share of the energy in three neighbouring spectral lines; less is noise, not an oscillation
 
 
 class Growth(NamedTuple):
-    """Rate of growth of an amplitude with its interval of 95 %, 1/s, and of which signal."""
+    """Growth rate of an amplitude with its 95 % interval, 1/s, and the signal's name."""
 
     value: float
     low: float
@@ -61,24 +61,24 @@ class Growth(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """What is said of an oscillation, and the reason; growth and amplitude are of the signal that decides."""
+    """Verdict on an oscillation, and the reason; growth and amplitude are of the deciding signal."""
 
-    verdict: str  # of ORDER
+    verdict: str  # one of ORDER
     because: str
-    growth: Growth | None  # none: nothing swings, or too little of it is there
-    start_s: float  # s, from when on it is so
-    amplitude_pu: float  # the median from then on
+    growth: Growth | None  # None: no oscillation, or too short
+    start_s: float  # s, start of the part judged
+    amplitude_pu: float  # median over that part
 
 
 class _Part(NamedTuple):
-    """What is looked at of one signal."""
+    """Data of one signal."""
 
     name: str
-    points: NDArray[np.float64]  # s, middles of windows
-    sizes: NDArray[np.float64]  # p.u., the envelope there
-    samples: NDArray[np.float64]  # p.u., of the signal after the first second
+    points: NDArray[np.float64]  # s, centres of the windows
+    sizes: NDArray[np.float64]  # p.u., envelope at the points
+    samples: NDArray[np.float64]  # p.u., signal without the first second
     dt: float  # s
-    floor: float  # p.u., below it an amplitude does not matter
+    floor: float  # p.u.; smaller amplitudes are negligible
 
 
 def judge(
@@ -90,11 +90,11 @@ def judge(
 ) -> Judgement:
     """Judge the oscillation of signals (ticks, n), p.u., after `since` (s; the last event), less its first second.
 
-    A signal is `damped` where what remains is below 5 % of the largest amplitude of any, or the whole interval of its
-    growth below zero. It is `growing` where that is above zero. It is a `limit cycle` where the interval holds zero and
-    the amplitude is steady: to a factor of 2 at either end of the interval; or the envelope stays within such a factor
-    and the interval leaves no more than one of 7. Else it is `undecided`, as is noise that is no oscillation.
-    `fitted`: the waves that `fit_ringdown` finds in the signals, where they are at hand.
+    A signal is `damped` if the remainder is below 5 % of the largest amplitude of any signal, or if the whole interval
+    of its growth is below zero. It is `growing` if the interval is above zero. It is a `limit cycle` if the interval
+    contains zero and the amplitude is steady: within a factor of 2 at either end of the interval; or the envelope stays
+    within such a factor and the interval allows at most a factor of 7. Otherwise it is `undecided`, as is noise without
+    an oscillation. `fitted`: returns the waves that `fit_ringdown` finds in the signals, if already available.
     """
     kept = time_s >= min(since, time_s[-1])
     t, x = time_s[kept], np.reshape(signals, (len(time_s), -1))[kept]
@@ -120,16 +120,16 @@ def judge(
 
 
 def envelopes(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Middles of the windows, s from the first sample, and the envelope of each signal there, (windows, n).
+    """Centres of the windows, s from the first sample, and the envelope of each signal, (windows, n).
 
-    `x`: (samples, n), `dt` s apart. None at all where a window has too few samples, or is longer than they last.
+    `x`: (samples, n), `dt` s apart. Empty if a window has too few samples or is longer than the signal.
     """
     samples, block = block_means(x, dt)
     step = block * dt
     width, hop = round(HANN / step), max(1, round(HOP / step))
     if width < FEWEST or len(samples) < width:
         return np.zeros(0), np.zeros((0, x.shape[1]))
-    root = np.sin(np.pi * (np.arange(width) + 0.5) / width)  # of Hann's weights
+    root = np.sin(np.pi * (np.arange(width) + 0.5) / width)  # of the Hann weights
     line = np.linalg.qr(np.column_stack([root, root * np.linspace(-1, 1, width)]))[0]
     windows = np.lib.stride_tricks.sliding_window_view(samples, width, axis=0)[::hop]
     parts = (windows - windows.mean(axis=2, keepdims=True)) * root
@@ -139,11 +139,11 @@ def envelopes(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], N
 
 
 def _signal(part: _Part, i: int, waves: Callable[[], Fit | None]) -> Judgement:
-    """The judgement of signal i."""
+    """Judgement of signal i."""
     points, sizes = part.points, part.sizes
     if sizes[points >= points[-1] - LAST + HANN / 2].max() < part.floor:
         above = np.flatnonzero(sizes >= part.floor / 2)
-        end = 2 + int(above[-1] if len(above) else -1)  # the growth is that until it no longer mattered
+        end = 2 + int(above[-1] if len(above) else -1)  # growth until the amplitude became negligible
         because = "what remains is below 5 % of the largest amplitude"
         return Judgement(
             DAMPED, because, _growth(part, 0, end, 2 * FREE), float(points[0]) - HANN / 2, float(np.median(sizes))
@@ -166,7 +166,7 @@ def _signal(part: _Part, i: int, waves: Callable[[], Fit | None]) -> Judgement:
 
 
 def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
-    """What a growth over the windows from `first` on says."""
+    """Judgement from a growth rate over the windows from `first` on."""
     start = float(part.points[first]) - HANN / 2
     length = float(part.points[-1] - part.points[first]) + HANN
     size = float(np.median(part.sizes[first:]))
@@ -189,7 +189,7 @@ def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
 
 
 def _growth(part: _Part, first: int, end: int, least: float = FREE) -> Growth | None:
-    """Slope of the envelope's logarithm over some windows by least squares; none where they are too few."""
+    """Slope of the envelope's logarithm over some windows by least squares; None if they are too few."""
     t, y = part.points[first:end], np.log(np.maximum(part.sizes[first:end], RESOLUTION))
     if len(t) < 3:
         return None
@@ -199,9 +199,9 @@ def _growth(part: _Part, first: int, end: int, least: float = FREE) -> Growth | 
     if free < least:
         return None
     memory = HANN / 2
-    if squares > 1e-18 * len(t):  # else rounding
+    if squares > 1e-18 * len(t):  # else round-off
         correlation = np.correlate(rest, rest, "full")[len(rest) - 1 :] / squares
-        below = np.flatnonzero(correlation <= 0.0)  # there are some: residuals add up to 0
+        below = np.flatnonzero(correlation <= 0.0)  # not empty, because the residuals sum to 0
         memory = max(memory, WIDER * hop * float(1 + 2 * correlation[1 : below[0]].sum()))
     points = max(length / memory - 2, free / 3)
     error = np.sqrt(squares / len(t) / points / np.mean((t - t.mean()) ** 2))
@@ -210,7 +210,7 @@ def _growth(part: _Part, first: int, end: int, least: float = FREE) -> Growth | 
 
 
 def _of_waves(part: _Part, i: int, fit: Fit) -> Growth | None:
-    """Growth of the worst of the damped waves that matter in signal i at its end; none where none does."""
+    """Growth of the worst damped wave that is not negligible in signal i at its end; None if there is none."""
     length = float(part.points[-1]) + HANN / 2 - fit.start_s
     found = []
     for mode in fit.modes:
@@ -223,13 +223,13 @@ def _of_waves(part: _Part, i: int, fit: Fit) -> Growth | None:
 
 
 def _close(fit: Fit | None, length: float) -> bool:
-    """Whether two of the waves are closer than 1/T: two modes, or one that no exponential describes, split in two."""
+    """Whether two waves are closer than 1/T: two modes, or one non-exponential mode that was split in two."""
     frequencies = sorted(mode.frequency_hz for mode in fit.modes) if fit is not None else []
     return bool(np.any(np.diff(frequencies) < 1 / length))
 
 
 def _last_part(points: NDArray[np.float64], logs: NDArray[np.float64]) -> int:
-    """First window behind the last bend of the envelope's logarithm."""
+    """First window after the last bend of the envelope's logarithm."""
     first = 0
     while True:
         t, y = points[first:], logs[first:]
@@ -243,12 +243,12 @@ def _last_part(points: NDArray[np.float64], logs: NDArray[np.float64]) -> int:
         bend = _bend(hinges, y - line @ (line.T @ y))
         if bend is None:
             return first
-        # The windows about a bend hold of both sides.
+        # Windows around a bend contain both sides.
         first += min(int(bends[bend] + HANN / 2 / HOP), int(bends[-1]))
 
 
 def _bend(hinges: NDArray[np.float64], rest: NDArray[np.float64]) -> int | None:
-    """The hinge that explains most of what a straight line leaves; if it is not enough, the later of two; else none."""
+    """Index of the hinge that best explains a line's residual, of the later if two are needed; None if not enough."""
     squares, explained, found = float(rest @ rest), 0.0, []
     for enough in BETTER:
         dots, norms = hinges @ rest, np.maximum(np.sum(hinges**2, axis=1), np.finfo(float).tiny)
@@ -262,24 +262,24 @@ def _bend(hinges: NDArray[np.float64], rest: NDArray[np.float64]) -> int | None:
             return max(found)
         rest = rest - dots[k] / norms[k] * own
         hinges = hinges - np.outer(hinges @ own / norms[k], own)
-        hinges[np.sum(hinges**2, axis=1) < 1e-6 * norms] = 0.0  # as good as the first one again
+        hinges[np.sum(hinges**2, axis=1) < 1e-6 * norms] = 0.0  # nearly the same as the first
     return None
 
 
 def _straight(t: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    """Slope of the line of least squares, and what it leaves."""
+    """Slope of the least-squares line, and the residual."""
     u = t - t.mean()
     slope = float(u @ y / (u @ u))
     return slope, np.asarray(y - y.mean() - slope * u)
 
 
 def _spread(t: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    """Root mean square about the line of least squares."""
+    """Root mean square about the least-squares line."""
     return float(np.sqrt(np.mean(_straight(t, y)[1] ** 2)))
 
 
 def _tone(x: NDArray[np.float64], dt: float) -> float:
-    """Share of a signal's energy, its line taken off, in the three strongest neighbouring lines of its spectrum."""
+    """Share of a signal's energy, without its line, in the three strongest neighbouring spectral lines."""
     samples = block_means(x[:, np.newaxis], dt)[0][:, 0]
     rest = _straight(np.arange(len(samples), dtype=float), samples)[1]
     power = np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) ** 2

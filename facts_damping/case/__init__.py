@@ -1,1 +1,1 @@
-"""From what the user wrote (YAML files, `--set`) to a checked case that everything else is built from."""
+"""Turns the user's input (YAML files, `--set`) into a checked case, from which everything else is built."""

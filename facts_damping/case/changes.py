@@ -1,4 +1,4 @@
-"""Changes of what a user wrote: fields set by their paths, names opened where a path goes below them, profiles."""
+"""Changes of a run's content: fields set by path, names replaced by their files' content, profiles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from facts_damping.parameters.validation import check, short
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-# Fields of a run that may name a file, and where those that are shipped lie.
+# Fields of a run that may name a file, and the folders of the shipped files.
 FOLDERS = {
     "system": "systems",
     "model": "systems",
@@ -28,27 +28,27 @@ FOLDERS = {
     "link": "links",
     "supervision": SUPERVISION,
 }
-STANDARD = "standard"  # the supervision that `--set` goes below where there is none
-PROFILE = "profile"  # the field of a run that names one
+STANDARD = "standard"  # supervision to start from when `--set` changes a field of one and the run has none
+PROFILE = "profile"  # the field of a run that names a profile
 
 
 def as_sets(values: Mapping[str, Any], form: str = "--set {path}={value}") -> dict[str, str]:
-    """What says of each value that it was given: as on a command line, or in another form."""
+    """How each value was given, for error messages: as on a command line, or in another form."""
     return {path: form.format(path=path, value=dumps(value, default=str)) for path, value in values.items()}
 
 
 def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str, str]) -> None:
-    """Set fields of a run's content by their paths; `sets`: what says of each that it was given.
+    """Set fields of a run's content by their paths; `sets`: how each was given, for error messages.
 
-    Controllers that say nothing of their signals get those of the run's profile.
+    Controllers without `signals` get those of the run's profile.
     """
     if values:
-        content.pop("asked", None)  # no longer what was asked for
+        content.pop("asked", None)  # the run is no longer the one that was asked for
     first = {name: values[name] for name in ("system", PROFILE) if name in values}
     content.update(deepcopy(first))
     if first.get(PROFILE) is not None:
         take_profile(content, first[PROFILE], sets[PROFILE])
-    # Names before what lies below them.
+    # Set a name before the fields below it.
     for given in sorted((key for key in values if key not in first), key=lambda key: key.count(".")):
         for key in each_path(content, given, partial(_open_name, content)):
             set_field(content, key, deepcopy(values[given]), sets[given])
@@ -59,14 +59,14 @@ def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str
 
 
 def off(content: Mapping[str, Any], field: str) -> bool:
-    """Whether a run's content says that it has none of something."""
+    """Whether a field of a run's content is off."""
     return content.get(field) in ("off", False, None)
 
 
 def _open_name(content: dict[str, Any], key: str) -> None:
-    """Where a `--set` goes below a name (FOLDERS), put the named file's content in its place.
+    """If a `--set` path continues below a name (FOLDERS), replace the name by its file's content.
 
-    Below a watchdog or a noise of loads that is off it is switched on.
+    A watchdog or load noise that is off is switched on.
     """
     top, _, below = key.partition(".")
     if not below:
@@ -105,9 +105,9 @@ def read_profile(name: str) -> Profile:
 
 
 def take_profile(content: dict[str, Any], given: Any, where: str, kept: Collection[str] = ()) -> None:
-    """Set in a run's content what a profile says, but for fields in `kept`, which the run says itself.
+    """Set the fields of a profile in a run's content, except those in `kept`, which the run sets itself.
 
-    `where` begins what is wrong with it.
+    `where`: start of error messages.
     """
     if not isinstance(given, str):
         raise InputError(f"{where}: {short(given)} given; allowed: {', '.join(shipped('profiles'))}, or a YAML file")
@@ -128,13 +128,13 @@ def take_profile(content: dict[str, Any], given: Any, where: str, kept: Collecti
 
 
 def _there(content: Mapping[str, Any], path: str, kept: Collection[str]) -> bool:
-    """Whether a profile's path is one for this run: not what it says itself, and of lists those with entries."""
+    """Whether a profile's path applies: not in `kept`, and a path into a list needs a list with entries."""
     rows = content["system"].get(path.split(".")[1]) if path.startswith("system.") and ".*" in path else True
     return path not in kept and bool(rows)
 
 
 def _take_signals(content: dict[str, Any], profile: Profile, *, only_usual: bool) -> None:
-    """Give controllers a profile's signals in the place of theirs; `only_usual`: of those that do not say which."""
+    """Replace controllers' signals by those of a profile; `only_usual`: only where a controller names none."""
     rows = content.setdefault("controllers", [{}])
     for row in rows if isinstance(rows, list) else []:
         if isinstance(row, dict) and not (only_usual and "signals" in row):

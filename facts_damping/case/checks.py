@@ -1,4 +1,4 @@
-"""What one file alone cannot tell: devices, controllers, signals and events that are not there."""
+"""Checks that need several files: unknown devices, controllers, signals and events."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
 
 
 def check_events(case: Case, scenario_file: str, source: str, sets: dict[str, str] | None) -> None:
-    """Events that cannot happen, named by the scenario's file or by the run's own field."""
+    """Raise `InputError` for impossible events; the message names the scenario's file or the run's field."""
     try:
         topology_intervals(case.system, case.scenario.events)
     except InputError as error:
@@ -34,7 +34,7 @@ def check_events(case: Case, scenario_file: str, source: str, sets: dict[str, st
 
 
 def check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
-    """What one file alone cannot tell: devices, controllers, signals and parameters that are not there."""
+    """Raise `InputError` for devices, controllers, signals or parameters that the other files do not have."""
     run, system = case.run, case.system
     if case.ticks > MOST_TICKS:
         raise InputError(
@@ -74,7 +74,7 @@ def check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
 
 
 def _check_channels(case: Case, source: str, sets: dict[str, str] | None) -> None:
-    """Stages of links name stations or signals on the way up, installed devices on the way down."""
+    """Check that stages of links name stations or signals (up), or installed devices (down)."""
     known = {"up": [*(s.name for s in case.system.stations), *case.system.signals], "down": case.run.devices}
     own = [f"controllers.{c}.link" for c, controller in enumerate(case.run.controllers) if controller.link is not None]
     fields = [*["link"][: len(case.links) - len(own)], *own]

@@ -1,4 +1,4 @@
-"""An imported system that can stand still: limits of its controls that do not admit the start of its power flow."""
+"""Widens control limits of an imported system that exclude the start from its power flow, so that it has a rest."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.validation import check
 from facts_damping.plant.build import limit_violations
 
-WIDER = 0.1  # of the value at the start, by which a limit is moved beyond it
-MOST = 5  # times, as one limit may follow from another
+WIDER = 0.1  # fraction of the initial value by which the limit is moved beyond it
+MOST = 5  # iterations, as one limit may depend on another
 
 
 def widened(content: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """The content of a system with wider limits where the start needs that, and a note for each.
+    """Content of a system with limits widened as its initial state needs, and a note for each.
 
-    Raises `InputError` where that does not help.
+    Raises `InputError` if that does not help.
     """
     made, notes = deepcopy(content), list[str]()
     for _ in range(MOST):

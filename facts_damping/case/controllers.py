@@ -1,4 +1,4 @@
-"""A run's controllers filled in: scheme, all parameters (the table's, the tuned, its own), weights."""
+"""Completes a run's controllers: scheme, all parameters (default, tuned, given), weights, law."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.link import Link
     from facts_damping.parameters.plant.system import System
 
-SPAN = 6.0  # frames of `identifier_span`, where an identifier predicts: with one value it does not know an oscillation
+SPAN = 6.0  # default `identifier_span`, frames, of a predicting identifier: one value cannot show an oscillation
 
 
 def filled(
@@ -39,9 +39,9 @@ def filled(
     measurement: str = "ideal",
     tuning: str = DEFAULT_PROFILE,
 ) -> Controller:
-    """A controller with scheme, all parameters, weights and law: the table's, then the system's tuned, then its own.
+    """A controller with scheme, all parameters, weights and law; given parameters override tuned, tuned the defaults.
 
-    `latency`: s, of its PMUs' filter; `measurement`: which; `tuning`: the profile of what was tuned.
+    `latency`: s, of the PMUs' filter; `measurement`: its name; `tuning`: the profile of the tuned parameters.
     """
 
     def where(field: str) -> str:
@@ -79,7 +79,7 @@ def filled(
         values["identifier_span"] = SPAN
     order = identifier_model.past_values(values.get("identifier_span"))
     if order > 1 and "identifier" not in controller.parameters:
-        values["identifier"] = "ANFTSI"  # whose consequents are then affine
+        values["identifier"] = "ANFTSI"  # its consequents are affine then
     if values.get("identifier") == "ANFGuMoI" and max(*counts.values(), order) > 1:
         raise InputError(
             f"{where('parameters.identifier')}: 'ANFGuMoI' given; "
@@ -95,14 +95,14 @@ def filled(
 
 
 def sizes(controller: Controller) -> dict[str, int]:
-    """How many signals and devices a controller has: of what a parameter may have one each."""
+    """Numbers of signals and devices of a controller: the lengths that a list parameter may need."""
     return {"signal": len(controller.signals), "device": len(controller.devices)}
 
 
 def check_parameter(where: str, name: str, value: Value, table: dict[str, Parameter], counts: dict[str, int]) -> None:
-    """Raise `InputError` for a parameter that is not in a kind's table, or a value that it must not have.
+    """Raise `InputError` for a parameter that the kind's table lacks, or a value that is not allowed.
 
-    `counts`: how many signals and devices the controller has.
+    `counts`: numbers of signals and devices of the controller.
     """
     if RENAMED.get(name) in table:
         raise InputError(f"{where}: '{name}' given; allowed: '{RENAMED[name]}', as it is called now")
@@ -120,9 +120,9 @@ def check_parameter(where: str, name: str, value: Value, table: dict[str, Parame
 
 
 def with_weights(controller: Controller, weights: Path | Weights) -> Controller:
-    """A controller, filled in, that begins with weights, or those of a file.
+    """A completed controller with other initial weights, given or read from a file.
 
-    Raises `InputError` where they are not its.
+    Raises `InputError` if they do not fit.
     """
     source = str(weights) if isinstance(weights, Path) else "weights"
     given = controller.model_copy(update={"weights": source if isinstance(weights, Path) else weights})
@@ -133,7 +133,7 @@ def with_weights(controller: Controller, weights: Path | Weights) -> Controller:
 def _weights(
     controller: Controller, scheme: str | None, values: dict[str, Value], where: Callable[[str], str]
 ) -> Weights | None:
-    """The weights that a controller starts from, read if they are named by a file."""
+    """Initial weights of the controller, read if they name a file."""
     if controller.weights is None:
         return None
     found = controller.weights
@@ -168,11 +168,11 @@ def tuned(
     profile: str = DEFAULT_PROFILE,
     compensation: str = "none",
 ) -> dict[tuple[str, str | None], dict[str, Value]]:
-    """Parameters that were chosen for a system in a profile, by controller and scheme.
+    """Tuned parameters for a system and profile, by controller and scheme.
 
-    Known for the signals and devices alone that they were chosen with, by default those of a run; a lead-lag takes
-    the first of the signals. Those of the same `measurement` go before those of exact signals, those chosen with the
-    same `compensation` before those without.
+    They hold only for the signals and devices they were tuned with (default: those of a run); a lead-lag uses the first
+    signal. Parameters tuned with the same `measurement` take precedence over those of exact signals, those tuned with
+    the same `compensation` over those without.
     """
     usual = Controller()
     signals, devices = signals or usual.signals, devices or usual.devices
@@ -188,9 +188,9 @@ def tuned(
 
 
 def chosen(system: str, profile: str) -> list[Tuned]:
-    """The files of what was chosen for a system in a profile: their names begin with the system's and the profile's.
+    """Files of tuned parameters for a system and profile: `<system>_<profile>...`.
 
-    The default profile is not named.
+    The default profile's name is left out.
     """
     begins = system if profile == DEFAULT_PROFILE else f"{system}_{profile}"
     known = [_read_tuned(file) for name, file in files.shipped("controllers").items() if name.startswith(begins)]

@@ -1,4 +1,4 @@
-"""Measured delays of a link, from a table or a recording: what a stage `trace` replays."""
+"""Measured delays of a link from a table or a recording, for stages of model `trace`."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
     Series = list[float | None]
 
-ALL = "delay_s"  # the column for all channels
+ALL = "delay_s"  # the column that holds for all channels
 
 
 def with_traces(link: Link, where: str) -> Link:
-    """A link whose traces hold their delays themselves, read from the files that they name.
+    """A link with the delays of its traces inline, read from the files that they name.
 
     Raises `InputError` for a file that cannot be read or holds no delays.
     """
@@ -53,7 +53,7 @@ def _read(path: Path, way: str, where: str) -> Series | dict[str, Series]:
 
 
 def _table(path: Path, where: str) -> Series | dict[str, Series]:
-    """The delays of a CSV file with a line of names: `delay_s`, or a column a channel; an empty cell: lost."""
+    """Delays of a CSV file with a header: `delay_s`, or one column per channel; an empty cell means lost."""
     try:
         lines = [*csv.reader(StringIO(read_text(path))), []]
     except InputError as error:
@@ -71,7 +71,7 @@ def _table(path: Path, where: str) -> Series | dict[str, Series]:
 
 
 def _number(cell: str, name: str, k: int, where: str) -> float | None:
-    """A cell's delay; none where it is empty."""
+    """Delay of a cell, s; None if empty."""
     text = cell.strip()
     try:
         return float(text) if text else None
@@ -81,9 +81,9 @@ def _number(cell: str, name: str, k: int, where: str) -> float | None:
 
 
 def of_record(record: Record, way: str) -> dict[str, Series]:
-    """The delays that a recording shows: of each station's entries (up), or of each device's setpoints (down), s.
+    """Delays in a recording, s: of each station's entries (up) or each device's setpoints (down).
 
-    None stands for an entry that was lost; what may have been under way at the end is left out.
+    None stands for a lost entry. Entries that may still be under way at the end are left out.
     """
     if way == "down":
         rows = record.applied[np.argsort(record.applied["issued_ns"], kind="stable")]

@@ -1,4 +1,4 @@
-"""Linear controllers of a user's own: read from YAML, NPZ or MAT, and checked."""
+"""Reads and checks the user's own linear controllers from YAML, NPZ or MAT."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
 
 NAMES = (*(name for form in FORMS for name in form), "dt")
-NEAR = 1e-6  # relative: of a period, which files have rounded
+NEAR = 1e-6  # relative tolerance of a period, which files round
 
 
 def with_law(
     controller: Controller, field: str, frame_rate: int, source: str, sets: dict[str, str] | None
 ) -> Controller:
-    """A controller with its `linear` law inline. Raises `InputError` where it is none, or does not fit."""
+    """A controller with its `linear` law inline. Raises `InputError` if it is invalid or does not fit."""
     given, where = controller.linear, origin(field, source, sets)
     if given is None:
         return controller
@@ -46,7 +46,7 @@ def with_law(
 
 
 def _read(path: Path, where: str) -> dict[str, Any]:
-    """What a file says of a law, as a YAML file would."""
+    """Content of a file as a YAML file would give it."""
     if not is_file(path):
         raise InputError(f"{where}: {path}: no such file; allowed: a law in a .yaml, .npz or .mat file")
     if path.suffix in (".yaml", ".yml"):
@@ -57,7 +57,7 @@ def _read(path: Path, where: str) -> dict[str, Any]:
         found = _arrays(path)
     except InputError:
         raise
-    except Exception as error:  # whatever their readers die of
+    except Exception as error:  # the readers raise many kinds
         reason = one_line(error) or type(error).__name__
         raise InputError(f"{path}: cannot be read: {reason}; allowed: arrays {', '.join(NAMES)}") from error
     unknown = [name for name in found if name not in NAMES]
@@ -75,7 +75,7 @@ def _arrays(path: Path) -> dict[str, Any]:
 
 
 def _plain(name: str, values: Any, path: Path) -> Any:
-    """An array as lists of numbers: a matrix, a list, or a number; what is complex as text."""
+    """An array as lists of numbers: matrix, list or number; complex values as text."""
     array = np.asarray(values)
     if array.dtype.kind not in "fiuc" or array.ndim > 2:
         raise InputError(f"{path}: {name}: no numbers given; allowed: real matrices, and complex zeros and poles")

@@ -1,4 +1,4 @@
-"""The links of a run: read, checked, and which one each controller uses."""
+"""Reads and checks the links of a run and assigns them to controllers."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link, list[Link], list[int]]:
-    """The run's link; all links that are used; the index among these of the one that each controller uses.
+    """The run's link; all links in use; for each controller, the index of its link among these.
 
-    The run's is first, where a controller has none of its own or there is no controller. Each own link is one by
-    itself, also where it bears the same name as another.
+    The run's link comes first if a controller has none of its own or there is no controller. Each controller's own link
+    is separate, even if it has the same name as another.
     """
     link = read_link(run.link, "link", source, sets)
     links = [link] if not run.controllers or any(c.link is None for c in run.controllers) else []
@@ -40,11 +40,11 @@ def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link
 
 
 def mean_delays(controller: Controller, system: System, link: Link) -> tuple[float, float]:
-    """Mean delay, s, of what a controller waits for longest: from station to device, and of that the way down.
+    """Largest mean delay of a controller, s: from station to device, and from controller to device.
 
-    The devices' dead times are part of both: it ends where a setpoint acts.
+    Both include the devices' dead time.
     """
-    signals = [name for name in controller.signals if name in system.signals]  # others, and devices, are refused later
+    signals = [name for name in controller.signals if name in system.signals]  # others, and devices, are checked later
     stations = {station for name in signals for station in system.signals[name].weights}
     groups = {s: {s, *(n for n, signal in system.signals.items() if s in signal.weights)} for s in stations}
     dead = {device.name: device.dead_time for device in system.devices}
@@ -58,12 +58,12 @@ def mean_delays(controller: Controller, system: System, link: Link) -> tuple[flo
 
 
 def with_own(controller: Controller, link: Link) -> Controller:
-    """A controller with the link that it uses inline, if that is its own."""
+    """A controller with its own link inline, if it has one."""
     return controller if controller.link is None else controller.model_copy(update={"link": link.model_dump()})
 
 
 def read_link(given: str | dict[str, Any], field: str, source: str, sets: dict[str, str] | None) -> Link:
-    """A link by name or path, or inline in a field of the run."""
+    """A link by name, path, or inline content of the run's field."""
     if isinstance(given, str):
         path = find("links", given)
         return with_traces(check(Link, read_table(path), str(path)), str(path))
@@ -71,7 +71,7 @@ def read_link(given: str | dict[str, Any], field: str, source: str, sets: dict[s
 
 
 def signed(link: Link) -> Link:
-    """A link whose messages are signed: one that was changed on the way is refused, which is a loss."""
+    """A link with signed messages: a message altered on the way is refused, so it counts as lost."""
 
     def refused(stage: Any) -> Any:
         return Bernoulli(**shared(stage), loss=stage.probability) if stage.model == "flip" else stage
@@ -80,12 +80,12 @@ def signed(link: Link) -> Link:
 
 
 def shared(stage: StageModel) -> dict[str, Any]:
-    """What a stage has as all stages do."""
+    """Fields of a stage that all stages have."""
     return {name: getattr(stage, name) for name in ("stage", "channels", "start", "duration")}
 
 
 def beside(link: Link, measurement: Measurement) -> Link:
-    """A link beside PMUs that have a filter: its constant stages `pmu`, which stand for one, delay nothing."""
+    """A link for PMUs with their own filter: its constant stages `pmu`, which stand for a filter, get no delay."""
     if measurement.filter == "ideal":
         return link
     up = [stage.model_copy(update={"delay": 0.0}) if _stands_for_pmus(stage) else stage for stage in link.up]
@@ -97,7 +97,7 @@ def _stands_for_pmus(stage: StageModel) -> bool:
 
 
 def check_felt(link: Link, field: str, measurement: Measurement, sets: dict[str, str] | None) -> None:
-    """Raise `InputError` where a delay is given for a stage that delays nothing beside the run's PMUs."""
+    """Raise `InputError` if `--set` gives a delay for a `pmu` stage that `beside` sets to zero."""
     for i, stage in enumerate(link.up):
         given = (sets or {}).get(f"{field}.up.{i}.delay")
         if given is not None and _stands_for_pmus(stage) and measurement.filter != "ideal":
@@ -107,7 +107,7 @@ def check_felt(link: Link, field: str, measurement: Measurement, sets: dict[str,
 
 
 def with_number(link: Link, path: str, value: float) -> tuple[str, int, Link]:
-    """A link with a number of a stage changed, `up.0.delay`; which way, and which stage, that is.
+    """Change a number of a stage, such as `up.0.delay`. Returns way, index of the stage, and the link.
 
     Raises `InputError` for a value that is not allowed.
     """
@@ -119,9 +119,9 @@ def with_number(link: Link, path: str, value: float) -> tuple[str, int, Link]:
 
 
 def open_own(content: dict[str, Any], path: str) -> None:
-    """Where a `--set` goes below `controllers.<path>` into a link, put the named file's content in the name's place.
+    """If a `--set` path `controllers.<path>` continues into a link, replace the link's name by its file's content.
 
-    A controller that has no link yet starts from the run's.
+    A controller without its own link starts from the run's.
     """
     place, _, field = path.partition(".")
     rows = content.get("controllers")

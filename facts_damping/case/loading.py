@@ -1,4 +1,4 @@
-"""From what the user wrote (YAML files, `--set`) to a checked case that everything else is built from."""
+"""Loads a case: reads the user's input (YAML files, `--set`) and all files it names, and checks them."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from facts_damping.parameters.validation import check, origin
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-ARM_AT = 0.5  # s, when a controller is armed that is supervised because the command line says so
+ARM_AT = 0.5  # s; used if the command line asks for supervision
 
 
 def read_system(name: str, sets: list[str] | None = None) -> System:
-    """A system by name or path as its file has it, with `--set` applied to its fields."""
+    """A system by name or path, as its file has it, with `--set` applied."""
     path = find("systems", name)
     content = read_table(path)
     values, origins = read_sets(sets or [])
@@ -39,7 +39,7 @@ def read_system(name: str, sets: list[str] | None = None) -> System:
 
 
 def load_system(name: str, sets: list[str] | None = None, scenario: str | None = None) -> System:
-    """A system by name or path, with `--set` applied to its fields, a scenario's dispatch, and devices placed."""
+    """A system by name or path, with `--set`, a scenario's dispatch and the devices applied."""
     system = read_system(name, sets)
     if scenario is not None:
         file = find("scenarios", scenario, f"{system.name}/")
@@ -48,7 +48,7 @@ def load_system(name: str, sets: list[str] | None = None, scenario: str | None =
 
 
 def installed(system: System, names: str | None) -> list[str]:
-    """Devices by the names on a command line, `none` for none; by default those of a run, where the system has them."""
+    """Devices named on a command line (`none` for none); default: those of a run that the system has."""
     have = [d.name for d in system.devices]
     if names is None:
         return [name for name in Run.model_fields["devices"].default if name in have]
@@ -59,10 +59,10 @@ def installed(system: System, names: str | None) -> list[str]:
 
 
 def load_case(name: str | None, sets: list[str] | None = None, supervised: str | None = None) -> Case:
-    """A run by name or path (none: all defaults), with `--set` applied, and all that it names.
+    """A run by name or path (None: all defaults), with `--set` applied, and all files that it names.
 
-    `supervised`: a supervision that it is to have, by name or path; empty: its own, or `standard` where it has none.
-    Then it is armed at `ARM_AT`, unless the run says when, or a probe comes first.
+    `supervised`: name or path of a supervision; empty: the run's own, else `standard`. The controllers are then armed
+    at `ARM_AT`, unless the run sets a time or a probe comes first.
     """
     content, source = read_run(name)
     values, origins = read_sets(sets or [])
@@ -77,9 +77,9 @@ def load_case(name: str | None, sets: list[str] | None = None, supervised: str |
 
 
 def read_run(given: str | dict[str, Any] | None) -> tuple[dict[str, Any], str]:
-    """The content of a run by name or path, or inline (none: all defaults), and what it is from.
+    """Content of a run by name, path or inline (None: all defaults), and its source for messages.
 
-    What its profile says is set in it, but for a stored run, which has that already.
+    The fields of its profile are set, except for a stored run, which already has them.
     """
     if given is None:
         return {}, "defaults"
@@ -97,7 +97,7 @@ def read_run(given: str | dict[str, Any] | None) -> tuple[dict[str, Any], str]:
 def changed_case(
     content: dict[str, Any], source: str, values: Mapping[str, Any], sets: dict[str, str] | None = None
 ) -> Case:
-    """A case from the content of a run file, which is changed, with fields set; `sets`: what says that of each."""
+    """A case from the content of a run file after setting fields; changes the content. `sets`: how each was given."""
     sets = as_sets(values) if sets is None else sets
     change(content, values, sets)
     return make_case(content, source, sets)
@@ -145,13 +145,13 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
 
 
 def recorded_case(content: Any, source: str) -> Case:
-    """A case from the content that a recording holds: whole by itself, so that files which it names are not opened."""
+    """A case from the content in a recording, which is complete: files that it names are not opened."""
     with naming_no_files(f"the recording {source}"):
         return make_case(content, source)
 
 
 def _system(given: str | dict[str, Any], field: str, source: str, sets: dict[str, str] | None) -> System:
-    """A system by name or path, or inline in a field of the run."""
+    """A system by name, path, or inline content of the run's field."""
     if isinstance(given, str):
         path = find("systems", given)
         return check(System, read_table(path), str(path))
@@ -159,7 +159,7 @@ def _system(given: str | dict[str, Any], field: str, source: str, sets: dict[str
 
 
 def _model(run: Run, system: System, source: str, sets: dict[str, str] | None) -> System | None:
-    """The system that controllers are designed on, if not the plant; it has the plant's devices and signals."""
+    """The system for controller design, if not the plant; it gets the plant's devices and signals."""
     if run.model is None:
         return None
     model = _system(run.model, "model", source, sets)
@@ -177,7 +177,7 @@ def _model(run: Run, system: System, source: str, sets: dict[str, str] | None) -
 
 
 def _dispatched(system: System, scenario: Scenario, where: str) -> System:
-    """The system with the active powers that a scenario starts from."""
+    """The system with the active powers of a scenario's dispatch."""
     scheduled = [m.name for m in system.machines if not m.slack]
     for name in scenario.dispatch:
         check_known(f"{where}: dispatch", name, scheduled)

@@ -1,4 +1,4 @@
-"""Files of MATLAB, read in a process of their own: on damaged ones SciPy's reader takes its process with it."""
+"""Reads MATLAB files in a separate process, because damaged files can crash SciPy's reader."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from io import BytesIO
 
 import numpy as np
 
-MEMORY = 2_000_000_000  # bytes that reading may take
-PATIENCE_S = 60.0  # wall time
+MEMORY = 2_000_000_000  # bytes that the reader may use
+PATIENCE_S = 60.0  # s of wall time that the reader may take
 
 
 def as_npz(content: bytes) -> bytes:
-    """The arrays of a MAT file as an NPZ file; what is no array of numbers as a text. Raises ValueError."""
+    """Arrays of a MAT file as an NPZ file; whatever is not a numeric array becomes text. Raises ValueError."""
     command = [sys.executable, __file__]
     done = subprocess.run(command, input=content, capture_output=True, check=False, timeout=PATIENCE_S)
     if done.returncode:
@@ -24,7 +24,7 @@ def as_npz(content: bytes) -> bytes:
 
 
 def _convert() -> None:
-    """From standard input to standard output."""
+    """Convert standard input to standard output."""
     from scipy.io import loadmat  # noqa: PLC0415 (here alone: loading it takes longer than a run)
 
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))

@@ -1,9 +1,10 @@
-"""A system as a MATPOWER case (version 2): its network, and its power flow as it is solved here.
+"""Writes a system as a MATPOWER case (version 2): its network, and its power flow as solved here.
 
-Branches are lines, transformers, and devices in series: of one that is not installed only its resistance is left, so x
-is 0 (MATPOWER User's Manual 7.1, 3.2: series admittance, half of the charging at each end, an ideal transformer at the
-`from` end). What this form has no place for, magnetising branches and the conductance of long lines, are shunts. What
-loads and DC links draw at the solved voltages is the demand. Dynamics have no place in a case: a comment says so.
+Branches are lines, transformers and series devices. A series device that is not installed leaves only its resistance,
+so x is 0. Branch model (MATPOWER User's Manual 7.1, 3.2): series admittance, half of the charging at each end, an
+ideal transformer at the `from` end. Magnetising branches and the conductance of long lines have no place in this form
+and become shunts. Power drawn by loads and DC links at the solved voltages becomes the demand. A case holds no
+dynamics; a comment in it says so.
 """
 
 from __future__ import annotations
@@ -31,19 +32,19 @@ HEADS = {
     "gen": "bus Pg Qg Qmax Qmin Vg mBase status Pmax Pmin",
     "branch": "fbus tbus r x b rateA rateB rateC ratio angle status angmin angmax",
 }
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")  # of a function of MATLAB's
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")  # name of a MATLAB function
 KEYWORDS = (
     *("break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function", "global", "if"),
     *("otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while"),
 )
 PQ, PV, REFERENCE = 1, 2, 3
-NOTHING = 1e-12  # p.u., of a charging or a turn that is round-off
+NOTHING = 1e-12  # p.u.; smaller values of charging or phase shift are round-off
 
-Row = tuple[list[float], str]  # of a table, and the name of what it is of
+Row = tuple[list[float], str]  # row of a table, and the name of its element
 
 
 def text(system: System, name: str) -> str:
-    """The case as a MATLAB function of this name. Raises `InputError` where there is no power flow."""
+    """The case as a MATLAB function of that name. Raises `InputError` if the power flow has no solution."""
     base = system.base_power
     lines = [
         f"function mpc = {name}",
@@ -59,10 +60,10 @@ def text(system: System, name: str) -> str:
 
 
 def _tables(system: System) -> dict[str, list[Row]]:
-    """The rows of all tables, MW, Mvar, p.u., degrees."""
+    """Rows of all tables; MW, Mvar, p.u., degrees."""
     flow, base = solve(system), system.base_power
     numbers = {bus.name: i for i, bus in enumerate(system.buses, 1)}
-    shunt = np.zeros(len(numbers), complex)  # MW, and Mvar that it gives, at 1 p.u.
+    shunt = np.zeros(len(numbers), complex)  # MW drawn and Mvar supplied at 1 p.u.
     for one_shunt in system.shunts:
         shunt[numbers[one_shunt.bus] - 1] += complex(one_shunt.P, one_shunt.Q)
     series = [device_section(d, d.rs) for d in system.devices if isinstance(d, Series)]
@@ -84,14 +85,14 @@ def _tables(system: System) -> dict[str, list[Row]]:
 
 
 def _plain(power: complex, base: float) -> complex:
-    """A power without what is round-off."""
+    """A power with round-off removed."""
     return power if abs(power) > NOTHING * base else 0j
 
 
 def _generators(
     system: System, flow: PowerFlow, numbers: dict[str, int]
 ) -> tuple[list[Row], list[int], NDArray[np.complex128]]:
-    """Machines and infinite buses as generators, the types of all buses, and what is generated at each, MVA."""
+    """Machines and infinite buses as generators, the types of all buses, and the generation at each bus, MVA."""
     base = system.base_power
     generation, rows, types = np.zeros(len(numbers), complex), list[Row](), [PQ] * len(numbers)
     ratings = {m.name: m.rating for m in system.machines}
@@ -108,12 +109,12 @@ def _generators(
 
 
 def _branch(one: Branch, numbers: dict[str, int]) -> tuple[list[float], tuple[complex, complex]]:
-    """A branch's row, of its 2 x 2 admittance, and the shunt admittances at its ends that the row has no place for."""
+    """Row of a branch by its 2 x 2 admittance, and the shunt admittances at its ends that the row cannot hold."""
     (y_ff, y_ft), (y_tf, y_tt) = one.admittance
-    turn = y_ft / y_tf  # t / conj(t), t the ratio at the `from` end
+    turn = y_ft / y_tf  # t / conj(t); t: ratio at the `from` end
     shift = float(0.5 * np.angle(turn))
     straight = abs(y_ft - y_tf) <= NOTHING * abs(y_ft) and abs(y_ff - y_tt) <= 1e-9 * abs(y_ff)
-    # Of a line y_ff = y_tt = y + shunt; of a transformer y_tt = y, for its magnetising branch is at the other end.
+    # For a line y_ff = y_tt = y + shunt; for a transformer y_tt = y: its magnetising branch is at the other end.
     ratio = 1.0 if straight else float(abs(y_tt / y_tf))
     series = -y_tf * ratio * np.exp(1j * shift)
     z = 1.0 / series

@@ -1,4 +1,4 @@
-"""How the PMUs of a run measure: read, checked, and with a number changed while it goes on."""
+"""Reads and checks how the PMUs of a run measure, and changes numbers of it during the run."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
 
-FOLDER = "measurement"  # below config
-FIXED = ("start", "duration", "lost", "voltage_range", "current_range")  # not to be changed while a run goes on
+FOLDER = "measurement"  # folder below config
+FIXED = ("start", "duration", "lost", "voltage_range", "current_range")  # fields that cannot change during a run
 
 
 def read_measurement(given: str | dict[str, Any], source: str, sets: dict[str, str] | None = None) -> Measurement:
-    """How PMUs measure, by name or path, or inline in a field of the run."""
+    """How PMUs measure: by name, path, or inline content of the run's field."""
     if isinstance(given, str):
         path = find(FOLDER, given)
         return check(Measurement, read_table(path), str(path))
@@ -28,7 +28,7 @@ def read_measurement(given: str | dict[str, Any], source: str, sets: dict[str, s
 
 
 def check_measurement(case: Case, source: str, sets: dict[str, str] | None) -> None:
-    """Filters fit the frame rate, stations are there, and controllers are given what is measured."""
+    """Check that filters fit the frame rate, that stations exist, and that controllers' signals are measured."""
     measurement, stations = case.measurement, [s.name for s in case.system.stations]
     for name in measurement.stations:
         check_known(origin("measurement.stations", source, sets), name, stations)
@@ -49,7 +49,7 @@ def check_measurement(case: Case, source: str, sets: dict[str, str] | None) -> N
 
 
 def numbers(measurement: Measurement) -> dict[str, float]:
-    """Numbers that may be changed while a run goes on, by path: `noise.angle`, `stations.G1.clock.offset`."""
+    """Numbers that may change during a run, by path: `noise.angle`, `stations.G1.clock.offset`."""
     return {path: value for path, value in _floats(measurement.model_dump(), "") if path.split(".")[-1] not in FIXED}
 
 
@@ -62,7 +62,7 @@ def _floats(content: Any, path: str) -> Iterator[tuple[str, float]]:
 
 
 def with_number(measurement: Measurement, path: str, value: float) -> Measurement:
-    """The same with a number changed. Raises `InputError` for a value that is not allowed."""
+    """A copy with one number changed. Raises `InputError` for a value that is not allowed."""
     content = measurement.model_dump()
     set_field(content, path, value, "measurement")
     return check(Measurement, content, "measurement")

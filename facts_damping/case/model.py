@@ -1,4 +1,4 @@
-"""A checked run with all that it names."""
+"""A checked run with the content of all files that it names."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Case:
-    """A checked run: what the user asked for, and the files it names, read.
+    """A checked run and the content of the files that it names.
 
-    `controllers` are the run's with scheme, all parameters, weights and own link filled in. `links` are the run's,
-    where it is used, then each controller's own; `used_links` says which one each controller uses. `model`: the system
-    that controllers are designed on, where that is not the plant.
+    `controllers`: the run's, with scheme, all parameters, weights and own link filled in. `links`: the run's, if used,
+    then each controller's own; `used_links`: index of each controller's link. `model`: the system for controller
+    design, if not the plant.
     """
 
     run: Run
@@ -38,7 +38,7 @@ class Case:
 
     @property
     def designed_on(self) -> System:
-        """The system that controllers and supervisors know."""
+        """The system on which controllers and supervisors are designed."""
         return self.model or self.system
 
     @property
@@ -48,7 +48,7 @@ class Case:
 
     @property
     def filter(self) -> Filter:
-        """The filter of its PMUs."""
+        """Filter of the PMUs."""
         return reference_filter(self.measurement, self.system.frequency, self.run.frame_rate)
 
     @property
@@ -57,11 +57,11 @@ class Case:
         return max(1, round(self.duration * self.run.frame_rate))
 
     def summary(self) -> dict[str, Any]:
-        """The run with its names, as JSON output shows it."""
+        """The run with names instead of files' content, for JSON output."""
         return self.run.asked or {**self.run.model_dump(exclude={"asked"}), "duration": self.duration}
 
     def document(self) -> dict[str, Any]:
-        """The run with everything it names inline: a run file by itself."""
+        """The run with the content of all files inline: a self-contained run file."""
         return {
             **self.run.model_dump(),
             "controllers": [controller.model_dump() for controller in self.controllers],

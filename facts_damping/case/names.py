@@ -1,4 +1,4 @@
-"""Names and places of a case's controllers, identifiers and links as ROS nodes, and of their topics."""
+"""Names and namespaces of a case's controllers, identifiers, supervisors and links as ROS nodes, and their topics."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from facts_damping.parameters.files import is_path
 from facts_damping.parameters.run import Run
 
-SUPERVISED = "supervised"  # topic of what a supervisor passes on or says
+SUPERVISED = "supervised"  # topic of a supervisor's setpoints: passed on or its own
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
 
 def controller_names(case: Case) -> list[str]:
-    """Names of the controllers as nodes: their place in the run and their kind, `controller_0_LLC`."""
+    """Node names of the controllers: index in the run and kind, `controller_0_LLC`."""
     return [f"controller_{c}_{re_name(controller.name)}" for c, controller in enumerate(case.run.controllers)]
 
 
 def identifier_names(case: Case) -> dict[int, str]:
-    """Names of the identifiers as nodes, by the index of the controller that each serves: `identifier_0_ANFTSI`."""
+    """Node names of the identifiers by the index of their controller: `identifier_0_ANFTSI`."""
     return {
         c: f"identifier_{c}_{controller.parameters['identifier']}"
         for c, controller in enumerate(case.controllers)
@@ -30,7 +30,7 @@ def identifier_names(case: Case) -> dict[int, str]:
 
 
 def supervisor_names(case: Case) -> dict[int, str]:
-    """Names of the supervisors as nodes, by the index of the controller of each: `supervisor_0_LLC`."""
+    """Node names of the supervisors by the index of their controller: `supervisor_0_LLC`."""
     if case.supervision is None:
         return {}
     rows = enumerate(case.run.controllers)
@@ -38,48 +38,48 @@ def supervisor_names(case: Case) -> dict[int, str]:
 
 
 class Address(NamedTuple):
-    """A node's place: a namespace below that of the graph (empty: the graph's own), and its name."""
+    """A node's address: namespace relative to the graph's (empty: the graph's own), and name."""
 
     namespace: str
     name: str
 
     def __str__(self) -> str:
-        """Both, as seen from the graph's namespace."""
+        """Namespace and name, relative to the graph's namespace."""
         return self.topic(self.name)
 
     def topic(self, name: str) -> str:
-        """A topic in its namespace, as seen from the graph's."""
+        """A topic in this namespace, relative to the graph's."""
         return f"{self.namespace}/{name}" if self.namespace else name
 
 
 def controller_addresses(case: Case) -> list[Address]:
-    """Places of the controllers: `area_1/controller_0_LLC`, without a namespace `controller_0_LLC`."""
+    """Addresses of the controllers: `area_1/controller_0_LLC`; without a namespace `controller_0_LLC`."""
     names = controller_names(case)
     return [Address(c.namespace or "", name) for c, name in zip(case.run.controllers, names, strict=True)]
 
 
 def identifier_addresses(case: Case) -> dict[int, Address]:
-    """Places of the identifiers, beside the controllers that they serve."""
+    """Addresses of the identifiers, in the namespaces of their controllers."""
     controllers = controller_addresses(case)
     return {c: Address(controllers[c].namespace, name) for c, name in identifier_names(case).items()}
 
 
 def supervisor_addresses(case: Case) -> dict[int, Address]:
-    """Places of the supervisors, beside the controllers that they supervise."""
+    """Addresses of the supervisors, in the namespaces of their controllers."""
     controllers = controller_addresses(case)
     return {c: Address(controllers[c].namespace, name) for c, name in supervisor_names(case).items()}
 
 
 class Speaker(NamedTuple):
-    """Whose setpoints act for a controller: its own, or those of its supervisor."""
+    """The node whose setpoints act for a controller: the controller itself or its supervisor."""
 
-    name: str  # as messages have it
-    place: str  # of its node, as seen from the graph's namespace
+    name: str  # node name as in messages
+    place: str  # node address relative to the graph's namespace
     topic: str
 
 
 def speakers(case: Case) -> dict[int, Speaker]:
-    """By the index of the controller; a fallback speaks to a supervisor alone."""
+    """By the index of the controller. Fallbacks are left out: they send setpoints only to a supervisor."""
     names, places, supervisors = controller_names(case), controller_addresses(case), supervisor_addresses(case)
     return {
         c: Speaker(supervisors[c].name, str(supervisors[c]), f"{supervisors[c]}/{SUPERVISED}")
@@ -91,15 +91,15 @@ def speakers(case: Case) -> dict[int, Speaker]:
 
 
 def acting(case: Case, c: int) -> int:
-    """The controller by whose name setpoints act on the devices of controller c: of a fallback another one's."""
+    """Index of the controller under whose name the setpoints of controller c act; differs for a fallback."""
     given = case.run.controllers[c].fallback_of
     return c if given is None else given
 
 
 def link_addresses(case: Case) -> list[Address]:
-    """Places of the links: the run's in the graph's namespace, a controller's own in one that no other node shares.
+    """Addresses of the links: the run's in the graph's namespace, a controller's own in a namespace of its own.
 
-    That is its controller's namespace, or one by its controller's name where others are in that, or there is none.
+    That is the controller's namespace, or one named after the controller if the namespace is shared or empty.
     """
     controllers = controller_addresses(case)
     crowd = Counter(address.namespace for address in controllers)
@@ -112,33 +112,33 @@ def link_addresses(case: Case) -> list[Address]:
 
 
 def recorded_topic(topic: str) -> str:
-    """The topic, in a replay, of what was recorded of one with setpoints."""
+    """Topic of the recorded setpoints in a replay."""
     return f"recorded/{topic}"
 
 
 def re_name(kind: str) -> str:
-    """A kind's name as a ROS name: letters, digits and underscores."""
+    """A kind's name with letters, digits and underscores only, as ROS names require."""
     return "".join(letter if letter.isalnum() else "_" for letter in kind)
 
 
 def served(case: Case, link: int) -> list[int]:
-    """The controllers that use a link, on the way up: those of them that are a fallback say nothing on the way down."""
+    """Controllers that receive from a link; fallbacks among them send nothing back over it."""
     return [c for c, used in enumerate(case.used_links) if used == link]
 
 
 def listeners(case: Case, link: int) -> int:
-    """How many nodes hear what a link delivers: controllers, their identifiers and supervisors."""
+    """Number of nodes that receive a link's deliveries: controllers, their identifiers and supervisors."""
     own = served(case, link)
     return len(own) + sum(c in own for c in [*identifier_names(case), *supervisor_names(case)])
 
 
 def asked_label(asked: dict[str, Any]) -> str:
-    """The same of a run as it was asked for, perhaps in part."""
+    """Label of a run by its `asked` fields, which may be partial."""
     return label(Run.model_validate(asked).model_dump())
 
 
 def label(run: dict[str, Any]) -> str:
-    """A short name of a run: system, scenario, controllers, links, and how it is measured where that is not ideal."""
+    """Short name of a run: system, scenario, controllers, links, and the measurement if not ideal."""
     links = [run["link"] if c.get("link") is None else c["link"] for c in run["controllers"]] or [run["link"]]
     parts = [
         [run["system"]],
@@ -152,7 +152,7 @@ def label(run: dict[str, Any]) -> str:
 
 
 def _word(given: Any) -> str:
-    """What was given by name, of a path its end; what stands inline by its own name, events by their kinds."""
+    """Short form of a value: a name, the end of a path, an inline item's `name`, the kinds of events."""
     if isinstance(given, list):
         return "+".join(dict.fromkeys(event["kind"] for event in given)) or "steady"
     if isinstance(given, str):

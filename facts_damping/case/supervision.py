@@ -1,4 +1,4 @@
-"""The supervision of a run: read, and checked with what it is to supervise."""
+"""Reads the supervision of a run and checks it against the controllers."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Run
 
-FOLDER = "supervision"  # below config
+FOLDER = "supervision"  # folder below config
 
 
 def read_supervision(run: Run, source: str, sets: dict[str, str] | None = None) -> Supervision | None:
-    """A run's supervision, by name or path, or inline; none where there is none."""
+    """A run's supervision by name, path or inline; None if it has none."""
     given = run.supervision
     if given is None:
         if run.arm_at is not None:
@@ -49,12 +49,12 @@ def read_supervision(run: Run, source: str, sets: dict[str, str] | None = None) 
 
 
 def reserves(run: Run) -> dict[int, int]:
-    """Places of the fallbacks, by the place of the controller that each stands in for."""
+    """Index of the fallback, by index of the controller that it replaces."""
     return {c.fallback_of: i for i, c in enumerate(run.controllers) if c.fallback_of is not None}
 
 
 def unsupervised(case: Case) -> Case:
-    """The same run without supervisors, and so without fallbacks and their links: what acts while all is well."""
+    """The same run without supervisors, fallbacks and the fallbacks' links: the normal control path."""
     if case.supervision is None:
         return case
     kept = [c for c, one in enumerate(case.run.controllers) if one.fallback_of is None]
@@ -71,7 +71,7 @@ def unsupervised(case: Case) -> Case:
 
 
 def check_fallbacks(case: Case, source: str, sets: dict[str, str] | None) -> None:
-    """A fallback stands in for one controller of its devices, by signals that are measured at these."""
+    """Check that a fallback replaces one controller, has its devices, and uses only signals measured at them."""
     rows = case.run.controllers
     for i, one in enumerate(rows):
         if one.fallback_of is None:
@@ -101,7 +101,7 @@ def check_fallbacks(case: Case, source: str, sets: dict[str, str] | None) -> Non
 
 
 def local_signals(system: System, devices: list[str]) -> list[str]:
-    """Signals of which all stations are at a bus of one of the devices, or measure what flows through it."""
+    """Signals whose stations are all at a bus of one of the devices or measure the flow through a device."""
     buses = {bus for name in devices for bus in _buses(system, name)}
     where = system.station_buses()
     at = {s.name for s in system.stations if where[s.name] in buses or set(s.branches) & set(devices)}
@@ -114,6 +114,6 @@ def _buses(system: System, device: str) -> list[str]:
 
 
 def ends(system: System) -> list[tuple[int, int]]:
-    """Stations, by their place, that measure at both ends of one line."""
+    """Pairs of stations, by index, that measure at the two ends of one line."""
     alone = {i: s.branches[0] for i, s in enumerate(system.stations) if len(s.branches) == 1}
     return [(a, b) for a, line in alone.items() for b, other in alone.items() if a < b and line == other]

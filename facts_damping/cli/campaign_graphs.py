@@ -1,7 +1,7 @@
-"""The draws of a fault campaign that are made as real graphs: their faults done to real nodes, beside runs in process.
+"""Runs draws of a fault campaign as real graphs, with faults in real nodes, and compares them with runs in process.
 
-Studies know no nodes, and nodes no studies: what a draw is comes from `studies.campaign`, what is done to its graph
-from `nodes.striking`, and here both are put together.
+Studies do not depend on nodes, nor nodes on studies: `studies.campaigns.campaign` defines a draw,
+`nodes.launching.fault_injection` injects its faults into a graph, and this module combines both.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
     from facts_damping.terminal import Progress
 
 JOURNAL, FOLDER = "graphs.jsonl", "graphs"
-AT_ONCE = 2  # graphs: each is five processes and more, by the clock if need be
+AT_ONCE = 2  # graphs at a time: each has five or more processes and may run in real time
 KEYS = "keys.yaml"
-_computing = Lock()  # runs in process share what they have built
+_computing = Lock()  # runs in process share what they compile
 SAME = ("time_ns", "delivered", "issued", "supervised", "supervision", "applied", "machines", "devices")
 
 
 def graphs(made: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict[str, Any]]:
-    """The rows of the draws that are made as graphs, the first of the campaign; only those that are not there yet.
+    """Rows of the draws that run as graphs, the first ones of the campaign; only missing ones are run.
 
-    Graphs for which something does not hold are kept below `folder`, and their runs written as files. Raises
-    `InputError` where the folder is another campaign's, `RunError` where the graphs cannot go on.
+    Graphs that violate a condition are kept below `folder`, with their runs as files. Raises `InputError` if the folder
+    belongs to another campaign, `RunError` if the graphs cannot continue.
     """
     from facts_damping.studies.campaigns import campaign
     from facts_damping.studies.sweeps.journal import Journal
@@ -65,22 +65,22 @@ def graphs(made: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict
 
 
 def holds(row: dict[str, Any]) -> bool:
-    """Whether all holds for a graph that must."""
+    """Whether a graph satisfies all required conditions."""
     from facts_damping.studies.campaigns import campaign_pages
 
     return campaign_pages.holds(row)
 
 
 def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool]) -> tuple[str, dict[str, Any]]:
-    """Key and row of a draw as a graph; one that fails is a row too, with the reason in `error`.
+    """Key and row of a draw run as a graph; if it fails, the row has the reason in `error`.
 
-    Each in a thread: graphs run in processes of their own, and share the one that nodes are copies of.
+    Runs in a thread of its own: graphs run in processes and share the one that nodes are forked from.
     """
     from facts_damping.studies.campaigns import campaign
 
     row: dict[str, Any] = {"number": number, "graph": True, "error": None}
     own = folder / FOLDER / str(number)
-    shutil.rmtree(own, ignore_errors=True)  # of one that was interrupted
+    shutil.rmtree(own, ignore_errors=True)  # left by an interrupted run
     try:
         drawn = campaign.draw(made, number, real=True)
         row |= campaign.identity(drawn)
@@ -95,7 +95,7 @@ def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool])
 
 
 def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
-    """A graph of a draw in a domain of its own, beside the same in process and beside no control."""
+    """Run a draw as a graph in its own domain, and also in process and without control."""
     from facts_damping.nodes.launching import fault_injection
     from facts_damping.studies.campaigns import campaign, faults
     from facts_damping.studies.campaigns.invariants import late_ticks
@@ -103,7 +103,7 @@ def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -
 
     real, lasts = faults.FAULTS[drawn.fault].real, drawn.chosen["lasts"]
     fault = fault_injection.GraphFault(real, drawn.start, float(lasts) if lasts else None)
-    # What a attacker says must change nothing: in lockstep no bit, by the clock no more than the clock does.
+    # An attacker's messages must change nothing: no bit in lockstep; in real time no more than timing does.
     paced = fault.kind in ("kill", "stop") or (fault.kind == "forge" and drawn.number % 2 == 1)
     mode, more = fault_injection.REALTIME if paced else fault_injection.LOCKSTEP, dict[str, Any]()
     if real.endswith("signed"):
@@ -111,7 +111,7 @@ def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -
         more["security"] = {"keys": str(folder / KEYS)}
     case = campaign.case_of(made, campaign.healthy(made, drawn) if real else drawn, more)
     with _computing:
-        computed = batch.closed_loop(case)  # whose kernels are there then for the nodes, too
+        computed = batch.closed_loop(case)  # also compiles the kernels that the nodes need
         reference = campaign.uncontrolled(made, drawn)
     with fault_injection.own_domain() as domain:
         struck = fault_injection.run_with_fault(case, mode, folder, fault, domain, wanted)
@@ -133,9 +133,9 @@ def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -
 
 
 def recorded(case: Case, struck: FaultedRun, _computed: Record, _paced: bool, kind: str) -> bool:
-    """All is recorded, up to the end or to the loss of synchronism; who does not come back may say nothing.
+    """Whether all is recorded, to the end or to the loss of synchronism.
 
-    Nor may those that it serves.
+    A node that does not come back may lack ticks, as may those that it serves.
     """
     record, away = struck.record, kind in ("kill", "stop") and struck.back_s is None
     notes = [note for note in record.notes if not (away and "ticks are missing" in note)]
@@ -144,7 +144,7 @@ def recorded(case: Case, struck: FaultedRun, _computed: Record, _paced: bool, ki
 
 
 def as_computed(_case: Case, struck: FaultedRun, computed: Record, paced: bool, _kind: str) -> bool | None:
-    """In lockstep the recording is the run in process, bit for bit."""
+    """Whether, in lockstep, the recording equals the run in process bit for bit."""
     if paced:
         return None
     pairs = ((getattr(struck.record, name), getattr(computed, name)) for name in SAME)
@@ -152,7 +152,7 @@ def as_computed(_case: Case, struck: FaultedRun, computed: Record, paced: bool, 
 
 
 def nothing_forged_acts(_case: Case, struck: FaultedRun, _computed: Record, _paced: bool, kind: str) -> bool | None:
-    """What acts is what supervisors passed on, and all that a attacker said was refused, by who records, too."""
+    """Whether only setpoints from supervisors act, and every attacker's message was refused, also by the recorder."""
     if kind != "forge":
         return None
     record, refused = struck.record, struck.outcome.messages_refused
@@ -168,4 +168,4 @@ OF_GRAPHS: dict[str, Callable[[Case, FaultedRun, Record, bool, str], bool | None
     "recorded": recorded,
     "as_computed": as_computed,
     "nothing_forged_acts": nothing_forged_acts,
-}  # by column: what must hold of graphs beside what must of records; None: not of this one
+}  # by column: conditions for graphs beside those for records; None: not applicable

@@ -1,4 +1,4 @@
-"""What the command `campaign` does: draws of what may fail, in process and as graphs; what holds, as a page."""
+"""The command `campaign`: draws of possible failures, in process and as graphs, and a page of results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def campaign(arguments: argparse.Namespace) -> None:
-    """Draws of what may fail in a deployment: what holds for each; those for which it does not are run files."""
+    """Run the draws of a campaign and check the conditions for each; violating draws are written as run files."""
     from facts_damping.studies.campaigns import campaign as study
     from facts_damping.studies.campaigns import campaign_pages as pages
     from facts_damping.studies.sweeps import results
@@ -48,7 +48,7 @@ def campaign(arguments: argparse.Namespace) -> None:
 
 
 def _carried_out(what: str, folder: Path, make: Callable[[Progress], list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """What a part of a campaign has found, with its progress shown."""
+    """Rows of one part of a campaign, with progress shown."""
     progress = Progress("campaign", what)
     try:
         return make(progress)

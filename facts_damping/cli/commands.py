@@ -1,4 +1,4 @@
-"""What each command of `facts-damping` takes."""
+"""Arguments of each command of `facts-damping`."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 
 class Add(Protocol):
-    """Adds a command."""
+    """Adds a command to the parser."""
 
     def __call__(self, name: str, function: str, text: str, *examples: str) -> argparse.ArgumentParser:
-        """Its name, the function that carries it out, what it does, and examples."""
+        """`function`: the function that carries it out; `text`: what it does."""
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """The parser of the command line."""
     top = options.Parser(
         prog="facts-damping",
         description="Wide-area damping control with FACTS devices: closed loops in process and as ROS 2 graphs.",

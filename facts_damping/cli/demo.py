@@ -1,4 +1,4 @@
-"""The main job, as `make demo` runs it: a deployment without control, with a lead-lag, and with far more delay."""
+"""The demonstration of `make demo`: a system without control, with a lead-lag, and with a much longer delay."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CASES = {
 
 
 def run_all(folder: Path) -> None:
-    """Run the three graphs in lockstep, put their figures side by side, plot them together, write their report."""
+    """Run the three graphs in lockstep; write the table, plots and report."""
     named = []
     for name, sets in CASES.items():
         case = loading.load_case(RUN, sets)
@@ -53,7 +53,7 @@ def run_all(folder: Path) -> None:
 
 
 def _newest(folder: Path) -> Path:
-    """A link to the newest folder, `results/demo`, or the folder itself where something else has that name."""
+    """Link `results/demo` to the newest folder; returns the folder if something else has that name."""
     link = folder.parent / "demo"
     if link.is_symlink():
         link.unlink()
@@ -64,7 +64,7 @@ def _newest(folder: Path) -> Path:
 
 
 def _place(name: str) -> str:
-    """Name of the folder of a run."""
+    """Folder name of a run."""
     return name.replace(",", "").replace(" ", "_")
 
 

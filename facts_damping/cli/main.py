@@ -1,5 +1,5 @@
 # PYTHON_ARGCOMPLETE_OK
-"""The command line of `facts-damping`: from what is typed to an exit status."""
+"""The command line of `facts-damping`: from arguments to an exit status."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from facts_damping.terminal import (
 if TYPE_CHECKING:
     import argparse
 
-# Matrices have some hundred rows: threads of OpenBLAS, which NumPy starts, gain nothing there, and where other work
-# holds the cores they wait for each other: eigenvalues of 150 states then took 87 times as long.
+# Matrices have a few hundred rows: NumPy's OpenBLAS threads gain nothing there. If other jobs hold the cores, the
+# threads wait for each other: eigenvalues of 150 states then took 87 times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# What is loaded stays: to look for garbage among it at every turn takes a tenth of a short command's time.
+# Loaded modules stay in memory; searching them for garbage takes a tenth of a short command's time.
 gc.set_threshold(50_000)
 
 DONE, FAILED, BAD_INPUT, DEGRADED = 0, 1, 2, 3
@@ -76,7 +76,7 @@ def _main(argv: list[str] | None) -> int:
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
-    """What is asked for; shells that complete what is typed are answered."""
+    """Parse the arguments; answers shell completion."""
     top = parser()
     if "_ARGCOMPLETE" in os.environ:
         import argcomplete
@@ -89,7 +89,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
 
 
 def _cannot_write(error: OSError) -> int:
-    """Say that a disk is full, or gone; what standard output still holds is not tried again."""
+    """Report a disk that is full or missing; the rest of standard output is dropped."""
     with suppress(OSError):
         sys.stdout.flush()
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -98,16 +98,16 @@ def _cannot_write(error: OSError) -> int:
 
 
 def _do(arguments: argparse.Namespace) -> None:
-    """What the command does: loaded now, so that `--help`, `--version` and what is mistyped are answered at once."""
+    """Carry out the command. Its module is loaded only now, so that `--help`, `--version` and typos answer fast."""
     from facts_damping.parameters import files
 
     if arguments.verbose:
-        os.environ[VERBOSE] = "1"  # of nodes and workers, too
+        os.environ[VERBOSE] = "1"  # for nodes and workers, too
     files.check_writable(arguments.json)
     if getattr(arguments, "nodes", False):
         from facts_damping.nodes.launching import forked
 
-        forked.load()  # what nodes need, while this process loads what it needs itself
+        forked.load()  # loads what nodes need while this process loads its own modules
     draws = hasattr(arguments, "width")
     set_picture_format(PictureFormat(arguments.format, arguments.width, arguments.font) if draws else PictureFormat())
     module, _, name = arguments.function.replace(":", ".").rpartition(".")

@@ -1,4 +1,4 @@
-"""What begins something of the user's own: a small folder to start from, a key."""
+"""The command `new`: creates a folder for a controller of the user's own, or a key."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from facts_damping.terminal import write_whole
 if TYPE_CHECKING:
     import argparse
 
-# Files of the folder, by the templates that they are of.
+# Files of the folder and their templates.
 FILES = {
     "controller.py.txt": "{name}.py",
     "run.yaml.txt": "run.yaml",
@@ -26,12 +26,12 @@ FILES = {
 
 
 def new(arguments: argparse.Namespace) -> None:
-    """A controller's folder, or a key."""
+    """Create a controller's folder or a key."""
     {"controller": _controller, "key": _key}[arguments.kind](arguments)
 
 
 def _key(arguments: argparse.Namespace) -> None:
-    """A new key for a graph."""
+    """Create a key for a graph."""
     if arguments.out is not None:
         raise InputError(f"--out {arguments.out}: given with a key; allowed: new key FILE.yaml")
     number, before = add_key(Path(arguments.name))
@@ -40,7 +40,7 @@ def _key(arguments: argparse.Namespace) -> None:
 
 
 def _controller(arguments: argparse.Namespace) -> None:
-    """A folder with a class, a run, a study, and a test that runs it in process and as a node."""
+    """Create a folder with a class, a run, a study, and a test that runs it in process and as a node."""
     name = arguments.name
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,40}", name):
         raise InputError(f"NAME: '{name}' given; allowed: small letters, digits and _, such as my_damper")

@@ -1,4 +1,4 @@
-"""What the commands of `facts-damping` take: the parser, types of values, options that several have."""
+"""Building blocks of the command line: the parser, types of values, shared options."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EXAMPLES = "examples:"
 
 
 class _Formatter(argparse.HelpFormatter):
-    """Keeps the lines of examples."""
+    """Keeps the line breaks of examples."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return text if text.startswith(EXAMPLES) else super()._fill_text(text, width, indent)
@@ -32,28 +32,28 @@ def told(examples: Sequence[str]) -> str:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, with what may have been meant."""
+    """A parser whose errors are one line, with a suggestion for typos."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(formatter_class=_Formatter, **given)
 
     def error(self, message: str) -> NoReturn:
-        """Raise it as `InputError`."""
+        """Raise `InputError` with the message."""
         raise InputError(_CHOICE.sub(_known, message))
 
     def options(self) -> list[str]:
-        """Its options, as they are typed."""
+        """Option strings of the command."""
         return [text for action in self._actions for text in action.option_strings]
 
 
 def _known(found: re.Match[str]) -> str:
-    """A wrong choice as the other errors have it."""
+    """A wrong choice in the style of the other errors."""
     names = [name.strip("' ") for name in found[2].split(",")]
     return f"'{found[1]}' given{meant(found[1], names)}; allowed: {', '.join(names)}"
 
 
 def refuse(unknown: Sequence[str], options: Sequence[str]) -> NoReturn:
-    """Raise `InputError` for arguments that a command does not have."""
+    """Raise `InputError` for arguments that the command does not have."""
     close = meant(unknown[0].partition("=")[0], options) if unknown[0].startswith("-") else ""
     if re.match(r"[a-z_]+[.\w]*=", unknown[0]):
         close = f" (did you mean --set {unknown[0]}?)"
@@ -61,14 +61,14 @@ def refuse(unknown: Sequence[str], options: Sequence[str]) -> NoReturn:
 
 
 def named(command: argparse.ArgumentParser, name: str, kind: str, more: str = "", nargs: str | None = None) -> None:
-    """What is given by a name under `config/`, or as a file of the user's."""
+    """Add an argument that is a name under `config/` or a file of the user's."""
     text = f"name under config/{kind}, or a YAML file{more}"
     action = command.add_argument(name, metavar=name.upper(), nargs=nargs, help=text)
     action.completer = lambda **_: _names(kind)  # type: ignore[attr-defined]
 
 
 def _names(kind: str) -> list[str]:
-    """What a shell completes."""
+    """Names for shell completion."""
     from facts_damping.parameters.files import shipped
 
     return list(shipped(kind))
@@ -77,7 +77,7 @@ def _names(kind: str) -> list[str]:
 def common(
     parser: argparse.ArgumentParser, *, sets: bool = True, of: str = "run", out: bool = True, json: bool = True
 ) -> None:
-    """Changes of fields (`of`: what they are), where results go, and JSON."""
+    """Add options to change fields (`of`: what they belong to), for the results' folder, and for JSON."""
     if sets:
         text = f"change a field of the {of}; repeatable"
         parser.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE", help=text)
@@ -90,7 +90,7 @@ def common(
 
 
 def pictures(command: argparse.ArgumentParser) -> None:
-    """How pictures are written, for a paper say."""
+    """Add options for the format of pictures."""
     command.add_argument("--format", choices=["png", "pdf", "svg"], default="png", help="of pictures; default: png")
     command.add_argument("--width", type=between(3.0, 50.0, " cm"), metavar="CM", help="of pictures; default: 23 cm")
     text = "size of usual text in pictures, points; default: 10"
@@ -98,50 +98,50 @@ def pictures(command: argparse.ArgumentParser) -> None:
 
 
 def profile(command: argparse.ArgumentParser, default: str | None = None) -> None:
-    """The profile of all runs."""
+    """Add an option for the profile of all runs."""
     text = f"of all runs: thesis, deployment, or a YAML file; default: {default or 'as they say'}"
     command.add_argument("--profile", default=default, metavar="NAME", help=text)
 
 
 def check_step(command: argparse.ArgumentParser) -> None:
-    """Whether the step is halved, too."""
+    """Add an option to check convergence with half the step."""
     text = "run also with half the integration step; say which figures hold"
     command.add_argument("--check-step", action="store_true", help=text)
 
 
 def supervised(command: argparse.ArgumentParser) -> None:
-    """A supervisor beside each controller."""
+    """Add an option for a supervisor of each controller."""
     text = "a supervisor beside each controller: name under config/supervision, or a YAML file; default: standard"
     command.add_argument("--supervised", nargs="?", const="", metavar="PRESET", help=text)
 
 
 def digested(command: argparse.ArgumentParser) -> None:
-    """The number that tells whether two runs are the same."""
+    """Add an option to print the digest, which is equal for identical runs."""
     text = "also print the digest: the same number for the same signals, to the last bit, on any processor"
     command.add_argument("--digest", action="store_true", help=text)
 
 
 def jobs(command: argparse.ArgumentParser) -> None:
-    """How many runs at once."""
+    """Add an option for the number of parallel runs."""
     command.add_argument(
         "--jobs", type=COUNT, default=os.cpu_count() or 1, metavar="N", help="how many runs at once; default: all cores"
     )
 
 
 def scheduler(command: argparse.ArgumentParser) -> None:
-    """A cluster that makes the runs."""
+    """Add an option for a cluster that makes the runs."""
     text = "address of a Dask scheduler, whose cluster makes the runs"
     command.add_argument("--scheduler", metavar="ADDRESS", help=text)
 
 
 def timeout(command: argparse.ArgumentParser) -> None:
-    """How long a node may be silent."""
+    """Add an option for the longest silence of a node."""
     text = "longest wait for a silent node; default: 5 s"
     command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help=text)
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
-    """What takes a whole number within bounds."""
+    """Type of an option: a whole number within bounds."""
 
     def take(text: str) -> int:
         if not text.isdecimal() or not low <= int(text) <= high:
@@ -152,7 +152,7 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
 
 def pair(text: str) -> tuple[float, float]:
-    """Two numbers with a comma between."""
+    """Two numbers separated by a comma."""
     try:
         first, second = map(float, text.split(","))
     except ValueError as error:
@@ -161,7 +161,7 @@ def pair(text: str) -> tuple[float, float]:
 
 
 def between(low: float, high: float, unit: str = "") -> Callable[[str], float]:
-    """What takes a number within bounds."""
+    """Type of an option: a number within bounds."""
 
     def take(text: str) -> float:
         try:

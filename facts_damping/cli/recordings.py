@@ -1,4 +1,4 @@
-"""What the commands for recordings do beyond analysis: replay and export."""
+"""The commands `replay` and `export`."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
-CASE = ".m"  # a MATPOWER case
+CASE = ".m"  # suffix of a MATPOWER case
 
 
 def replay(arguments: argparse.Namespace) -> None:
-    """A recording's delivered frames, once more into its controllers, or into others."""
+    """Feed a recording's delivered frames into its controllers again, or into others."""
     from facts_damping.analysis import releases
     from facts_damping.recording.reader import load
 
@@ -75,7 +75,7 @@ def replay(arguments: argparse.Namespace) -> None:
 
 
 def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str]) -> None:
-    """Notes on standard error; verdict, and of other setpoints the table."""
+    """Print notes on standard error, the verdict and, if setpoints differ, their table."""
     from facts_damping.analysis import releases
     from facts_damping.analysis.plotting import shadow
 
@@ -101,7 +101,7 @@ def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str
 
 
 def _other_versions(recorded: dict[str, str], replayed: dict[str, str]) -> list[str]:
-    """In what the software differs that recorded, where that is known: a line."""
+    """A line that lists differences in software versions from the recording, if these are known."""
     other = [(name, recorded[name], now) for name, now in replayed.items() if recorded.get(name, now) != now]
     told = ", ".join(f"{name} {before}, here {now}" for name, before, now in other)
     return [f"recorded with {told}"] if other else []
@@ -110,7 +110,7 @@ def _other_versions(recorded: dict[str, str], replayed: dict[str, str]) -> list[
 def _in_process(
     _arguments: argparse.Namespace, case: Case, played: Record, _folder: Path | None
 ) -> tuple[Played, None]:
-    """What the compiled steps say."""
+    """Replay with the compiled steps in this process."""
     progress = Progress("replay")
     try:
         return again.play(case, played, progress), None
@@ -119,13 +119,13 @@ def _in_process(
 
 
 def _by_nodes(arguments: argparse.Namespace, case: Case, played: Record, folder: Path | None) -> tuple[Played, str]:
-    """What the nodes say, and the recording of the graph."""
+    """Replay with nodes; returns the result and the recording of the graph."""
     from facts_damping.nodes.launching import graph
     from facts_damping.recording import seal
 
     if played.ticks[0] > 0:
         raise InputError(f"--nodes: a recording from tick {played.ticks[0]} on given; allowed: one from tick 0 on")
-    loop.build_loop(case, outside=True)  # bad input is refused before anything starts
+    loop.build_loop(case, outside=True)  # refuses bad input before anything starts
     progress = Progress("replay")
     try:
         outcome = graph.run(
@@ -150,7 +150,7 @@ def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], f
 
 
 def export(arguments: argparse.Namespace) -> None:
-    """All signals of a recording, a row a tick; or a system as a MATPOWER case."""
+    """Write all signals of a recording, one row per tick; or a system as a MATPOWER case."""
     from facts_damping.recording.export import KINDS, write
     from facts_damping.recording.reader import load
 
@@ -169,7 +169,7 @@ def export(arguments: argparse.Namespace) -> None:
 
 
 def _export_case(arguments: argparse.Namespace, path: Path) -> None:
-    """A system as a MATPOWER case, a function of the file's name."""
+    """Write a system as a MATPOWER case: a function named after the file."""
     from facts_damping.case import loading, matpower_case
 
     if not matpower_case.NAME.fullmatch(path.stem) or path.stem in matpower_case.KEYWORDS:

@@ -1,4 +1,4 @@
-"""What the commands for one run or system do, each from the parsed command line (studies: studies.py)."""
+"""Commands for one run or system (for studies see studies.py)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
     from facts_damping.simulation.policies import StepTimes
 
-FREE = "no_control"  # in the place of a recording: the same run without it
+FREE = "no_control"  # stands for a recording: the same run without control
 
 
 def out_folder(arguments: argparse.Namespace, name: str) -> Path:
@@ -35,18 +35,18 @@ def out_folder(arguments: argparse.Namespace, name: str) -> Path:
     if arguments.out is not None:
         return Path(arguments.out)
     begun = f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
-    numbered = (Path("results") / (begun if k == 1 else f"{begun}-{k}") for k in count(1))  # several in a second
+    numbered = (Path("results") / (begun if k == 1 else f"{begun}-{k}") for k in count(1))  # for several in one second
     return next(folder for folder in numbered if not folder.exists())
 
 
 def say(arguments: argparse.Namespace, text: str) -> None:
-    """Tell the user, unless standard output belongs to JSON."""
+    """Print text unless standard output is used for JSON."""
     if arguments.json != "-":
         show(text)
 
 
 def summarise(record: Record, wall_s: float | None, recording: str | None, method: str = "auto") -> dict[str, Any]:
-    """The JSON of a run (docs/results_json.md)."""
+    """JSON summary of a run (docs/results_json.md)."""
     from facts_damping.analysis import summary
 
     told = {"digest": digest(record), "versions": record.versions, "wall_s": wall_s, "recording": recording}
@@ -54,7 +54,7 @@ def summarise(record: Record, wall_s: float | None, recording: str | None, metho
 
 
 def plot(records: Sequence[tuple[str, Record]], folder: Path) -> list[Path]:
-    """Plots of speeds, tie flow and injected voltage as PNG."""
+    """Plot speeds, tie flow and injected voltage as PNG."""
     from facts_damping.analysis.plotting.plots import plot_comparison
 
     return plot_comparison(records, folder)
@@ -67,7 +67,7 @@ def _report(
     folder: Path | None,
     *more: str,
 ) -> None:
-    """Files first, the table on the terminal after them: a reader that closes its end loses no result."""
+    """Write files first, then print the table: a closed pipe then loses no result."""
     from facts_damping.analysis.summary import table
     from facts_damping.findings import findings, names_of_seeds
 
@@ -91,7 +91,7 @@ def _report(
 def _digest_lines(
     arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]]
 ) -> list[str]:
-    """The digest of each run, where it is asked for."""
+    """The digest of each run, if asked for."""
     if not getattr(arguments, "digest", False):
         return []
     several = len(named) > 1
@@ -101,7 +101,7 @@ def _digest_lines(
 
 
 def _told_steps(took: Mapping[str, StepTimes]) -> dict[str, Any]:
-    """How long steps of programs took, for JSON; nothing where there are none."""
+    """Durations of programs' steps, for JSON; empty if there are none."""
     return {"step_times": {name: times._asdict() for name, times in took.items()}} if took else {}
 
 
@@ -110,7 +110,7 @@ def _step_lines(took: Mapping[str, StepTimes]) -> list[str]:
 
 
 def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome | None = None) -> None:
-    """Raise `DegradedError` where a run ended, but not well; `outcome`: of its graph."""
+    """Raise `DegradedError` if a run ended but was degraded; `outcome`: of its graph."""
     from facts_damping.analysis.releases import by_cause, joined_text, released_text
     from facts_damping.analysis.supervision import tripped_texts
 
@@ -122,7 +122,7 @@ def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome
         refused = [
             (cause, count)
             for (_, cause, topic, _), count in outcome.messages_refused.items()
-            if topic != "/diagnostics"  # there anybody may speak, only not for this graph
+            if topic != "/diagnostics"  # other programs may publish there
         ]
         flaws += [f"refused messages: {by_cause(refused)}"] if refused else []
         flaws += [f"the recorder lost {outcome.messages_lost} messages"] if outcome.messages_lost else []
@@ -132,7 +132,7 @@ def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome
 
 
 def simulate(arguments: argparse.Namespace) -> None:
-    """One closed loop in process."""
+    """Run one closed loop in process."""
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     began = time.perf_counter()
     built = loop.build_loop(case)
@@ -155,12 +155,12 @@ def simulate(arguments: argparse.Namespace) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """The same loop as a ROS 2 graph."""
+    """Run the same loop as a ROS 2 graph."""
     from facts_damping.analysis import summary  # noqa: F401 (while what nodes need is loaded, too)
     from facts_damping.nodes.launching import graph
 
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
-    loop.build_loop(case, outside=True)  # bad input is refused before anything starts
+    loop.build_loop(case, outside=True)  # refuses bad input before anything starts
     name = label(case.summary())
     folder = out_folder(arguments, name)
     progress = Progress(name)
@@ -180,7 +180,7 @@ def tell_graph(
     folder: Path,
     more: Callable[[Record], tuple[dict[str, Any], list[str]]] | None = None,
 ) -> None:
-    """What a graph left: JSON, table, pictures; `more`: to be told of its record, and lines of it."""
+    """Report a graph's results: JSON, table, pictures; `more`: further results from its record, with their lines."""
     from facts_damping.recording import seal
 
     record = seal(outcome.recording)
@@ -196,7 +196,7 @@ def tell_graph(
 
 
 def analyze(arguments: argparse.Namespace) -> None:
-    """Figures and plots of recordings."""
+    """Print figures and make plots of recordings."""
     from facts_damping.analysis import details
     from facts_damping.findings import names, without_control
     from facts_damping.recording.reader import load
@@ -234,7 +234,7 @@ def analyze(arguments: argparse.Namespace) -> None:
 def _distributions(
     arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]], folder: Path
 ) -> list[str]:
-    """Time-frequency pictures, where they are asked for: a line each."""
+    """Draw time-frequency pictures if asked for; one line each."""
     if arguments.spwvd is None:
         return []
     from facts_damping.analysis.plotting.time_frequency_plots import Settings, distribution_figures, save
@@ -256,7 +256,7 @@ def _distributions(
 def page(
     arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]], baseline: int
 ) -> list[str]:
-    """The report, where it is asked for: a line that says where it is."""
+    """Write the report if asked for; a line with its path."""
     if arguments.report is None:
         return []
     from facts_damping import report
@@ -266,7 +266,7 @@ def page(
 
 
 def views(arguments: argparse.Namespace) -> None:
-    """Layouts for Foxglove and PlotJuggler of a run or of a recording, and that one by simulated time."""
+    """Write layouts for Foxglove and PlotJuggler of a run or recording, and the recording in simulated time."""
     from facts_damping.recording import in_simulated_time, origin
     from facts_damping.views import layouts
 
@@ -289,7 +289,7 @@ def views(arguments: argparse.Namespace) -> None:
 
 
 def _explained(record: Record, path: str, run: str | None) -> Record:
-    """The record; where it holds no run (`ros2 bag record` keeps none), with that of a name or file."""
+    """The record; if it holds no run (`ros2 bag record` stores none), with the run of a name or file."""
     if record.configuration or run is None:
         check_has_run(record, path)
         return record
@@ -297,7 +297,7 @@ def _explained(record: Record, path: str, run: str | None) -> Record:
 
 
 def modes(arguments: argparse.Namespace) -> None:
-    """Power flow, eigenvalues, mode shapes and residues of a system at its start."""
+    """Power flow, eigenvalues, mode shapes and residues of a system at its initial state."""
     from facts_damping.small_signal import linear_plant, modal_analysis
 
     files.check_writable(arguments.linear, "--linear", standard=False)
@@ -316,7 +316,7 @@ def modes(arguments: argparse.Namespace) -> None:
 
 
 def validate(arguments: argparse.Namespace) -> None:
-    """The plant against published figures, other programs, analytic solutions and finer steps."""
+    """Check the plant against published figures, other programs, analytic solutions and finer steps."""
     from facts_damping.validation import report, table
 
     files.check_writable(arguments.out, "--out")
@@ -339,7 +339,7 @@ def validate(arguments: argparse.Namespace) -> None:
 
 
 def list_(arguments: argparse.Namespace) -> None:
-    """What there is: systems, scenarios, controllers, links, supervision, monitors."""
+    """List systems, scenarios, controllers, links, supervision and monitors."""
     heads = ["name", "description"]
     if arguments.kind == "controllers":
         rows = _controllers()
@@ -359,14 +359,14 @@ def list_(arguments: argparse.Namespace) -> None:
 
 
 def _cell(value: Any) -> str:
-    """A value in a table on the terminal."""
+    """Text of a value in a table."""
     if isinstance(value, list):
         return ", ".join(value)
     return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _controllers() -> list[dict[str, Any]]:
-    """The table of controllers: a single signal, a single device."""
+    """The table of controllers, for a single signal and a single device."""
     from facts_damping.control.bank import RULES
     from facts_damping.control.table import CONTROLLERS
     from facts_damping.neurofuzzy.network import counted
@@ -387,14 +387,14 @@ def _controllers() -> list[dict[str, Any]]:
 
 
 def _monitors() -> list[dict[str, Any]]:
-    """The table of monitors, as it is without a run that says otherwise."""
+    """The table of monitors with default values."""
     from facts_damping.monitor_table import MONITORS
 
     return [{"name": name, **row._asdict()} for name, row in MONITORS.items()]
 
 
 def import_(arguments: argparse.Namespace) -> None:
-    """A system's file from a MATPOWER or a PSS/E case."""
+    """Write a system file from a MATPOWER or PSS/E case."""
     from facts_damping.case.control_limits import widened
     from facts_damping.grid_formats import matpower, psse
     from facts_damping.grid_formats.text import document

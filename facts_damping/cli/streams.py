@@ -1,4 +1,4 @@
-"""What the commands for streams of synchrophasors do."""
+"""The commands for synchrophasor streams."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def pmu_serve(arguments: argparse.Namespace) -> None:
-    """The stations of a recording as PMUs, or as a concentrator's stream, at its own pace."""
+    """Serve the stations of a recording as PMUs, or as one concentrator, at the recorded pace."""
     from facts_damping.recording.reader import load
 
     record = load(arguments.recording)
@@ -65,7 +65,7 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
 
 
 def pmu_listen(arguments: argparse.Namespace) -> None:
-    """What servers send; with a run, its controllers on their streams, in shadow."""
+    """Print data of servers; with a run, operate its controllers on the streams in shadow mode."""
     streams = read_streams(arguments.streams)
     if arguments.run is not None:
         _in_shadow(arguments)
@@ -86,11 +86,11 @@ def pmu_listen(arguments: argparse.Namespace) -> None:
 
 
 def _in_shadow(arguments: argparse.Namespace) -> None:
-    """The nodes of a run but for its plant, for which streams stand; they are recorded."""
+    """Run a case's nodes, with streams in place of the plant, and record them."""
     from facts_damping.nodes.launching import graph
 
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
-    if case.supervision is not None:  # its supervisors stay in shadow
+    if case.supervision is not None:  # the supervisors stay in shadow
         case = loading.load_case(arguments.run, [*arguments.set, "arm_at=null"], arguments.supervised)
     name = label(case.summary())
     folder, progress = out_folder(arguments, f"shadow-{name}"), Progress(name)
@@ -102,7 +102,7 @@ def _in_shadow(arguments: argparse.Namespace) -> None:
 
 
 def _received(case: Case, record: Record) -> tuple[dict[str, Any], list[str]]:
-    """How many frames each station sent, and what each controller would have done; lines of it."""
+    """Number of frames from each station, and the output that each controller would have had; with lines of text."""
     there = record.measured_ns != LOST
     stations = {
         name: {"frames": int(there[:, s].sum()), "absent": int((~there[:, s]).sum())}

@@ -1,4 +1,4 @@
-"""What the commands that make many runs do: tune and search, sweep, reproduce and others."""
+"""The commands that make many runs: tune, search, sweep, reproduce and others."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def tune(arguments: argparse.Namespace) -> None:
-    """Choose the controllers' parameters on a system's training scenario, all by the same search and budget."""
+    """Choose controllers' parameters on a system's training scenario, with the same search and budget for all."""
     from facts_damping.studies.search import tune as study
 
     files.check_writable(arguments.out, "--out")
@@ -85,7 +85,7 @@ def design(arguments: argparse.Namespace) -> None:
 
 
 def search(arguments: argparse.Namespace) -> None:
-    """Choose a controller and its parameters on training cases alone: all pairs, schemes, devices, compensations."""
+    """Choose a controller and its parameters on training cases: all pairs, schemes, devices, compensations."""
     from facts_damping.studies.search import search as study
     from facts_damping.studies.search import search_pages as pages
     from facts_damping.studies.search.tune import document
@@ -123,7 +123,7 @@ def search(arguments: argparse.Namespace) -> None:
 
 
 def sweep(arguments: argparse.Namespace) -> None:
-    """Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."""
+    """Run a study in parallel: table, delay margins, pictures; continues after an interruption."""
     from facts_damping.studies.sweeps import point_figures, results, sweep_plots, tables
     from facts_damping.studies.sweeps import sweep as study
 
@@ -159,7 +159,7 @@ def sweep(arguments: argparse.Namespace) -> None:
 
 
 def _check_report(path: str | None, plan: Plan, folder: Path) -> None:
-    """Raise `InputError` where the runs of a study cannot stand on one page, or where that cannot be written."""
+    """Raise `InputError` if a study's runs do not fit on one page, or the page cannot be written."""
     from facts_damping.analysis.plotting.plots import COLOURS
 
     if path is None:
@@ -174,7 +174,7 @@ def _check_report(path: str | None, plan: Plan, folder: Path) -> None:
 
 
 def _report(arguments: argparse.Namespace, plan: Plan) -> None:
-    """One page with the runs of a study side by side, each named by what differs; they are made again."""
+    """Write one page that compares the runs of a study, each named by what differs; the runs are made again."""
     if arguments.report is None:
         return
     from facts_damping.analysis import details

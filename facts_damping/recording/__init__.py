@@ -1,4 +1,4 @@
-"""MCAP in and out, in the folder layout of rosbag2: no other part of the package reads or writes bags."""
+"""Reads and writes MCAP in the folder layout of rosbag2. No other part of the package reads or writes bags."""
 
 from facts_damping.recording.reader import load, origin
 from facts_damping.recording.recover import recover

@@ -1,4 +1,4 @@
-"""The `metadata.yaml` of a recording's folder, version 9 as ROS 2 Jazzy and later write it."""
+"""The `metadata.yaml` of a recording's folder: format version 9, as ROS 2 Jazzy and later write it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 VERSION = 9
 FILE_NAME = "metadata.yaml"
-INFORMATION, CUSTOM, DIGEST = "rosbag2_bagfile_information", "custom_data", "digest"  # keys in it
+INFORMATION, CUSTOM, DIGEST = "rosbag2_bagfile_information", "custom_data", "digest"  # keys in metadata.yaml
 
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
-# Quality of service under which everything is recorded: only the emulated link may lose data.
+# QoS of every recorded topic: only the emulated link may lose data.
 RELIABLE = {
     "history": "keep_all",
     "depth": 0,
@@ -52,8 +52,8 @@ def bag_information(
 ) -> dict[str, Any]:
     """Content of `rosbag2_bagfile_information`.
 
-    `counts`: messages a topic; `span`: log time of the first and the last message, ns; `custom`: free
-    text by key. The compression fields stay empty: chunks are compressed inside the MCAP file.
+    `counts`: messages per topic; `span`: log times of the first and last message, ns; `custom`: free text by key.
+    The compression fields stay empty because chunks are compressed inside the MCAP file.
     """
     start = {"nanoseconds_since_epoch": span[0]}
     duration = {"nanoseconds": span[1] - span[0]}
@@ -88,7 +88,7 @@ def _topic(topic: TopicInfo, count: int) -> dict[str, Any]:
 
 
 def _profiles(text: str) -> Any:
-    """Offered QoS profiles as another recorder wrote them; none where that cannot be read."""
+    """Offered QoS profiles as another recorder wrote them; empty if unreadable."""
     try:
         return parse(text) or []
     except UNREADABLE:
@@ -96,12 +96,12 @@ def _profiles(text: str) -> Any:
 
 
 class _PlainDumper(yaml.CSafeDumper):
-    """YAML without anchors, which not every reader of a bag understands."""
+    """Writes YAML without anchors, which some bag readers do not understand."""
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (PyYAML's signature)
         return True
 
 
 def dump(content: Any) -> str:
-    """YAML text in block style, keys in the order given."""
+    """YAML text in block style; keys keep their order."""
     return str(yaml.dump(content, Dumper=_PlainDumper, sort_keys=False, default_flow_style=False))

@@ -1,4 +1,4 @@
-"""Chunks of MCAP files, unpacked within bounds: a few bytes must not fill the memory."""
+"""Unpacks chunks of MCAP files within bounds, so that a few bytes cannot fill the memory."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from facts_damping.errors import RecordingError
 if TYPE_CHECKING:
     from mcap.records import Chunk, McapRecord
 
-ROOM = 4 << 20  # bytes that the chunks of any file may unpack to,
-RATIO = 30  # and so many for each byte of the file up to them: recordings of a graph take 3 to 10
-HEAD = Struct("<BQ")  # of a record: opcode, length of its content
-INSIDE = frozenset((Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE))  # all that a chunk holds, by the format
+ROOM = 4 << 20  # bytes that the chunks of any file may unpack to
+RATIO = 30  # more bytes per byte of the file up to the chunk's end; recordings of a graph take 3 to 10
+HEAD = Struct("<BQ")  # of a record: opcode, length of content
+INSIDE = frozenset((Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE))  # kinds of record that a chunk may hold
 
 
-PLAIN = frozenset((Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHUNK_INDEX))  # of which a recording has any number
-MOST_OTHERS, OTHERS_A_CHUNK = 10_000, 200  # other records: an index a channel of each chunk, a schema a type, ...
+PLAIN = frozenset((Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHUNK_INDEX))  # kinds that a recording has in any number
+MOST_OTHERS, OTHERS_A_CHUNK = 10_000, 200  # limits for other records: indices of channels in chunks, schemas, ...
 
 
 def check_counts(data: bytes, name: str) -> None:
-    """Raise RecordingError for a file of more records than one has, before they are read: a second takes a million."""
+    """Raise RecordingError, before reading, if a file has too many records: a million take one second to read."""
     at, others, allowed = len(MCAP0_MAGIC), 0, MOST_OTHERS
     while at + HEAD.size <= len(data):
         opcode, length = HEAD.unpack_from(data, at)
@@ -40,27 +40,27 @@ def check_counts(data: bytes, name: str) -> None:
 
 
 class UnpackLimit:
-    """How many bytes the chunks of a file may unpack to."""
+    """Limits the number of bytes that the chunks of a file may unpack to."""
 
     def __init__(self) -> None:
         self._taken = 0
 
     def has(self, chunk: Chunk, end: int) -> bool:
-        """Whether there is room for a chunk, which then counts; `end`: where it ends in the file."""
+        """Whether a chunk fits; if so, its size is counted. `end`: byte of the file at which it ends."""
         fits = self._taken + chunk.uncompressed_size <= ROOM + RATIO * end
         self._taken += chunk.uncompressed_size if fits else 0
         return fits
 
 
 def unpack(chunk: Chunk) -> list[McapRecord]:
-    """Records in a chunk, which fits its checksum. Raises ValueError, or what the libraries have for damage."""
+    """Records in a chunk, checksum verified. Raises ValueError, or the libraries' own errors if damaged."""
     data = _plain(chunk)
     _check_kinds(data)
     return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
 
 
 def _check_kinds(data: bytes) -> None:
-    """Refuse what is no record of a chunk before any is read: a million empty ones fit into a few bytes."""
+    """Raise ValueError, before reading, if a chunk may not hold a record's kind: a few bytes can pack a million."""
     at = 0
     while at < len(data):
         opcode, length = HEAD.unpack_from(data, at)
@@ -70,7 +70,7 @@ def _check_kinds(data: bytes) -> None:
 
 
 def _plain(chunk: Chunk) -> bytes:
-    """The data of a chunk, as large as it says. Raises as `unpack` does."""
+    """Unpacked data of a chunk; its size must be as stated. Raises as `unpack` does."""
     size = chunk.uncompressed_size
     if chunk.compression == "zstd":
         told = zstandard.get_frame_parameters(chunk.data).content_size

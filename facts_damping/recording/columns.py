@@ -1,8 +1,8 @@
-"""CDR messages by the column: of many messages with the same strings and lengths each number is one array.
+"""Decodes CDR messages column-wise: messages with the same strings and lengths yield one array per number.
 
-An hour of recording is more than a million messages, and one by one they take minutes. But from tick to tick only the
-numbers change, so that they stand at the same places (plain CDR, DDS-XTypes 1.3, 7.4.1: a primitive is aligned to its
-size, counted after the four bytes of encapsulation).
+An hour of recording has more than a million messages; decoding them one by one takes minutes. From tick to tick only
+numbers change, so they stay at the same offsets (plain CDR, DDS-XTypes 1.3, 7.4.1: a primitive is aligned to its size,
+counted after the four bytes of encapsulation).
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-HEADER = 4  # bytes of encapsulation before the stream
+HEADER = 4  # bytes of encapsulation at the start of a message
 FORMATS = {
     "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4",
     "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 SIZES = {form: np.dtype(form).itemsize for form in FORMATS.values()}
-PASSES = 30  # layouts that are looked for in all messages of a length before each is laid out by itself
+PASSES = 30  # layouts to compare with all messages of one length; the remaining messages are then parsed one by one
 
 
 class Block(NamedTuple):
-    """Messages that differ in their numbers only: their places in a list (n,), and all of them as one message.
+    """Messages that differ only in their numbers: their places in a list, (n,), and all of them as one message.
 
-    The message has the fields of its type. A number is an array (n,); strings and sequences are as in one message.
+    The message has the fields of its type. A number is an array (n,); strings and sequences are as in a single message.
     """
 
     rows: NDArray[np.int64]
@@ -39,9 +39,9 @@ class Block(NamedTuple):
 
 
 def blocks(data: Sequence[bytes], fields: Mapping[str, Any], message_type: str) -> tuple[list[Block], int]:
-    """Blocks of messages of one type, in the order in which each first appears; how many are no such message.
+    """Blocks of messages of one type, in order of first appearance, and the number of messages left out as invalid.
 
-    `fields`: what each type consists of, as `rosbags` has it. Places count without those that are left out.
+    `fields`: fields of each type, as `rosbags` gives them. Places do not count messages that are left out.
     """
     lengths = np.array([len(one) for one in data], np.int64)
     found: list[Block] = []
@@ -54,13 +54,13 @@ def blocks(data: Sequence[bytes], fields: Mapping[str, Any], message_type: str) 
 
 
 def counted(found: list[Block]) -> list[Block]:
-    """Blocks whose places count without those that are in none of them."""
+    """Blocks renumbered so that places have no gaps."""
     places = np.sort(np.concatenate([one.rows for one in found])) if found else np.zeros(0, np.int64)
     return [one._replace(rows=np.searchsorted(places, one.rows)) for one in found]
 
 
 def kept(block: Block, rows: NDArray[np.int64]) -> Block:
-    """A block with other places; messages whose place is negative are left out."""
+    """A block with new places `rows`; messages with a negative place are left out."""
     keep = rows >= 0
     return Block(rows[keep], block.message if keep.all() else _kept(block.message, keep))
 
@@ -74,7 +74,7 @@ def _kept(value: Any, keep: NDArray[np.bool_]) -> Any:
 
 
 def _alike(stacked: NDArray[np.uint8], fields: Mapping[str, Any], message_type: str) -> Iterator[NDArray[np.int64]]:
-    """Parts of messages of one length (n, length) that have the same layout: their indices; odd ones are in none."""
+    """Group messages of one length, (n, length), by layout. Yields indices; invalid messages are left out."""
     left, passes = np.arange(len(stacked)), 0
     while len(left) and passes < PASSES:
         shape = _shape(stacked[left[0]], fields, message_type)
@@ -94,7 +94,7 @@ def _alike(stacked: NDArray[np.uint8], fields: Mapping[str, Any], message_type: 
 
 
 def _shape(message: NDArray[np.uint8], fields: Mapping[str, Any], message_type: str) -> NDArray[np.int64] | None:
-    """Places of the bytes that make out a message's layout: encapsulation, strings and lengths; none for an odd one."""
+    """Offsets of the bytes that define the layout: encapsulation, strings and lengths; None for an invalid message."""
     try:
         walk = Walk(message[np.newaxis], fields, numbers=False)
         walk.read(message_type)
@@ -104,16 +104,17 @@ def _shape(message: NDArray[np.uint8], fields: Mapping[str, Any], message_type: 
 
 
 class Walk:
-    """Reads messages of one layout (n, length) from their beginning, field by field.
+    """Reads messages of one layout, (n, length), field by field.
 
-    `shape`: places of the bytes that make out the layout: encapsulation, strings and lengths; `places`: offset and
-    format of every number by its path ("frames.0.tick"); `end`: behind the last field. All count from the first byte.
+    `shape`: offsets of the bytes that define the layout: encapsulation, strings and lengths; `places`: offset and
+    format of each number by its path ("frames.0.tick"); `end`: offset behind the last field read. Offsets count from
+    byte 0.
     """
 
     def __init__(self, stacked: NDArray[np.uint8], fields: Mapping[str, Any], *, numbers: bool = True) -> None:
-        """`numbers`: whether they are wanted, or their places alone."""
+        """`numbers`: whether to read the numbers or only find their offsets."""
         self._stacked, self._fields, self.end, self._numbers = stacked, fields, HEADER, numbers
-        self._messages = 0  # in it
+        self._messages = 0  # number read, nested ones included
         self.shape = [np.arange(HEADER)]
         self.places: dict[str, tuple[int, str]] = {}
         if stacked.shape[1] < HEADER or stacked[0, 0] != 0 or stacked[0, 1] > 1:
@@ -122,7 +123,7 @@ class Walk:
         self._swapped = (self._order == "<") != (sys.byteorder == "little")
 
     def read(self, message_type: str, path: str = "") -> SimpleNamespace:
-        """A message of that type, which begins here; `path`: of the field that it is."""
+        """Message of that type at the current position; `path`: path of its field, with a final dot."""
         self._messages += 1
         if self._messages > self._stacked.shape[1]:
             raise ValueError("a message has more parts than bytes")
@@ -143,7 +144,7 @@ class Walk:
         return [self._value(item, f"{path}.{i}") for i in range(several)]
 
     def _number(self, form: str, path: str) -> Any:
-        """A number of each message."""
+        """One number of each message, (n,)."""
         size = SIZES[form]
         begin = self._pass(size, size)
         self.places[path] = (begin, form)
@@ -153,7 +154,7 @@ class Walk:
         return taken.astype(form) if self._swapped else taken
 
     def _length(self) -> int:
-        """A length, the same in all messages; nothing that it counts takes less than a byte."""
+        """Length, the same in all messages. ValueError if it exceeds the bytes left: each item takes at least one."""
         begin = self._pass(4, 4)
         length = int.from_bytes(self._first[begin : self.end], "little" if self._order == "<" else "big")
         if length > len(self._first) - self.end:
@@ -171,7 +172,7 @@ class Walk:
         return str(text[:-1], "utf-8")
 
     def _pass(self, size: int, aligned: int) -> int:
-        """Pass over the next bytes; where they begin."""
+        """Skip the next `size` bytes after alignment; returns the offset at which they begin."""
         begin = self.end + -(self.end - HEADER) % aligned
         self.end = begin + size
         if self.end > len(self._first):

@@ -1,4 +1,4 @@
-"""What the files of a recording hold, before it is decoded."""
+"""Content of a recording's files before decoding."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class RawMessage(NamedTuple):
-    """One message: topic, times of reception and publication (ns), publisher's counter, CDR bytes."""
+    """One message: topic, reception and publication time (ns), publisher's counter, CDR bytes."""
 
     topic: str
     log_ns: int
@@ -21,20 +21,20 @@ class RawMessage(NamedTuple):
 
 @dataclass
 class Content:
-    """All that could be read; `complete`: no file lacks its end; `notes` say what is damaged."""
+    """All that could be read. `complete`: no file is cut; `notes`: damage found."""
 
     topics: dict[str, TopicInfo] = field(default_factory=dict)
     messages: list[RawMessage] = field(default_factory=list)
     configuration: str = ""
     versions: dict[str, str] = field(default_factory=dict)
     lost: dict[str, int] = field(default_factory=dict)
-    publishers: dict[str, str] = field(default_factory=dict)  # nodes, by `topic identity`
-    digest: str = ""  # as it was stored when the recording was made; none: not stored
+    publishers: dict[str, str] = field(default_factory=dict)  # node by `topic identity`
+    digest: str = ""  # as stored when the recording was made; empty: not stored
     complete: bool = True
     notes: list[str] = field(default_factory=list)
 
     def add_topic(self, topic: TopicInfo) -> bool:
-        """Note a topic; whether it has the type that it had before: messages of another are left out, which is told."""
+        """Add a topic. Returns whether type and schema agree with those known; if not, adds a note."""
         known = self.topics.setdefault(topic.name, topic)
         same = (known.message_type, known.schema) == (topic.message_type, topic.schema)
         if not same:
@@ -43,5 +43,5 @@ class Content:
         return same
 
     def refusal(self, reason: str) -> str:
-        """Why nothing can be read, in one line: the reason, and the damage that may be behind it."""
+        """Error message in one line: the reason, then the damage that may have caused it."""
         return "; ".join([reason, *self.notes])

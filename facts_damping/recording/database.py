@@ -1,6 +1,6 @@
-"""Bags of SQLite, the storage of `ros2 bag record` before MCAP.
+"""Reads SQLite bags, the storage of `ros2 bag record` before MCAP.
 
-They have no checksums: damage that only changes a number is not seen.
+They have no checksums: damage that only changes a number is not detected.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ SQLITE = ".db3"
 
 
 def read_database(file: Path, content: Content) -> None:
-    """Add what one file holds to `content`; of a damaged one what comes before the damage.
+    """Add the content of one file to `content`; of a damaged file, all that precedes the damage.
 
-    Definitions of messages are those of the file; older ones have none, then the installed ones count.
+    Message definitions are taken from the file; older files have none, then the installed ones are used.
     """
     if not read_bytes(file, RECORDING)[:16].startswith(b"SQLite format 3"):
         raise RecordingError(f"{file} is not an SQLite file")

@@ -1,4 +1,4 @@
-"""From CDR messages to the arrays of `facts_damping.signals`."""
+"""Converts CDR messages to the arrays of `facts_damping.signals`."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ NewestTicks = dict[tuple[str, int, str], "NDArray[np.int64]"]
 
 
 class Series(NamedTuple):
-    """Messages of one topic in order of ticks: the topic's name, its ticks, the messages by the column.
+    """Messages of one topic in order of ticks.
 
-    The rows of the blocks are places among the ticks.
+    The rows of the blocks are indices into `ticks`.
     """
 
     topic: str
@@ -51,11 +51,11 @@ class Series(NamedTuple):
 
 
 def decode(topic: TopicInfo, data: Sequence[bytes], notes: list[str]) -> list[Block]:
-    """Messages of a topic by the schema stored with it; those that do not fit it are left out, and told in `notes`.
+    """Decode a topic's messages by the schema stored with it. Invalid ones are left out and counted in `notes`.
 
-    Raises RecordingError if the schema cannot be read or has not the fields that are read of our messages.
+    Raises RecordingError if the schema is unreadable or lacks a field that is needed.
     """
-    if not data:  # then an older schema harms nobody
+    if not data:  # then an older schema does no harm
         return []
     store = _store(topic.message_type, topic.schema)
     try:
@@ -69,7 +69,7 @@ def decode(topic: TopicInfo, data: Sequence[bytes], notes: list[str]) -> list[Bl
 
 @lru_cache(maxsize=64)
 def _store(message_type: str, schema: str) -> Typestore:
-    """Types of one schema; kept, because rosbags compiles code for every type of every store."""
+    """Types of one schema; cached, because rosbags compiles code for every type of every store."""
     definitions = parse_schema(message_type, schema)
     check_fields(message_type, definitions)
     store = get_typestore(Stores.EMPTY)
@@ -81,7 +81,10 @@ def _store(message_type: str, schema: str) -> Typestore:
 
 
 def series(topic: str, found: Sequence[Block], several: bool = False) -> tuple[Series, int]:
-    """Messages sorted by their tick, the first of each, or all if `several`; and how many are not the first."""
+    """Messages sorted by tick, and how many of them repeat a tick.
+
+    Only the first message of a tick is kept, or all if `several`.
+    """
     count = sum(len(block.rows) for block in found)
     ticks = np.zeros(count, np.int64)
     for block in found:
@@ -97,12 +100,12 @@ def series(topic: str, found: Sequence[Block], several: bool = False) -> tuple[S
 
 
 def select(source: Series, ticks: NDArray[np.int64]) -> Series:
-    """Part of a series that belongs to the given ticks."""
+    """Part of a series at the given ticks."""
     return _part(source, np.isin(source.ticks, ticks))
 
 
 def between(source: Series, first: int, last: int) -> Series:
-    """Part of a series from a tick up to another."""
+    """Part of a series from tick `first` to tick `last`, both included."""
     return _part(source, (source.ticks >= first) & (source.ticks <= last))
 
 
@@ -112,13 +115,13 @@ def _part(source: Series, keep: NDArray[np.bool_]) -> Series:
 
 
 def _placed(found: Sequence[Block], place: NDArray[np.int64]) -> list[Block]:
-    """Blocks at other places, in the order in which each first appears; without messages whose place is negative."""
+    """Blocks moved to new places, in order of first appearance; messages with a negative place are left out."""
     moved = [kept(block, place[block.rows]) for block in found]
     return sorted((block for block in moved if len(block.rows)), key=lambda block: int(block.rows.min()))
 
 
 def column(source: Series, take: Callable[[Any], NDArray[Any]], kind: type) -> NDArray[Any]:
-    """What `take` gives of a message, for each tick: (ticks,)."""
+    """Value that `take` returns for each message, (ticks,)."""
     values: NDArray[Any] = np.zeros(len(source.ticks), kind)
     for block in source.blocks:
         values[block.rows] = take(block.message)
@@ -126,17 +129,17 @@ def column(source: Series, take: Callable[[Any], NDArray[Any]], kind: type) -> N
 
 
 def names_of(found: Iterable[Block], entries: str, name: str) -> list[str]:
-    """Names in the field `name` of the entries of messages, in order of appearance."""
+    """Values of the field `name` in the list `entries` of the messages, in order of appearance."""
     return list(dict.fromkeys(getattr(entry, name) for block in found for entry in getattr(block.message, entries)))
 
 
 def time_ns(time: Any) -> NDArray[np.int64]:
-    """A builtin_interfaces/Time in ns."""
+    """builtin_interfaces/Time in ns."""
     return np.asarray(np.asarray(time.sec, np.int64) * NANOSECONDS + time.nanosec, np.int64)
 
 
 def frames(source: Series, stations: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Reported frames, (ticks, stations, channels), their times and status, (ticks, stations).
+    """Frames (ticks, stations, channels), and their times of measurement and status, both (ticks, stations).
 
     NaN, LOST and 0 where a station did not report.
     """
@@ -152,7 +155,7 @@ def frames(source: Series, stations: Sequence[str]) -> tuple[NDArray[np.float64]
 
 
 def truth(source: Series, entries: str, name: str, names: Sequence[str]) -> NDArray[Any]:
-    """Truth about machines or devices (`entries` of PlantState), (ticks, names); NaN where it is missing."""
+    """True states of machines or devices (`entries` of PlantState), (ticks, names); NaN where missing."""
     fields, layout = (MACHINE_FIELDS, MACHINE_TRUTH) if entries == "machines" else (DEVICE_FIELDS, DEVICE_TRUTH)
     values = np.full((len(source.ticks), len(names), len(fields)), np.nan)
     index = _index(names)
@@ -163,9 +166,9 @@ def truth(source: Series, entries: str, name: str, names: Sequence[str]) -> NDAr
 
 
 def deliveries(sources: Sequence[Series], stations: Sequence[str]) -> NDArray[Any]:
-    """Frames as the links delivered them, a row (DELIVERY) an entry, by tick, then by link.
+    """Frames as delivered by the links: one row (DELIVERY) per entry, sorted by tick, then link.
 
-    Raises RecordingError: unknown station.
+    Raises RecordingError for an unknown station.
     """
     index = _index(stations)
     parts = [
@@ -189,9 +192,9 @@ def deliveries(sources: Sequence[Series], stations: Sequence[str]) -> NDArray[An
 
 
 def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Sequence[str]) -> NDArray[Any]:
-    """Setpoints of several topics, a row (SETPOINT) each, by tick, then by controller's topic.
+    """Setpoints of several topics, one row (SETPOINT) each, sorted by tick, then by topic in the order given.
 
-    Raises RecordingError: unknown controller or device.
+    Raises RecordingError for an unknown controller or device.
     """
     controller, device = _index(controllers), _index(devices)
     parts = [
@@ -215,10 +218,10 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
 
 
 def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArray[Any]:
-    """What supervisors told of themselves, a row (SUPERVISION) a tick and supervisor, in the order of controllers.
+    """States of the supervisors: one row (SUPERVISION) per tick and supervisor, sorted by tick, then controller.
 
-    Monitors that this version does not know are left out; those that are not told are NaN. Raises RecordingError:
-    unknown controller.
+    Monitors that this version does not know are left out; monitors without a value are NaN. Raises RecordingError for
+    an unknown controller.
     """
     controller, parts = _index(controllers), []
     for source in sources:
@@ -252,7 +255,7 @@ def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArra
 
 
 def _known(code: Callable[[str], int], name: str, topic: str) -> int:
-    """The code of a word. Raises RecordingError for one that this version does not know."""
+    """Code of a word. Raises RecordingError for a word that this version does not know."""
     try:
         return code(name)
     except (KeyError, ValueError) as error:
@@ -260,12 +263,12 @@ def _known(code: Callable[[str], int], name: str, topic: str) -> int:
 
 
 def merged(applied: NDArray[Any]) -> NDArray[Any]:
-    """Setpoints (SETPOINT) of several links as the plant takes them: by tick, then by the time they take effect."""
+    """Setpoints (SETPOINT) of several links in the order that the plant takes them: by tick, then effective time."""
     return applied[np.lexsort((applied["effective_ns"], applied["tick"]))]
 
 
 def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]:
-    """What identifiers estimated, a row (ESTIMATE) a derivative, tick by tick in the order of the controllers."""
+    """Estimates of the identifiers: one row (ESTIMATE) per derivative, sorted by tick, then controller."""
     index = _index(devices)
     parts = [
         _rows(
@@ -293,7 +296,7 @@ def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]
 
 
 def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> NDArray[Any]:
-    """How networks learn, a row (LEARNING) a learning rate, tick by tick: controllers, then identifiers, in order."""
+    """Learning of the networks: one row (LEARNING) per learning rate, by tick; controllers before identifiers."""
     parts = [
         _rows(
             LEARNING,
@@ -318,7 +321,7 @@ def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> ND
 
 
 def heard(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) -> NewestTicks:
-    """What nodes had at hand when they acted (`signals.Record.heard`); nothing where their messages do not tell."""
+    """Newest input ticks of each node when it acted (`signals.Record.heard`); empty if its messages lack them."""
     found: NewestTicks = {}
     for source in sources:
         parts: dict[tuple[str, int, str], list[NDArray[np.int64]]] = {}
@@ -335,7 +338,7 @@ def heard(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) ->
 
 
 def _rows(layout: Any, block: Block, source: Series, **fields: Any) -> NDArray[Any]:
-    """Rows of a table, one for each message of a block."""
+    """Table rows, one per message of a block."""
     table = np.zeros(len(block.rows), layout)
     table["tick"] = source.ticks[block.rows]
     for name, values in fields.items():
@@ -348,24 +351,27 @@ def _joined(parts: Sequence[NDArray[Any]], layout: Any) -> NDArray[Any]:
 
 
 def _order(parts: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
-    """Number of the part that each row of the joined table is of."""
+    """Index of the part that each row of the joined table comes from."""
     return np.repeat(np.arange(len(parts)), [len(part) for part in parts])
 
 
 def _same_length(*lists: Sequence[Any]) -> int:
-    """Length of lists, which has to be one. Raises ValueError."""
+    """Common length of the lists. Raises ValueError if they differ."""
     (length,) = {len(one) for one in lists}
     return length
 
 
 def place(name: str) -> int:
-    """Place in the run of a controller (`controller_0_LLC`), or of the one that another serves; 0 for other names."""
+    """Index in the run of a controller (`controller_0_LLC`), or of the controller that a node serves.
+
+    0 for other names.
+    """
     number = re.fullmatch(r"(?:controller|identifier|supervisor)_(\d+)_.*", name)
     return int(number[1]) if number else 0
 
 
 def _values(entry: Any, fields: Sequence[str]) -> NDArray[np.float64]:
-    """Numbers of an entry side by side, (messages, fields)."""
+    """Fields of an entry as columns, (messages, fields)."""
     return np.column_stack([getattr(entry, name) for name in fields]).astype(np.float64)
 
 

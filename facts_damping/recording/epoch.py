@@ -1,4 +1,4 @@
-"""Recordings of runs that were stamped by the wall clock: the time of their beginning, taken off all their stamps."""
+"""Recordings stamped by the wall clock: subtracts the time at which the run began from all stamps."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
     from facts_damping.recording.columns import Block
 
-SIMULATED_NS = 10**17  # three years: a simulated time is less, a wall time more
+SIMULATED_NS = 10**17  # about three years: simulated times are below, wall times above
 
 
 def subtract_epoch(messages: Mapping[str, Sequence[Block]], plant: Iterable[str], frame_rate: Any) -> None:
-    """Have the stamps of messages begin with the run; `plant`: the topic by whose stamps and ticks that is known.
+    """Shift all stamps so that they count from the start of the run; `plant`: topics that determine that start.
 
-    What most of its messages say counts, also on the frame rate, where that is not known.
+    The start is the median over the plant's messages. An unknown frame rate follows from their median time step.
     """
     found = [block for topic in plant for block in messages[topic]]
     none = np.zeros(0, np.int64)
@@ -42,7 +42,7 @@ def subtract_epoch(messages: Mapping[str, Sequence[Block]], plant: Iterable[str]
 
 
 def _shift(part: Any, begin_ns: int) -> None:
-    """Take a time off all times of a message, and of what it contains."""
+    """Subtract a time from all times in a message and its parts."""
     if isinstance(part, (list, tuple)):
         for one in part:
             _shift(one, begin_ns)

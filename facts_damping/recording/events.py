@@ -1,4 +1,4 @@
-"""What messages of no tick tell: changes of the grid, what nodes refused, who joined the run under way."""
+"""Messages without a tick: grid events, refused messages, nodes that joined later, changes, end of the run."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 ROLES = ("plant", "link", "controller", "identifier", "supervisor")
 KINDS = ("start", *COMMANDS, "weights", "parameter", "link", "event", "rearm", "release", "pause", "resume", "step")
-MOST_TICKS = 10**9  # of any run
-ENDED, STOPPED = 2, "stopped"  # state of a RunState, and the reason of one that was not to end then
+MOST_TICKS = 10**9  # upper bound of any run
+ENDED, STOPPED = 2, "stopped"  # state of an ended RunState; the reason if the run was stopped early
 TIME = r"[0-9]{1,18}"  # ns
 
 
 def events(found: Iterable[Block]) -> list[dict[str, Any]]:
-    """Changes of the grid by time: `time_ns`, `kind`, `element`, `value`, `location` (NaN: not given)."""
+    """Grid events by time: `time_ns`, `kind`, `element`, `value`, `location` (NaN: not given)."""
     told = [
         (
             int(row),
@@ -51,7 +51,7 @@ def events(found: Iterable[Block]) -> list[dict[str, Any]]:
 
 
 def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
-    """What each node has refused in all: `node`, `topic`, `cause`, `source`, `count`; its counts only grow."""
+    """Totals refused by each node: `node`, `topic`, `cause`, `source`, `count` (its largest: counters only grow)."""
     most: dict[tuple[str, str, str, str], int] = {}
     for block in found:
         for entry in block.message.refused:
@@ -64,9 +64,9 @@ def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
 
 
 def changes(found: Iterable[Block]) -> list[RunChange]:
-    """What was changed under way, by tick, then as recorded: `tick`, `node`, `role`, `index`, `kind`, `name`, `value`.
+    """Changes during the run, by tick, then as recorded.
 
-    Messages that nobody of this package's says are left out: of other roles and kinds, or whose value is no YAML.
+    Messages that this package cannot have sent are left out: unknown role or kind, a value that is not YAML.
     """
     told: list[tuple[int, RunChange]] = []
     for block in found:
@@ -87,7 +87,7 @@ def changes(found: Iterable[Block]) -> list[RunChange]:
 
 
 def run_ended(found: Iterable[Block]) -> str | None:
-    """Why the run has ended, as its plant says last; None: it does not say so."""
+    """Reason why the run ended, by the last message of its plant; None if the plant does not state one."""
     told = [
         (int(row), str(block.message.reason) if state == ENDED else None)
         for block in found
@@ -97,7 +97,7 @@ def run_ended(found: Iterable[Block]) -> str | None:
 
 
 def joined(found: Iterable[Block]) -> list[dict[str, Any]]:
-    """Nodes that joined the run under way, by time: `node`, `time_s`, `armed_s` (None: disarmed to the end)."""
+    """Nodes that joined during the run, by time: `node`, `time_s`, `armed_s` (None: disarmed to the end)."""
     last: dict[tuple[int, str], float | None] = {}
     for block in found:
         for status in block.message.status:

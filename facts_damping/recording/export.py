@@ -1,4 +1,4 @@
-"""A record as a table for other programs: a row a tick, a column a quantity."""
+"""Writes a record as a table for other programs: one row per tick, one column per quantity."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ KINDS = (".parquet", ".csv", ANDES)
 def write(record: Record, path: Path) -> None:
     """Write `record.arrays` to a `.parquet`, `.csv` or `.lst` file, whole or not at all.
 
-    Parquet holds the unit of each column in its field's metadata, and the run (YAML) in that of the file; of CSV a
-    column's name ends with its unit. NaN is NaN in Parquet, in CSV the text `nan`. A `.lst` is what ANDES's plots read:
-    the names of columns, whose values are in an `.npz` beside it, time first. Raises RecordingError.
+    Parquet: the metadata of each field hold its unit, those of the file the run (YAML). CSV: column names end with the
+    unit. NaN is NaN in Parquet and the text `nan` in CSV. A `.lst` is the format of ANDES's plots: names of the
+    columns, time first; their values are in an `.npz` beside it. Raises RecordingError.
     """
     if path.suffix == ANDES:
         _write_andes(record, path)
@@ -48,7 +48,7 @@ def write(record: Record, path: Path) -> None:
 
 
 def _write_andes(record: Record, path: Path) -> None:
-    """Rows `number, name, name in TeX`, and the array `data` (ticks, columns), as `andes plot` takes them."""
+    """Write rows `number, name, name in TeX` and the array `data` (ticks, columns), as `andes plot` reads them."""
     columns = {name: values for name, values in record.arrays.items() if name != "time_s"}
     data = np.column_stack([record.time_s, *(values.astype(float) for values in columns.values())])
     rows = [f"{i:>6}, {name}, {name}" for i, name in enumerate(["Time [s]", *columns])]

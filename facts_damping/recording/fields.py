@@ -1,4 +1,4 @@
-"""What is read of messages, and whether a recording's schema has it."""
+"""Fields that are read from messages, and the check that a recording's schema has them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from facts_damping.signals import CHANNELS, DEVICE_TRUTH, FLAGS, MACHINE_TRUTH, 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-# Fields of PmuFrame, MachineState and DeviceState in the order of the arrays' columns: a field of a
+# Fields of PmuFrame, MachineState and DeviceState in the order of the arrays' columns.
+# A field's name is the column's name and its unit.
 # message is the column's name and its unit.
 FRAME_FIELDS = [f"{name}_{unit}" for name, unit in CHANNELS.items()]
 MACHINE_FIELDS = [truth_field(name) for name in MACHINE_TRUTH.names or ()]
@@ -22,7 +23,7 @@ OURS = "facts_damping_msgs/msg/"
 TIME, HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
 _HEAD = {"header": HEADER, "tick": "uint64"}
 
-# Fields that are read, by type of message, and the type of each as a definition writes it. Other fields may be there.
+# Fields that are read, by message type, each with its type as in the definition. Other fields are allowed.
 FIELDS: dict[str, dict[str, str]] = {
     TIME: {"sec": "int32", "nanosec": "uint32"},
     HEADER: {"stamp": TIME},
@@ -75,10 +76,10 @@ FIELDS: dict[str, dict[str, str]] = {
 
 
 def check_fields(message_type: str, definitions: Mapping[str, Any]) -> None:
-    """Raise `RecordingError` where the schema of a type lacks a field that is read, or has it of another type.
+    """Raise `RecordingError` if the schema of a type lacks a field that is read or has another type for it.
 
-    `definitions`: what the schema defines, as `rosbags` has it. Types have to be the same, as ROS 2 itself wants them
-    of who talks to each other: what a number means that is of another type, nobody knows.
+    `definitions`: types that the schema defines, as `rosbags` gives them. Types must be identical, as ROS 2 itself
+    requires: the meaning of a number of another type is unknown.
     """
     for owner in (one for one in FIELDS if one in definitions):
         given = {name: written(kind) for name, kind in definitions[owner][1]}
@@ -89,7 +90,7 @@ def check_fields(message_type: str, definitions: Mapping[str, Any]) -> None:
 
 
 def written(kind: Any) -> str:
-    """A field's type as a definition writes it: `float64`, `string<=5`, `package/msg/Type[]`, `bool[3]`."""
+    """A field's type as in a definition: `float64`, `string<=5`, `package/msg/Type[]`, `bool[3]`."""
     node, what = kind
     if node == Nodetype.NAME:
         return str(what)

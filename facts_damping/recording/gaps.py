@@ -1,4 +1,4 @@
-"""Ticks that a recording lacks: as a node was not there yet, or as messages are missing."""
+"""Ticks that a recording lacks, because a node was absent or messages are missing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from facts_damping.recording.decode import Series
     from facts_damping.signals import RunChange
 
-OF_LINKS = ("delivered", "applied")  # of these each link has its own
+OF_LINKS = ("delivered", "applied")  # each link has its own topics of these kinds
 ROLES = {
     **dict.fromkeys(OF_LINKS, "link"),
     **dict.fromkeys(("issued", "learning"), "controller"),
@@ -32,17 +32,17 @@ NEEDED_FOR_REPLAY = (
     "supervised",
     "supervision",
     "estimates",
-)  # what controllers hear and say
-LISTED = 5  # so many lost ticks are named one by one
+)  # inputs and outputs of controllers
+LISTED = 5  # number of missing ticks that are listed
 
 
 def late_starts(changes: Sequence[RunChange]) -> set[tuple[str, int, int]]:
-    """Role, index and first tick of nodes that began later than the run."""
+    """Role, index and first tick of nodes that began after the run."""
     return {(change.role, change.index, change.tick) for change in changes if change.kind == "start"}
 
 
 def first_complete_tick(found: dict[str, list[Series]], late: set[tuple[str, int, int]]) -> int:
-    """The first tick by which a recorder that came late had heard everybody that was there then."""
+    """First tick at which the series of all nodes that were present then have begun."""
     firsts = [(_owner(kind, i, one), int(one.ticks[0])) for kind, i, one in _of_nodes(found) if len(one.ticks)]
     return max([tick for owner, tick in firsts if not list(_came(late, owner, 0, tick))], default=0)
 
@@ -50,10 +50,11 @@ def first_complete_tick(found: dict[str, list[Series]], late: set[tuple[str, int
 def find_absences(
     found: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int
 ) -> list[Absence]:
-    """Ticks from `first` to before `end` that nodes lack as they began, or began again, after them, or within them.
+    """Absences of nodes: gaps from `first` to before `end` in which, or at whose end, the node began or restarted.
 
-    A recorder may miss what a node says before it has found it; what a link delivered meanwhile is missing, where a
-    controller has answered it. Who is served by a link says nothing either while that is not there.
+    A recorder may discover a node some time after it began, so a whole gap counts. For a link the gap ends where it
+    began if a controller acted in the rest: then deliveries are missing. A gap within a link's absence is an absence as
+    well.
     """
     away: list[Absence] = []
     for kind, i, one in _of_nodes(found):
@@ -71,7 +72,7 @@ def find_absences(
 def missing_ticks(
     found: dict[str, list[Series]], away: Sequence[Absence], first: int, end: int
 ) -> Iterator[tuple[str, Series, list[tuple[int, int]]]]:
-    """Kind, series, and its gaps from `first` to before `end` that are nobody's absence."""
+    """Kind, series, and its gaps from `first` to before `end` that are not absences of the node."""
     for kind, parts in found.items():
         for i, one in enumerate(parts):
             gaps = _gaps(one, first, end)
@@ -82,7 +83,7 @@ def missing_ticks(
 
 
 def gap_notes(found: dict[str, list[Series]], away: Sequence[Absence], last: int) -> list[str]:
-    """A note for each topic that lacks ticks before the last one (which nobody need answer)."""
+    """A note for each topic that lacks ticks before the last one, which needs no reply."""
     told = []
     for _, one, gaps in missing_ticks(found, away, 0, last):
         count = sum(b - a for a, b in gaps)
@@ -94,7 +95,7 @@ def gap_notes(found: dict[str, list[Series]], away: Sequence[Absence], last: int
 
 
 def first_missing(found: dict[str, list[Series]], away: Sequence[Absence], ticks: NDArray[np.int64]) -> int | None:
-    """The first tick, from that of the first frames on, that lacks one of these, or what controllers hear and say."""
+    """First tick in the span of `ticks` that `ticks` or a series of NEEDED_FOR_REPLAY lacks; None if complete."""
     first, end = int(ticks[0]), int(ticks[-1]) + 1
     lacking = [
         gaps[0][0] for kind, _, gaps in missing_ticks(found, away, first, end) if kind in NEEDED_FOR_REPLAY and gaps
@@ -104,12 +105,12 @@ def first_missing(found: dict[str, list[Series]], away: Sequence[Absence], ticks
 
 
 def _came(late: set[tuple[str, int, int]], owner: tuple[str, int], first: int, end: int) -> Iterator[int]:
-    """When a node began within a gap or at its end: ticks."""
+    """Ticks at which a node began, from `first` to `end` inclusive."""
     return (tick for role, place, tick in late if (role, place) == owner and first <= tick <= end)
 
 
 def _answered(found: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int) -> bool:
-    """Whether a controller has issued something within some ticks, or has begun, so that it heard what came."""
+    """Whether a controller issued a setpoint or began within these ticks, so that it received deliveries."""
     begun = any(role == "controller" and first <= tick < end for role, _, tick in late)
     return begun or any(((one.ticks >= first) & (one.ticks < end)).any() for one in found.get("issued", []))
 
@@ -121,7 +122,7 @@ def _of_nodes(found: dict[str, list[Series]]) -> Iterator[tuple[str, int, Series
 
 
 def _owner(kind: str, i: int, one: Series) -> tuple[str, int]:
-    """Whose a topic is: links stand in the order of the run, others are numbered by their names."""
+    """Role and index of a topic's node: links by their order in the run, others by the number in their name."""
     return ROLES[kind], i if kind in OF_LINKS else decode.place(one.topic.split("/")[-2])
 
 
@@ -131,7 +132,7 @@ def _gaps(one: Series, first: int, end: int) -> list[tuple[int, int]]:
 
 
 def _between(there: NDArray[np.int64], first: int, end: int) -> list[tuple[int, int]]:
-    """What lies between sorted ticks from `first` to before `end`: from each to before the next."""
+    """Gaps between sorted ticks, each from its first tick to before the next tick that is there."""
     before, after = np.concatenate([[first - 1], there]), np.concatenate([there, [end]])
     wide = after - before > 1
     return list(zip((before[wide] + 1).tolist(), after[wide].tolist(), strict=True))

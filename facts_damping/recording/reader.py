@@ -1,4 +1,4 @@
-"""Reading a recording back into the plain data that a run leaves behind."""
+"""Reads a recording back into a `Record`, the plain data of a run."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from facts_damping.recording.decode import Series
     from facts_damping.recording.validation import Expected
 
-# What is read: name here, type of message, end of the topic's name. Every controller has its `/setpoints`, every link
+# Topics that are read: kind, message type, end of the topic's name. Each controller has its `/setpoints`, each link
+# its `/pmu/delivered` and `/setpoints/delivered`.
 # its `/pmu/delivered` and `/setpoints/delivered`.
 KINDS = {
     "frames": ("facts_damping_msgs/msg/PmuDataFrame", "/pmu/frames"),
@@ -51,8 +52,8 @@ KINDS = {
     "changes": ("facts_damping_msgs/msg/RunChange", "/run/changes"),
     "run": ("facts_damping_msgs/msg/RunState", "/run/state"),
 }
-REQUIRED = ("frames", "state")  # without these there is no record of a plant
-CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
+REQUIRED = ("frames", "state")  # required of every recording
+CLOSED_LOOP = ("delivered", "issued", "applied")  # required of a run with controllers
 SEVERAL = (
     *OF_LINKS,
     "issued",
@@ -61,17 +62,17 @@ SEVERAL = (
     "estimates",
     "learning",
     "diagnostics",
-)  # of a link, a controller, an identifier, anybody
-SETPOINTS = ("issued", "supervised", "applied")  # of these, what several messages of a tick say is all kept
-UNTIMED = ("events", "refused", "diagnostics", "changes", "run")  # these are of no tick
+)  # kinds with several topics: one per link, controller, identifier, ...
+SETPOINTS = ("issued", "supervised", "applied")  # several messages of one tick are all kept
+UNTIMED = ("events", "refused", "diagnostics", "changes", "run")  # messages without a tick
 
 
 def load(path: Path | str) -> Record:
     """Record of a recording: a folder in rosbag2's layout or an `.mcap` file, whole or cut anywhere.
 
-    Messages are decoded by the schemas stored in the file. Of a cut recording the ticks that all topics
-    have are kept. `Record.notes` say in a line each what is missing. Raises RecordingError (one line, with
-    what is damaged) if a topic is missing, a schema is foreign, or there is no complete tick.
+    Messages are decoded by the schemas stored in the file. Of a cut recording, the ticks that all topics have are kept.
+    `Record.notes` list what is missing, one line each. Raises RecordingError (one line, with the damage found) if a
+    topic is missing, a schema is foreign, or no tick is complete.
     """
     content = scan(path)
     configuration, notes = _configuration(content)
@@ -90,9 +91,9 @@ def load(path: Path | str) -> Record:
 
 
 def origin(path: Path | str) -> tuple[dict[str, Any], str]:
-    """What a recording is of: the run's configuration, and the namespace of its graph (`/`: none).
+    """The run's configuration, and the namespace of its graph (`/`: none).
 
-    Raises RecordingError as `load` does, and where the configuration is missing.
+    Raises RecordingError as `load` does, and if the configuration is missing.
     """
     content = scan(path)
     configuration, _ = _configuration(content)
@@ -106,7 +107,7 @@ def origin(path: Path | str) -> tuple[dict[str, Any], str]:
 
 
 def _assemble(content: Content, configuration: dict[str, Any], notes: list[str]) -> Record:
-    """Record of what was read."""
+    """Decode the content and assemble the record."""
     topics = _topics(content, bool(configuration.get("controllers")))
     messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
     epoch.subtract_epoch(messages, topics["state"], configuration.get("frame_rate"))
@@ -171,7 +172,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
 
 
 def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
-    """Configuration stored in the file, and notes on what is damaged or was lost by the recorder."""
+    """Configuration stored in the file, and notes on damage and on messages that the recorder lost."""
     notes = list(content.notes)
     for whose, count in content.lost.items():
         topic, _, publisher = whose.partition(" ")
@@ -194,7 +195,7 @@ def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
 
 
 def _topics(content: Content, controlled: bool) -> dict[str, list[str]]:
-    """Names of the recorded topics of every kind. Raises RecordingError if one is missing or not unique."""
+    """Names of the recorded topics of each kind. Raises RecordingError if one is missing or not unique."""
     topics = {
         kind: [
             name
@@ -217,9 +218,9 @@ def _topics(content: Content, controlled: bool) -> dict[str, list[str]]:
 
 
 def _link_place(namespace: str, graph: str, issued: Sequence[str]) -> int:
-    """Place in the run of the controller whose own a link is: alone beside it, or what its namespace is named after.
+    """Index in the run of the controller that owns a link, by the controllers in the namespace or by its name.
 
-    The run's link, in the graph's namespace, comes before all others: -1.
+    -1 for the run's own link, which is in the graph's namespace.
     """
     if namespace == graph:
         return -1
@@ -228,17 +229,17 @@ def _link_place(namespace: str, graph: str, issued: Sequence[str]) -> int:
 
 
 def _messages(content: Content, topics: Sequence[str], notes: list[str]) -> dict[str, list[Block]]:
-    """Decoded messages of the given topics, whose places are those in the file. The content gives its messages away."""
+    """Decoded messages of the given topics, in file order. Empties `content.messages`."""
     data: dict[str, list[bytes]] = {topic: [] for topic in topics}
     for message in content.messages:
         if message.topic in data:
             data[message.topic].append(message.data)
-    content.messages.clear()  # an hour of them is a gigabyte
+    content.messages.clear()  # frees the memory: an hour of messages takes a gigabyte
     return {topic: _decoded(content.topics[topic], data.pop(topic), notes) for topic in topics}
 
 
 def _decoded(topic: TopicInfo, data: list[bytes], notes: list[str]) -> list[Block]:
-    """Messages of a topic; of diagnostics, which are anybody's, none where they cannot be decoded."""
+    """Messages of a topic; none for diagnostics that cannot be decoded, which any program may publish."""
     try:
         return decode.decode(topic, data, notes)
     except RecordingError as error:
@@ -257,11 +258,11 @@ def _series(topic: str, messages: list[Block], several: bool, notes: list[str]) 
 
 
 def _ticks(found: dict[str, list[Series]], late: set[tuple[str, int, int]], complete: bool) -> NDArray[np.int64]:
-    """Ticks that the record keeps: those that frames and state have; of a cut recording, that all have.
+    """Ticks that the record keeps: those of both frames and state; of a cut recording, up to the last that all have.
 
-    Where a recorder came late, they begin when it had heard everybody who was there (`late`: nodes that were not):
-    topics are not found all at once. The tick that ends an unstable run stays: nobody need answer it. Raises
-    RecordingError if none is left.
+    If the recording starts after tick 0, they begin at the first complete tick (`late`: nodes that began later),
+    because a recorder does not discover all topics at once. The tick that ends an unstable run stays: it needs no
+    reply. Raises RecordingError if none is left.
     """
     plant, everything = [found[kind][0] for kind in REQUIRED], [one for parts in found.values() for one in parts]
     ticks: NDArray[np.int64] = reduce(np.intersect1d, [one.ticks for one in plant])
@@ -279,7 +280,7 @@ def _ticks(found: dict[str, list[Series]], late: set[tuple[str, int, int]], comp
 
 
 def _apart(needed: Sequence[Series]) -> str:
-    """Why series have no tick in common: those without a message, else the one that ends first and that begins last."""
+    """Why series share no tick: names the empty ones, else the one that ends first and the one that begins last."""
     silent = [one.topic for one in needed if not len(one.ticks)]
     if silent:
         return f"no message of {', '.join(silent)}"
@@ -295,9 +296,9 @@ def _check_end(
     told: list[str | None],
     notes: list[str],
 ) -> None:
-    """Note where a recording ends that was cut, or a run that did not end by itself; `told`: by its plant, if that did.
+    """Note where a recording was cut, or that the run did not end by itself; `told`: reasons given by its plant.
 
-    A bag without the plant's topic says nothing.
+    A recording without the plant's `/run/state` gets no such note.
     """
     if not complete:
         why = "the end is missing"
@@ -315,7 +316,7 @@ def _check_end(
 
 
 def _named(of: Expected, kind: str, found: Series, entries: str) -> list[str]:
-    """Stations, devices or machines in the run's order, also where one reports late, or never; else as they appear."""
+    """Stations, devices or machines in the run's order, silent ones included; else in order of appearance."""
     return list(of.names.get(kind) or decode.names_of(found.blocks, entries, kind))
 
 

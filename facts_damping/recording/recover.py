@@ -1,4 +1,4 @@
-"""Making a sound recording of a cut one."""
+"""Makes a sound recording from a cut one."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 
 
 def recover(path: Path | str, out: Path | str) -> list[str]:
-    """Copy all that can be read of a recording into a new, sound one; `metadata.yaml` comes last.
+    """Copy all that can be read of a recording into a new, sound one; `metadata.yaml` is written last.
 
-    `path`: a folder or an `.mcap` file, cut or damaged or sound, of any topics with CDR messages; `out`: a
-    new folder. Returns notes on what was damaged. Raises RecordingError if nothing can be read, or written.
+    `path`: a folder or an `.mcap` file, cut, damaged or sound, with any topics of CDR messages; `out`: a new folder.
+    Returns notes on the damage. Raises RecordingError if nothing can be read or written.
     """
     return copy(scan(path), out)
 
 
 def copy(content: Content, out: Path | str) -> list[str]:
-    """Write all that was read into a new recording; returns the notes."""
+    """Write the content into a new recording; returns its notes."""
     notes = list(content.notes)
     with RecordingWriter(out, content.configuration, content.versions) as writer:
         for topic in content.topics.values():
@@ -37,5 +37,5 @@ def copy(content: Content, out: Path | str) -> list[str]:
 
 
 def _hashed(topic: TopicInfo) -> TopicInfo:
-    """The topic with its type hash, which a bag of another recorder may lack."""
+    """The topic with its type hash, which bags of other recorders may lack."""
     return topic if topic.type_hash else topic._replace(type_hash=type_hash(topic.message_type, topic.schema))

@@ -1,4 +1,4 @@
-"""Raw content of a recording, sound or damaged: topics, messages as CDR bytes, what is stored beside."""
+"""Raw content of a recording, sound or damaged: topics, CDR messages, attachments and metadata."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 
 def scan(path: Path | str) -> Content:
-    """Read a recording: a folder in rosbag2's layout, with or without metadata.yaml, or one file of it.
+    """Read a recording: a folder in rosbag2's layout, with or without metadata.yaml, or one of its files.
 
-    Files are MCAP, or SQLite as older `ros2 bag record` makes them; those of a folder are read in order. Of a damaged
-    file everything up to the damage is read, and what lies behind a damaged chunk. Raises RecordingError if there is
-    no such file or no message in it.
+    Files are MCAP, or SQLite as older `ros2 bag record` makes them; those of a folder are read in order. A damaged
+    chunk is skipped; other damage ends the reading of its file. Raises RecordingError if the file does not exist or no
+    message is found.
     """
     content = Content(digest=_stored_digest(Path(path) / FILE_NAME))
     for file in bag_files(Path(path)):
@@ -48,7 +48,7 @@ def scan(path: Path | str) -> Content:
 
 
 def bag_files(path: Path) -> list[Path]:
-    """Files of a recording in order: as metadata.yaml lists them, else by the numbers in their names."""
+    """Files of a recording in the order of metadata.yaml, else of the numbers in their names."""
     if path.is_file():
         return [path]
     if not path.is_dir():
@@ -65,7 +65,7 @@ def bag_files(path: Path) -> list[Path]:
 
 
 def metadata(file: Path) -> dict[str, Any]:
-    """What metadata.yaml says; nothing if it is missing or damaged, for the files tell the same."""
+    """Content of metadata.yaml; empty if missing or damaged, since the files hold the same."""
     try:
         return dict(parse(read_text(file))[INFORMATION])
     except (InputError, *UNREADABLE):
@@ -73,7 +73,7 @@ def metadata(file: Path) -> dict[str, Any]:
 
 
 def _stored_digest(file: Path) -> str:
-    """The digest in metadata.yaml; none if there is none that is a text."""
+    """Digest in metadata.yaml; empty if missing or damaged."""
     try:
         return str(json.loads(metadata(file)[CUSTOM][DIGEST]))
     except (LookupError, TypeError, ValueError):
@@ -81,11 +81,11 @@ def _stored_digest(file: Path) -> str:
 
 
 def _scan_file(file: Path, content: Content) -> None:
-    """Add what one MCAP file holds to `content`.
+    """Add the content of one MCAP file to `content`.
 
-    Schemas and channels stand in the first chunk and again in the summary at the end: the first that is
-    read counts, so that damage to one of the two places does no harm. A checksum over all that lies before the summary
-    tells of damage that nothing else shows.
+    Schemas and channels are in the first chunk and again in the summary at the end. The first one read counts, so
+    damage to one of the two does no harm. A checksum over all that precedes the summary reveals damage that nothing
+    else shows.
     """
     data, notes, known = read_bytes(file, RECORDING), content.notes, len(content.notes)
     if not data.startswith(MCAP0_MAGIC):
@@ -124,7 +124,7 @@ def _crc(data: bytes) -> int:
 
 
 def _summary_is_sound(data: bytes) -> bool:
-    """Whether the summary's checksum fits: over the summary and the footer but for the checksum itself."""
+    """Whether the summary's checksum fits; it covers the summary and the footer except the checksum itself."""
     end = len(data) - len(MCAP0_MAGIC) - 4
     start = int.from_bytes(data[end - 16 : end - 8], "little")
     stored = _crc(data[end : end + 4])
@@ -140,9 +140,9 @@ def _add_messages(messages: list[Message], channels: dict[int, Channel], content
 
 
 def _add_topic(channel: Channel, schema: Schema | None, content: Content) -> bool:
-    """Note a topic; only CDR with a `ros2msg` schema can be decoded, anything else counts as unknown.
+    """Add a topic. Only CDR with a `ros2msg` schema can be decoded; any other type counts as unknown.
 
-    Returns whether it is what the topic was before: one has one type.
+    Returns whether the topic has the same type as before.
     """
     name, text = (schema.name, schema.data.decode(errors="replace")) if schema else ("", "")
     if schema and schema.encoding != "ros2msg":
@@ -152,7 +152,7 @@ def _add_topic(channel: Channel, schema: Schema | None, content: Content) -> boo
 
 
 def _add_extra(record: McapRecord, content: Content) -> None:
-    """Take over configuration, versions and counts of lost messages."""
+    """Add configuration, versions, publishers and counts of lost messages."""
     if isinstance(record, Attachment) and record.name == CONFIGURATION:
         content.configuration = record.data.decode(errors="replace")
     elif isinstance(record, Metadata) and record.name == VERSIONS:
@@ -165,10 +165,10 @@ def _add_extra(record: McapRecord, content: Content) -> None:
 
 
 def _sound_records(data: bytes, name: str, notes: list[str]) -> Iterator[tuple[int, int, McapRecord]]:
-    """Records of a file, where each begins and ends, up to the file's end or the first damage between chunks.
+    """Records of a file with their first and end byte, up to the file's end or the first damage between chunks.
 
-    Damaged chunks are left out. mcap, zstandard and lz4 raise a dozen kinds of error on damaged bytes: all of them mean
-    the same here.
+    Damaged chunks are left out. mcap, zstandard and lz4 raise many kinds of error on damaged bytes; all are treated
+    alike.
     """
     stream = BytesIO(data)
     stream.seek(len(MCAP0_MAGIC))
@@ -188,7 +188,7 @@ def _sound_records(data: bytes, name: str, notes: list[str]) -> Iterator[tuple[i
 
 
 def _unpack(record: McapRecord, end: int, room: UnpackLimit, where: str, notes: list[str]) -> list[McapRecord]:
-    """Records inside a chunk, checked against its checksum; any other record as it is."""
+    """Records of a chunk after its checksum is verified; any other record unchanged."""
     if not isinstance(record, Chunk):
         return [record]
     if not room.has(record, end):

@@ -1,7 +1,7 @@
-"""Text of message definitions, verbatim with comments, as an MCAP schema of encoding `ros2msg` wants it.
+"""Message definitions, verbatim with comments, as MCAP schemas of encoding `ros2msg`.
 
-Source: MCAP format registry, `ros2msg`: the definition, then every dependency behind a line of
-80 equal signs and a line `MSG: package/Type`.
+Format (MCAP format registry, `ros2msg`): the definition, then each dependency after a line of 80 equal signs and a
+line `MSG: package/Type`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
 
 SEPARATOR = "=" * 80
-LONGEST = 100_000  # characters of a schema: those of a graph have less than 10,000
+LONGEST = 100_000  # characters of a schema; those of a graph have less than 10,000
 PRIMITIVES = frozenset(
     ["bool", "byte", "char", "string", "wstring", "float32", "float64"]
     + [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
@@ -31,7 +31,7 @@ _FIELD_TYPE = re.compile(r"^\s*([A-Za-z][\w/]*)")
 
 
 def schema_text(message_type: str) -> str:
-    """Definition of `message_type` ("package/msg/Type") followed by everything it is made of.
+    """Definition of `message_type` ("package/msg/Type") followed by its dependencies.
 
     Raises RecordingError if a definition is not installed.
     """
@@ -45,8 +45,8 @@ def schema_text(message_type: str) -> str:
 def definition_file(message_type: str) -> Path:
     """Path of the `.msg` file of `message_type` ("package/msg/Type").
 
-    Looked for below AMENT_PREFIX_PATH, then beside the Python package of that name, then below
-    sys.prefix: with ROS 2 from pip wheels there is no AMENT_PREFIX_PATH. Raises RecordingError.
+    Searches below AMENT_PREFIX_PATH, then beside the Python package of that name, then below sys.prefix: ROS 2 from pip
+    wheels sets no AMENT_PREFIX_PATH. Raises RecordingError.
     """
     parts = message_type.split("/")
     if len(parts) != 3 or parts[1] != "msg":
@@ -60,7 +60,7 @@ def definition_file(message_type: str) -> Path:
 
 
 def parse_schema(message_type: str, text: str) -> Typesdict:
-    """Types that a schema text defines, as rosbags wants them. Raises RecordingError if it cannot be read."""
+    """Types that a schema text defines, in the form of rosbags. Raises RecordingError if unreadable."""
     if len(text) > LONGEST:
         raise RecordingError(f"schema of {message_type}: {len(text)} characters; allowed: at most {LONGEST}")
     try:
@@ -81,7 +81,7 @@ def type_hash(message_type: str, text: str) -> str:
 
 
 def _collect(message_type: str, texts: dict[str, str]) -> None:
-    """Add the definition of `message_type` and, depth first, of what it uses to `texts`."""
+    """Add the definition of `message_type` and of the types that it uses, depth first, to `texts`."""
     text = definition_file(message_type).read_text(encoding="utf-8")
     texts[message_type] = text
     for used in _used_types(message_type, text):
@@ -90,14 +90,14 @@ def _collect(message_type: str, texts: dict[str, str]) -> None:
 
 
 def _used_types(message_type: str, text: str) -> list[str]:
-    """Full names of the messages that a definition's fields have as type."""
+    """Full names of the message types of a definition's fields."""
     matches = (_FIELD_TYPE.match(line) for line in text.splitlines())
     names = dict.fromkeys(match[1] for match in matches if match)
     return [_full_name(name, message_type) for name in names if name not in PRIMITIVES]
 
 
 def _full_name(name: str, owner: str) -> str:
-    """`package/msg/Type` of a type as written in a field of the message `owner`."""
+    """`package/msg/Type` of a type name as written in a field of the message `owner`."""
     if name == "Header":
         return "std_msgs/msg/Header"
     package, _, _ = (name if "/" in name else owner).partition("/")
@@ -106,11 +106,11 @@ def _full_name(name: str, owner: str) -> str:
 
 
 def _prefixes(package: str) -> list[Path]:
-    """Installation prefixes in which a package's share folder may lie, in order of precedence."""
+    """Installation prefixes in which a package's share folder may be, in order of precedence."""
     ament = [Path(entry) for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if entry]
     try:
         spec = find_spec(package)
-    except (ImportError, ValueError):  # a half-installed package: the last prefix may still have it
+    except (ImportError, ValueError):  # package half installed: the last prefix may still have it
         spec = None
     places = list(spec.submodule_search_locations or []) if spec else []
     return [*ament, *(parent for place in places for parent in Path(place).parents), Path(sys.prefix)]

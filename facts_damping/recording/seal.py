@@ -1,4 +1,4 @@
-"""The digest of a new recording, in its `metadata.yaml`: whoever reads it sees whether it still is as it was made."""
+"""Stores the digest of a new recording in its `metadata.yaml`, so that readers can detect later changes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def seal(folder: Path | str) -> Record:
-    """The record of a recording that has just been made; its digest is stored, if the recording is complete.
+    """Record of a new recording; stores its digest if the recording is complete.
 
     Raises RecordingError as `load` does.
     """

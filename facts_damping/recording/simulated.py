@@ -1,4 +1,4 @@
-"""A copy of a recording by simulated time, for viewers: they draw over the time at which a message was logged."""
+"""Copies a recording to simulated time, for viewers that plot messages over their log time."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 def in_simulated_time(path: Path | str, out: Path | str) -> list[str]:
-    """Copy a recording; log and publish time of each message become its header's stamp, in this order.
+    """Copy a recording; each message's log and publish time become its header's stamp, and messages are sorted by it.
 
-    In lockstep the clock says when a tick was computed, not when it is. A stamp before 0 counts as 0. `path`, `out`,
-    notes and errors as in `recover`; messages without a header are left out, which is noted.
+    In lockstep the log time is when a tick was computed, not its simulated time. A stamp before 0 counts as 0. `path`,
+    `out`, notes and errors as in `recover`; messages without a header are left out, with a note.
     """
     content = scan(path)
     for topic in list(content.topics.values()):
@@ -41,7 +41,7 @@ def in_simulated_time(path: Path | str, out: Path | str) -> list[str]:
 
 
 def _has_header(topic: TopicInfo) -> bool:
-    """Whether the messages of a topic begin with a header."""
+    """Whether a topic's messages begin with a header."""
     try:
         _, fields = parse_schema(topic.message_type, topic.schema)[topic.message_type]
     except (KeyError, RecordingError):
@@ -50,7 +50,7 @@ def _has_header(topic: TopicInfo) -> bool:
 
 
 def _stamp(message: RawMessage) -> int | None:
-    """Time in the header of a message, ns; none where it is cut."""
+    """Time in a message's header, ns; None if the message is cut."""
     try:
         return stamp_ns(message.data)
     except (IndexError, struct.error):
@@ -58,9 +58,9 @@ def _stamp(message: RawMessage) -> int | None:
 
 
 def stamp_ns(cdr: bytes) -> int:
-    """Time in the header that a message begins with, ns; 0 if it is before 0.
+    """Time in the header at the start of a message, ns; 0 if before 0.
 
-    It is the first eight bytes after the encapsulation, whose second byte tells their order.
+    The stamp is the first eight bytes after the encapsulation, whose second byte gives the byte order.
     """
     sec, nanosec = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, 4)
     return max(0, int(sec) * NANOSECONDS + int(nanosec))

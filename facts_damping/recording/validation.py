@@ -1,4 +1,4 @@
-"""Messages that are not of the run: set aside, and told. Others may have spoken on a topic that was recorded."""
+"""Leaves out messages that do not belong to the run, with notes: other programs may publish on its topics."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from facts_damping.recording.columns import Block
 
-# Where names stand in the messages of a kind: whose names, in which list, in which field of its entries (none: itself).
+# Where names stand in messages, by kind: owner of the name, list, field of its entries (none: the entry itself).
 NAMES: dict[str, list[tuple[str, str, str]]] = {
     "frames": [("station", "frames", "station")],
     "state": [("machine", "machines", "machine"), ("device", "devices", "device")],
@@ -28,15 +28,15 @@ NAMES: dict[str, list[tuple[str, str, str]]] = {
     "learning": [],
     "supervision": [],
 }
-# The stamp of a message is that of its tick.
+# Kinds whose stamp is that of their tick.
 TIMED = ("frames", "state", "delivered", "issued", "supervised", "supervision", "applied")
-MOST_TICKS = 2**53  # where the run does not say how many it has
-SHOWN = 20  # letters of a foreign name
-LISTED = 5  # such names
+MOST_TICKS = 2**53  # used if the run does not state its number of ticks
+SHOWN = 20  # characters of a foreign name in a note
+LISTED = 5  # foreign names listed in notes
 
 
 class Expected(NamedTuple):
-    """What the messages of a run may say: names by whose they are (those that are not there may be any), and ticks."""
+    """Valid content of a run's messages: names by kind of owner (a missing kind allows any name), and ticks."""
 
     names: Mapping[str, Collection[str]]
     frame_rate: int | None
@@ -44,7 +44,7 @@ class Expected(NamedTuple):
 
 
 def expected(configuration: Mapping[str, Any]) -> Expected:
-    """What a run's configuration says of its messages."""
+    """Valid names and ticks by a run's configuration."""
     system, rate, duration = (configuration.get(key) for key in ("system", "frame_rate", "duration"))
     names: dict[str, Collection[str]] = {}
     if isinstance(system, dict):
@@ -60,9 +60,9 @@ def expected(configuration: Mapping[str, Any]) -> Expected:
 def drop_foreign(
     messages: dict[str, list[Block]], topics: Mapping[str, Sequence[str]], of: Expected, notes: list[str]
 ) -> None:
-    """Leave out messages that are not of the run, which is told in `notes`; `topics`: by kind.
+    """Leave out messages that do not belong to the run, with counts in `notes`; `topics`: by kind.
 
-    Those of the plant come first: what they name, the others may name.
+    The plant's messages come first: the names in them are valid in the others.
     """
     senders = {topic: sender(messages[topic], topic) for topic in topics["issued"]}
     for kind in NAMES:
@@ -77,7 +77,7 @@ def drop_foreign(
 
 
 def _sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: list[str]) -> list[Block]:
-    """Messages of a topic that are of the run; what is set aside is told in `notes`."""
+    """Messages of a topic that belong to the run; `notes` count the others."""
     own: list[Block] = []
     unknown: Counter[str] = Counter()
     odd: Counter[str] = Counter()
@@ -107,7 +107,7 @@ def _sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: li
 
 
 def _whole(kind: str, message: Any) -> bool:
-    """Whether the lists of a message fit each other."""
+    """Whether the lengths of a message's lists agree."""
     if kind == "learning":
         return bool(message.parameter_groups) or not message.learning_rates
     if kind == "supervision":
@@ -119,7 +119,7 @@ def _whole(kind: str, message: Any) -> bool:
 
 
 def _names(kind: str, message: Any) -> Iterator[tuple[str, str]]:
-    """Names in a message: whose they are, and which."""
+    """Names in a message, as pairs (kind of owner, name)."""
     if kind in ("issued", "supervision"):
         yield "controller", message.controller
     for whose, entries, field in NAMES.get(kind, ()):
@@ -128,7 +128,7 @@ def _names(kind: str, message: Any) -> Iterator[tuple[str, str]]:
 
 
 def _named(kind: str, found: Sequence[Block]) -> dict[str, list[str]]:
-    """What the messages of a kind name, by whose names these are."""
+    """Names in the messages of a kind, by kind of owner."""
     return {
         whose: list(dict.fromkeys(name for block in found for of, name in _names(kind, block.message) if of == whose))
         for whose, _, _ in NAMES[kind]
@@ -136,7 +136,7 @@ def _named(kind: str, found: Sequence[Block]) -> dict[str, list[str]]:
 
 
 def sender(found: Sequence[Block], topic: str) -> str:
-    """Name of the controller whose setpoints a topic has: the topic's own, else what most of its messages say."""
+    """Name of the controller of a setpoint topic: from the topic's name, else the most frequent in its messages."""
     own, counts = topic.split("/")[-2], Counter[str]()
     for block in found:
         counts[block.message.controller] += len(block.rows)

@@ -1,4 +1,4 @@
-"""Writing a recording: a folder in rosbag2's layout with one MCAP file."""
+"""Writes a recording: a folder in rosbag2's layout with one MCAP file."""
 
 from __future__ import annotations
 
@@ -27,20 +27,19 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-CONFIGURATION = "run.yaml"  # name of the attachment with the run's configuration
-VERSIONS = "facts_damping.versions"  # name of the metadata record with the versions
-LOST = "facts_damping.lost"  # name of the metadata record with the counts of lost messages
-PUBLISHERS = "facts_damping.publishers"  # name of the metadata record with who published: `TOPIC IDENTITY` to node
+CONFIGURATION = "run.yaml"  # attachment with the run's configuration
+VERSIONS = "facts_damping.versions"  # metadata record with the versions
+LOST = "facts_damping.lost"  # metadata record with the counts of lost messages
+PUBLISHERS = "facts_damping.publishers"  # metadata record with the publishers: `TOPIC IDENTITY` to node
 
 
 class RecordingWriter:
     """Writes CDR messages to `<folder>/<folder's name>_0.mcap`, then `<folder>/metadata.yaml`.
 
-    `configuration` is the run's full configuration (YAML text), `versions` what it was made with:
-    both go to the start of the file at once, so that a killed recording still explains itself.
-    Messages are kept in a chunk until it is full (1 MiB), or `flush` or `close` is called; what was
-    flushed survives a kill of this process. Also a context manager; it closes the recording, soundly,
-    whatever ends the block. Raises RecordingError if the folder holds a recording or cannot be written.
+    `configuration`: the run's full configuration (YAML text); `versions`: the software that made it. Both are written
+    at the start of the file, so that even a killed recording has them. Messages collect in a chunk until it is full (1
+    MiB) or `flush` or `close` is called; flushed data survive a kill of this process. As a context manager it closes
+    the recording however the block ends. Raises RecordingError if the folder holds a recording or cannot be written.
     """
 
     def __init__(self, folder: Path | str, configuration: str = "", versions: Mapping[str, str] | None = None) -> None:
@@ -67,16 +66,16 @@ class RecordingWriter:
     def add_topic(
         self, topic: str, message_type: str, qos: Mapping[str, Any] = RELIABLE, schema: str | None = None
     ) -> None:
-        """Announce a topic of type "package/msg/Type" before its first message.
+        """Add a topic of type "package/msg/Type" before its first message.
 
-        `qos`: its offered profile; `schema`: its definition with dependencies, looked up among the
-        installed packages if None. Raises RecordingError (unknown type, topic announced before).
+        `qos`: its offered profile; `schema`: its definition with dependencies, from the installed packages if None.
+        Raises RecordingError (unknown type, topic added before).
         """
         text = schema_text(message_type) if schema is None else schema
         self.copy_topic(TopicInfo(topic, message_type, text, qos_text([qos]), type_hash(message_type, text)))
 
     def copy_topic(self, topic: TopicInfo) -> None:
-        """Announce a topic exactly as another recording holds it."""
+        """Add a topic exactly as in another recording."""
         self._check_open()
         if topic.name in self._channels:
             raise RecordingError(f"topic {topic.name} was announced before")
@@ -89,10 +88,10 @@ class RecordingWriter:
         self._counts[topic.name] = 0
 
     def write(self, topic: str, cdr: bytes | memoryview, log_ns: int, publish_ns: int, sequence: int = 0) -> None:
-        """Add one message.
+        """Write one message.
 
-        `cdr`: serialised message; `log_ns`, `publish_ns`: times of reception and publication, ns since
-        1970; `sequence`: the publisher's counter (its gaps are lost messages). Raises RecordingError.
+        `cdr`: serialised message; `log_ns`, `publish_ns`: times of reception and publication, ns since 1970;
+        `sequence`: the publisher's counter (gaps are lost messages). Raises RecordingError.
         """
         self._check_open()
         if topic not in self._channels:
@@ -106,10 +105,10 @@ class RecordingWriter:
         self._span = (min(first, log_ns), max(last, log_ns))
 
     def flush(self) -> None:
-        """Close the chunk in progress and hand everything to the operating system.
+        """Close the current chunk and hand all data to the operating system, without fsync.
 
-        To be called by wall time, about every half second: that is then all that a kill can cost.
-        Without it nothing reaches the disk before a chunk is full. It does not fsync.
+        Call it about every half second of wall time, the most that a kill can then lose. Otherwise nothing is written
+        to disk before a chunk is full.
         """
         self._check_open()
         try:
@@ -118,10 +117,10 @@ class RecordingWriter:
             raise _write_error(self.file, error) from error
 
     def close(self, lost: Mapping[str, int] | None = None, publishers: Mapping[str, str] | None = None) -> None:
-        """End the MCAP file, then write `metadata.yaml`, whose presence therefore means: complete.
+        """End the MCAP file, then write `metadata.yaml`: its presence marks a complete recording.
 
-        `lost`: messages missed, by `topic publisher` (or topic), as the recorder counted them. `publishers`: nodes by
-        `topic identity` of the publisher (GID, hexadecimal). Closing twice does nothing.
+        `lost`: lost messages counted by the recorder, by `topic publisher` (or topic). `publishers`: nodes by `topic
+        identity` of the publisher (GID, hexadecimal). A second call does nothing.
         """
         if self._stream is None:
             return
@@ -139,13 +138,13 @@ class RecordingWriter:
             raise _write_error(self.file, error) from error
 
     def __enter__(self) -> Self:
-        """Nothing to do: the recording is open."""
+        """Return the writer; the recording is already open."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the recording, also after an error: what was recorded stays readable."""
+        """Close the recording, also after an error, so that it stays readable."""
         self.close()
 
     def _information(self, lost: Mapping[str, str]) -> dict[str, Any]:
@@ -159,7 +158,7 @@ class RecordingWriter:
 
 
 def _open_new(file: Path) -> IO[bytes]:
-    """Create the MCAP file of a new recording; an existing recording is never overwritten."""
+    """Create the MCAP file of a new recording; raises rather than overwrite an existing one."""
     folder = file.parent
     try:
         folder.mkdir(parents=True, exist_ok=True)

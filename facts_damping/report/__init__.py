@@ -1,6 +1,6 @@
-"""A report of recordings: one page of HTML that needs no network, side by side what the runs say.
+"""A report of recordings: one HTML page, usable offline, that compares runs side by side.
 
-`contents` is what it says, as plain data; `drawing` makes that into charts, `page` into a file.
+`contents` defines it as plain data; `drawing` makes the charts, `page` the file.
 """
 
 from facts_damping.report.page import write

@@ -1,4 +1,4 @@
-"""From recordings to what a report says."""
+"""Builds a report's contents from recordings."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 # Pictures of `analysis.pictures` by section.
-FIRST = ("tie_power", "differences")  # of these the first that there is
+FIRST = ("tie_power", "differences")  # the first of these that has data opens the report
 TIME = ("differences", "tie_power", "speeds", "voltage", "centre_of_angle")
 LEARNT = ("jacobian", "learning_rate")
-MOST_EVENTS = 12  # that are named one by one
+MOST_EVENTS = 12  # listed one by one
 
 
 def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
-    """What is said of the runs, in the order in which it is read; a section that would be empty is left out.
+    """The report's contents in reading order; empty sections are left out.
 
-    `baseline`: index of the run that improvement counts from.
+    `baseline`: index of the run that improvement refers to.
     """
     unlike = differences([run.record for run in runs])
     improvements = [] if unlike else tables.improvements(runs, baseline)
@@ -59,7 +59,7 @@ def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
 
 
 def differences(records: Sequence[Record]) -> list[str]:
-    """In what the runs differ so that their figures say nothing about each other: system, scenario, duration."""
+    """Differences that make the runs' figures incomparable: system, scenario, duration."""
     found = {
         "system": [record.asked.get("system") for record in records],
         "scenario": [record.asked.get("scenario") for record in records],
@@ -75,7 +75,7 @@ def _unlike(unlike: Sequence[str]) -> list[str]:
 
 
 def _remarks(run: ReportedRun) -> list[str]:
-    """What a reader has to know of a run before its figures."""
+    """Remarks that a reader needs before a run's figures."""
     found = [f"{run.name}: {note}." for note in run.record.notes]
     if run.summary["stable"] is False:
         end = float(run.record.time_s[-1])
@@ -86,7 +86,7 @@ def _remarks(run: ReportedRun) -> list[str]:
 
 
 def _trips(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
-    """Time (s) of each trip of a controller, in words."""
+    """Time (s) and text of each trip of a controller."""
     several = len(runs) > 1
     return [
         (round(time, 3), f"{run.name}: " * several + f"{controller} tripped by {cause}")
@@ -96,7 +96,7 @@ def _trips(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
 
 
 def _releases(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
-    """Time (s) of each release of a device by its watchdog."""
+    """Time (s) and text of each release of a device by its watchdog."""
     several = len(runs) > 1
     return [
         (round(one["time_s"], 3), f"{run.name}: " * several + f"{one['device']} released")
@@ -106,7 +106,7 @@ def _releases(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
 
 
 def _cuts(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
-    """Begin and end (s) of the times in which a link loses everything."""
+    """Start and end (s) of the times in which a link loses everything."""
     found = {
         (round(time, 3), f"link {what}")
         for run in runs
@@ -119,13 +119,13 @@ def _cuts(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
 
 
 def _stages(configuration: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """All stages of a run's links, those of controllers too."""
+    """All stages of the run's link and of controllers' own links."""
     links = [configuration.get("link"), *(one.get("link") for one in configuration.get("controllers") or ())]
     return [stage for link in links if isinstance(link, dict) for part in ("up", "down") for stage in link[part]]
 
 
 def _events(records: Sequence[Record]) -> list[tuple[float, str]]:
-    """Time (s), kind and element of what happened to the grid within the runs, each once."""
+    """Time (s), kind and element of the grid events within the runs, without duplicates."""
     found = {
         (event["time_ns"] / NANOSECONDS, f"{event['kind'].replace('_', ' ')} {event['element']}".strip())
         for record in records

@@ -1,4 +1,4 @@
-"""The charts of a report: the pictures of `analysis`, all runs in each, and the modes."""
+"""Charts of a report: the pictures of `analysis` with all runs in each, and the modes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from facts_damping.analysis.plotting import pictures as analysed
     from facts_damping.report.contents import ReportedRun
 
-# What each picture says, by its stem, and what the report calls its section.
+# Section and explanation of each picture, by its stem.
 SENTENCES = {
     "speeds": "Speed of each machine against synchronous speed, as its PMU measures it: machines that swing against "
     "each other go up and down by turns.",
@@ -44,14 +44,14 @@ SENTENCES = {
 
 
 def charts(runs: Sequence[ReportedRun], stems: Sequence[str]) -> list[Chart]:
-    """The pictures with the given stems, of all runs; those that would be empty are left out."""
+    """The pictures with the given stems, of all runs; empty ones are left out."""
     pictures = {picture.stem: picture for picture in PICTURES}
     made = [_chart(pictures[stem], runs) for stem in stems]
     return [chart for chart in made if chart.panels]
 
 
 def _chart(picture: Picture, runs: Sequence[ReportedRun]) -> Chart:
-    """One picture: a panel for each name that a run has."""
+    """One picture: a panel for each name that any run has."""
     drawn = [{panel.name: panel for panel in picture.panels(run.record)} for run in runs]
     names = shown(picture, drawn)
     found = {name: [(index, one[name]) for index, one in enumerate(drawn) if name in one] for name in names}
@@ -86,7 +86,7 @@ def _panel(
 
 
 def modes(runs: Sequence[ReportedRun]) -> list[Chart]:
-    """Frequency over damping ratio of each mode, with intervals of 95 %; nothing if no run has any."""
+    """Frequency over damping ratio of each mode, with 95 % intervals; empty if no run has modes."""
     found = [(index, mode) for index, run in enumerate(runs) for mode in run.summary["modes"]]
     curves = [curve for index, mode in found for curve in _cross(index, mode)]
     sentence = (

@@ -1,4 +1,4 @@
-"""What a report consists of, as plain data: tables, charts and maps, each with a sentence that explains it."""
+"""Contents of a report as plain data: tables, charts and maps, each with a sentence that explains it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Mark = Literal["", "best", "worst"]
 
 
 class ReportedRun(NamedTuple):
-    """A recording in the report: its name, what was read, the figures of `analysis.summarise`, where it lies."""
+    """A recording in the report: name, record, figures of `analysis.summarise`, path."""
 
     name: str
     record: Record
@@ -25,14 +25,14 @@ class ReportedRun(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """An entry of a table; the mark says how it stands among its row."""
+    """An entry of a table; the mark gives its rank within the row."""
 
     text: str
     mark: Mark = ""
 
 
 class ReportTable(NamedTuple):
-    """Rows under a head; the first cell of each names the row. `runs`: its other columns are the runs, in order."""
+    """A table whose rows begin with their name. `runs`: the other columns are the runs, in order."""
 
     key: str
     title: str
@@ -43,9 +43,9 @@ class ReportTable(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """A line of the run with that index: x and y (n,). `points`: no line, but a marker at each.
+    """A line of the run with that index: x and y (n,). `points`: markers without a line.
 
-    `name` tells it from others of the run in the same panel.
+    `name` distinguishes it from other curves of the run in the same panel.
     """
 
     run: int
@@ -56,7 +56,7 @@ class Curve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """Axes with curves, and horizontal lines at levels."""
+    """Axes with curves and horizontal lines at given levels."""
 
     title: str
     curves: Sequence[Curve]
@@ -64,9 +64,9 @@ class Panel(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """Panels with the same labels. `over_time`: x is simulated time, s, shared with all other such charts.
+    """Panels with the same labels. `over_time`: x is simulated time, s, linked with all other such charts.
 
-    `words`: what ordinates 0, 1 and so on stand for, where they are no numbers.
+    `words`: labels of ordinates 0, 1 and so on, if these are not numbers.
     """
 
     key: str
@@ -104,21 +104,21 @@ class Maps(NamedTuple):
 
 
 class Tile(NamedTuple):
-    """A figure that is seen first: its name, what it is of each run."""
+    """A headline figure: its name and the value of each run."""
 
     title: str
     values: Sequence[str]
 
 
 class Section(NamedTuple):
-    """A chapter of the report."""
+    """A section of the report."""
 
     title: str
     items: Sequence[ReportTable | Chart | Maps]
 
 
 class Report(NamedTuple):
-    """All of it: names of the runs, what came out in a sentence, tiles, remarks, events (s, text), sections."""
+    """The whole report: names of runs, main result in a sentence, tiles, remarks, events (s, text), sections."""
 
     title: str
     names: Sequence[str]

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
     from facts_damping.report.contents import Curve, Map, Panel, Report
 
-HEIGHT, TALL = 240, 340  # pixels, of one panel among others, and of a chart with a single one
-PALETTE = interp_palette(RdBu[11], 255)  # blue is negative, red positive, as in the pictures of analyze --spwvd
+HEIGHT, TALL = 240, 340  # pixels, of a panel among others, and of a chart's only panel
+PALETTE = interp_palette(RdBu[11], 255)  # blue negative, red positive, as in the pictures of analyze --spwvd
 GREY, LIMIT = "#777777", "#B00020"
 WIDTHS = {"solid": 1.4, "dashed": 0.9}
-TIME = "time"  # name of the range that all charts over time share
+TIME = "time"  # name of the range shared by all charts over time
 DRESS: dict[str, Any] = {
     "sizing_mode": "stretch_width",
     "toolbar_location": "above",
@@ -45,18 +45,18 @@ DRESS: dict[str, Any] = {
     "outline_line_color": "#cccccc",
     "output_backend": "canvas",
 }
-Figure = figure  # the library's class has a lower-case name
+Figure = figure  # the library's class name is lower-case
 
 
 class Drawn(NamedTuple):
-    """A figure, and the title above it."""
+    """A figure and its title."""
 
     title: str
     figure: Figure
 
 
 class _Shared(NamedTuple):
-    """What figures have in common: the range of time, values by run and abscissae, names of the runs."""
+    """Shared by all figures: range of time, sources by run and abscissae, names of the runs."""
 
     time: Range1d
     sources: dict[tuple[int, bytes], ColumnDataSource]
@@ -65,7 +65,7 @@ class _Shared(NamedTuple):
 
 
 def draw(report: Report) -> dict[str, list[Drawn]]:
-    """Figures of each chart and of each group of maps, by its key."""
+    """Figures of each chart and of each group of maps, by key."""
     items = [item for section in report.sections for item in section.items]
     spans = [
         (curve.x[0], curve.x[-1])
@@ -89,7 +89,7 @@ def draw(report: Report) -> dict[str, list[Drawn]]:
 
 
 def _range(start: float, end: float) -> Range1d:
-    """A range that zooming does not leave."""
+    """A range that limits zooming."""
     return Range1d(start=start, end=end, bounds=(start, end))
 
 
@@ -121,7 +121,7 @@ def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
 
 
 def _curve(made: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
-    """One curve; those of a run over the same x have a source together."""
+    """One curve; curves of a run over the same x share a source."""
     key = curve.run, curve.x.tobytes()
     source = shared.sources.setdefault(key, ColumnDataSource({"x": curve.x}))
     column = f"y{len(source.data)}"
@@ -133,12 +133,12 @@ def _curve(made: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
         drawn = made.scatter("x", column, size=8, line_width=2, fill_color=None, **look)
     else:
         drawn = made.line("x", column, line_dash=curve.style, line_width=WIDTHS[curve.style], **look)
-    drawn.tags = [f"run-{curve.run}"]  # by which the page hides a run
+    drawn.tags = [f"run-{curve.run}"]  # the page hides a run by this tag
     return drawn
 
 
 def _map(one: Map, shared: _Shared) -> Figure:
-    """A distribution in colours."""
+    """A distribution as a colour map."""
     first, last, low, high = one.extent
     made = figure(
         height=TALL,
@@ -169,7 +169,7 @@ def _mark_events(made: Figure, shared: _Shared) -> None:
 
 
 def _equip(made: Figure, hover: HoverTool, zoomed: Literal["width", "both"]) -> None:
-    """Tools: drag to zoom; wheel and pan when chosen, so that the page can be scrolled over the figure."""
+    """Add tools: drag zooms; wheel zoom and pan are off at first, so that the page scrolls over the figure."""
     zoom = BoxZoomTool(dimensions=zoomed)
     made.add_tools(zoom, PanTool(), WheelZoomTool(dimensions=zoomed), ResetTool(), hover)
     made.toolbar.active_drag = zoom

@@ -1,4 +1,4 @@
-"""How a report opens: a sentence in words and numbers, and three tiles."""
+"""The opening of a report: a sentence and three tiles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NONE = "-"
 
 
 def lead(runs: Sequence[ReportedRun], baseline: int, comparable: bool) -> str:
-    """What came out: of one run by itself, of several that can be compared beside the baseline."""
+    """Main result: of a single run, or of comparable runs against the baseline."""
     base, others = runs[baseline], [run for i, run in enumerate(runs) if i != baseline]
     if not comparable or not others:
         return " ".join(f"{_alone(run)}." for run in runs)
@@ -26,7 +26,7 @@ def lead(runs: Sequence[ReportedRun], baseline: int, comparable: bool) -> str:
 
 
 def _alone(run: ReportedRun) -> str:
-    """One run: whether it is damped, by how much, how far it swings."""
+    """One run: whether it is damped, its damping, its swing."""
     if run.summary["stable"] is False:
         return _lost(run)
     parts = [f"{run.name}: {run.summary['verdict']}"]
@@ -38,7 +38,7 @@ def _alone(run: ReportedRun) -> str:
 
 
 def _beside(run: ReportedRun, base: ReportedRun, *, first: bool) -> str:
-    """A run beside the baseline: what becomes of the damping and of ITAE."""
+    """A run against the baseline: change of damping and of ITAE."""
     if run.summary["stable"] is False:
         return _lost(run)
     now, before = _ratio(run), _ratio(base)

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from facts_damping.analysis.time_frequency import Distribution
     from facts_damping.report.contents import ReportedRun
 
-COLUMNS, ROWS = 300, 150  # of a map at most
+COLUMNS, ROWS = 300, 150  # size of a map, at most
 UNIT = "(10⁻³ p.u.)²/Hz"
-DIGITS = 3  # that count of a value: more would not be seen, and not compress
+DIGITS = 3  # significant digits of a value: more would be invisible and compress badly
 
 
 def maps(runs: Sequence[ReportedRun]) -> list[Maps]:
-    """The distribution of each run's last speed difference, where it can be had; nothing if there is none."""
+    """The distribution of each run's last speed difference, if available; empty if there is none."""
     made = [one for index, run in enumerate(runs) for one in _map(index, run)]
     sentence = (
         "At which frequency a speed difference swings, and when: smoothed pseudo Wigner-Ville distribution, red where "
@@ -36,7 +36,7 @@ def maps(runs: Sequence[ReportedRun]) -> list[Maps]:
 
 
 def _map(index: int, run: ReportedRun) -> list[Map]:
-    """The map of a run; nothing where it has no speed difference, or is too short."""
+    """The map of a run; empty without a speed difference or if the run is too short."""
     if not measure_weights(run.record.configuration):
         return []
     name, values = list(speed_differences(run.record).items())[-1]
@@ -49,7 +49,7 @@ def _map(index: int, run: ReportedRun) -> list[Map]:
 
 
 def _thinned(found: Distribution) -> tuple[tuple[float, float, float, float], NDArray[np.float32]]:
-    """Outer edges and values (frequencies, times) within the band: of each block the value that is largest in size."""
+    """Outer edges and values (frequencies, times) within the band: the largest value by magnitude of each block."""
     t, f = found.time_s, found.frequency_hz
     inside = np.flatnonzero((f >= BAND[0]) & (f <= BAND[1]))
     values = _blocks(_blocks(found.values[:, inside], COLUMNS).T, ROWS)
@@ -61,7 +61,7 @@ def _thinned(found: Distribution) -> tuple[tuple[float, float, float, float], ND
 
 
 def _blocks(values: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    """Rows in at most `most` blocks as equal as can be: of each the value that is largest in size, by column."""
+    """Group rows into at most `most` blocks of nearly equal size: by column, the largest value by magnitude of each."""
     starts = np.linspace(0, len(values), min(len(values), most) + 1).astype(int)[:-1]
     high, low = np.maximum.reduceat(values, starts), np.minimum.reduceat(values, starts)
     return np.where(high >= -low, high, low)

@@ -1,4 +1,4 @@
-"""A report as a file: one page of HTML with scripts, style and data inside."""
+"""Writes a report as one HTML page with scripts, style and data inside."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from facts_damping.report.contents import Report
     from facts_damping.signals import Record
 
-LONG = 24  # letters: a longer entry of a table is broken into lines
+LONG = 24  # characters: longer table entries are wrapped
 MARKS = {"best": "▲", "worst": "▼"}
 
 
@@ -38,9 +38,8 @@ def write(
 ) -> None:
     """Write the report of several records (name, record) and their figures (`analysis.summarise`).
 
-    Raises InputError if the file cannot be written.
-
-    The summaries may tell the path of the `recording` and, counted from the `baseline`, `improvement_percent`.
+    The summaries may have the path of the `recording` and `improvement_percent` over the `baseline`. Raises InputError
+    if the file cannot be written.
     """
     runs = [
         ReportedRun(name, record, summary, summary.get("recording") or "-")
@@ -58,11 +57,11 @@ def _shown(value: Any) -> Any:
 
 
 def page(report: Report) -> str:
-    """A report as HTML. Names and notes are text of the recordings: all is escaped but what Bokeh makes."""
+    """A report as HTML. Names and notes come from recordings, so all text but Bokeh's is escaped."""
     drawn = draw(report)
     flat: dict[str, Model] = {f"{key}-{i}": one.figure for key, parts in drawn.items() for i, one in enumerate(parts)}
     document = Document()
-    with document.models.freeze():  # else all that they share is gone through again at each
+    with document.models.freeze():  # otherwise every figure traverses all shared models again
         for figure in flat.values():
             document.add_root(figure)
     script, divs = components(flat) if flat else ("", {})
@@ -89,7 +88,7 @@ def page(report: Report) -> str:
 
 
 def _events(report: Report) -> str:
-    """What happened to the grid, in a line."""
+    """Grid events in one line."""
     named = [f"{at:g} s {what}" for at, what in report.events[:MOST_EVENTS]]
     more = len(report.events) - len(named)
     return "; ".join(named) + (f"; and {more} more" if more else "")

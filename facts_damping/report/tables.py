@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from facts_damping.report.contents import Mark, ReportedRun
 
-# Rows of the summary in which runs are compared, and whether the largest value is the best one. Nobody's best is how
-# little a device does, nor how quick a link is.
+# Rows of the summary in which runs are compared, and whether the largest value is best. Low device effort and
+# low link latency do not count as best.
 LARGEST_IS_BEST = {
     "in synchronism": True,
     "verdict": True,
@@ -33,14 +33,14 @@ LARGEST_IS_BEST = {
     "settling time [s]": False,
     "  its damping ratio": True,
 }
-JUDGED_BY = {"verdict": ("damped",)}  # paths of what is compared, where it is not what the row shows
+JUDGED_BY = {"verdict": ("damped",)}  # paths of the compared values, if not those shown in the row
 STATISTICS = {"mean": "mean [ms]", "p50": "median [ms]", "p99": "99 % [ms]", "max": "max [ms]"}
 NONE = "-"
 UNMARKED: Mark = ""
 
 
 def summary(runs: Sequence[ReportedRun], comparable: bool) -> ReportTable:
-    """The figures of all runs; if they can be compared, with the best and the worst of each row marked."""
+    """Figures of all runs; if comparable, with the best and worst of each row marked."""
     rows = []
     for label, path, form in ROWS:
         texts = [row_text(run.summary, path, form) for run in runs]
@@ -59,7 +59,7 @@ def summary(runs: Sequence[ReportedRun], comparable: bool) -> ReportTable:
 
 
 def ranked(values: Sequence[float | bool | None], largest_is_best: bool) -> list[Mark]:
-    """How values of several runs stand: `best`, `worst` or neither. None is worse than any; nobody is best alone."""
+    """Mark of each run's value: `best`, `worst` or neither. None is worst; a tie of all runs gets no mark."""
     sign = 1.0 if largest_is_best else -1.0
     worth = [-np.inf if value is None else sign * float(value) for value in values]
     if len(set(worth)) < 2:
@@ -69,7 +69,7 @@ def ranked(values: Sequence[float | bool | None], largest_is_best: bool) -> list
 
 
 def improvements(runs: Sequence[ReportedRun], baseline: int) -> list[ReportTable]:
-    """By how much figures of the others are below the baseline's; nothing without two that have them."""
+    """Improvement of the other runs over the baseline; empty unless two runs have the figures."""
     parts = [run.summary.get("improvement_percent") for run in runs]
     if sum(part is not None for part in parts) < 2:
         return []
@@ -110,7 +110,7 @@ def _mode(mode: Mapping[str, Any]) -> list[Cell]:
 
 
 def effort(runs: Sequence[ReportedRun]) -> ReportTable:
-    """What each device was asked for."""
+    """Setpoints and effort of each device."""
     rows = []
     for run in runs:
         table, duty = run.record.devices, run.summary["saturation_duty"]
@@ -131,7 +131,7 @@ def effort(runs: Sequence[ReportedRun]) -> ReportTable:
 
 
 def supervision(runs: Sequence[ReportedRun]) -> list[ReportTable]:
-    """What supervisors did, and why; nothing without any."""
+    """Actions of supervisors and their causes; empty without supervisors."""
     told = [(run.name, one) for run in runs for one in run.summary.get("supervision") or ()]
     if not told:
         return []
@@ -161,7 +161,7 @@ def supervision(runs: Sequence[ReportedRun]) -> list[ReportTable]:
 
 
 def links(runs: Sequence[ReportedRun]) -> ReportTable:
-    """Latency of each hop, and what was lost."""
+    """Latency of each hop, and frames lost."""
     rows = [
         [Cell(run.name), Cell(HOPS[hop]), Cell(together(names)), *(Cell(one) for one in told)]
         for run in runs
@@ -180,7 +180,7 @@ def links(runs: Sequence[ReportedRun]) -> ReportTable:
 
 
 def _modelled_twice(run: ReportedRun) -> str:
-    """Which part of a link's delay is not there, as the run's PMUs have a filter themselves."""
+    """Parts of a link's delay that are left out because the run's PMUs have their own filter."""
     measurement, link = (run.record.configuration.get(field) or {} for field in ("measurement", "link"))
     stages = [one for one in link.get("up") or () if (one["stage"], one["model"]) == ("pmu", "constant")]
     delay = sum(one["delay"] for one in stages)
@@ -191,7 +191,7 @@ def _modelled_twice(run: ReportedRun) -> str:
 
 
 def _latencies(parts: Mapping[str, NDArray[np.float64]]) -> dict[str, tuple[str, ...]]:
-    """How many there are of each, and their statistics."""
+    """Number of values and their statistics, by name."""
     return {
         who: (str(len(values)), *(_number(one, ".2f") for one in statistics(values).values()))
         for who, values in parts.items()
@@ -199,7 +199,7 @@ def _latencies(parts: Mapping[str, NDArray[np.float64]]) -> dict[str, tuple[str,
 
 
 def conditions(runs: Sequence[ReportedRun]) -> ReportTable:
-    """What was run."""
+    """Conditions of the runs."""
     fields = ["system", "scenario", "devices", "controllers", "link", "frame_rate", "duration", "seed"]
     fields += [field for field in ("supervision", "arm_at") if any(run.record.asked.get(field) for run in runs)]
     rows = [
@@ -217,7 +217,7 @@ def _versions(found: Mapping[str, str]) -> str:
 
 
 def _said(value: Any) -> str:
-    """A field of a run, short."""
+    """Short text of a field of a run."""
     if isinstance(value, list):
         return ", ".join(map(_said, value)) or "none"
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Traces thinned for display: what is long is drawn as its envelope."""
+"""Thins long traces for display by their envelope."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-BEFORE, AFTER = 2.0, 58.0  # s about the first event that are shown in detail
-POINTS = 6000  # of a trace at most: three for each pixel of a wide screen
+BEFORE, AFTER = 2.0, 58.0  # s before and after the first event shown in detail
+POINTS = 6000  # of a trace, at most: three per pixel of a wide screen
 
 
 def envelope(
@@ -18,9 +18,8 @@ def envelope(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """A trace of at most `most` points that looks the same: smallest and largest value of each block of samples.
 
-    `x`, `y`: (n,); returned as they are if they are short enough. Otherwise two points a block, in the order in which
-    they come, at the block's first x and in its middle, so that traces over the same x share it. NaN does not count
-    beside numbers.
+    `x`, `y`: (n,); short traces are returned unchanged. Otherwise each block gives two points, in order of occurrence,
+    at the block's first and middle x, so that traces over the same x share it. NaN is ignored beside numbers.
     """
     if len(x) <= most:
         return x, y
@@ -37,9 +36,9 @@ def envelope(
 def detailed(
     time_s: NDArray[np.float64], y: NDArray[np.float64], since: float, most: int = POINTS
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A long trace as its envelope, but the minute after `since` (s; the first event) as an envelope of its own.
+    """Envelope of a long trace, with a separate envelope for the minute after `since` (s; the first event).
 
-    So that who zooms into an hour sees the oscillation. At most `3 most` points.
+    Zooming into a long run then shows the oscillation. At most `3 most` points.
     """
     if len(time_s) <= most:
         return time_s, y
@@ -53,10 +52,10 @@ def detailed(
 def steps(
     x: NDArray[np.float64], y: NDArray[np.float64], most: int = POINTS
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Stairs of at most `most` points: each y holds until the next x.
+    """A staircase of at most `most` points: each y holds until the next x.
 
-    `x`, `y`: (n,), n > 0, x never falling. Of equal x the last y counts; of too many steps every so-manieth stays, and
-    the last always.
+    `x`, `y`: (n,), n > 0, x non-decreasing. For equal x the last y counts; if there are too many steps, every k-th is
+    kept, and always the last.
     """
     ends = np.flatnonzero(np.append(x[1:] != x[:-1], True))
     kept = ends[np.unique(np.linspace(0, len(ends) - 1, min(len(ends), most // 2)).astype(int))]

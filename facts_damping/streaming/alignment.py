@@ -1,4 +1,4 @@
-"""Time alignment, as concentrators do it: what stations say of the same instant, put together."""
+"""Time alignment, as in a phasor data concentrator: combines the stations' reports of the same instant."""
 
 from __future__ import annotations
 
@@ -15,38 +15,38 @@ if TYPE_CHECKING:
 
 
 class StationReport(NamedTuple):
-    """What some stations say of an instant."""
+    """Reports of some stations for one instant."""
 
-    where: NDArray[np.int64]  # their places
+    where: NDArray[np.int64]  # indices of the stations
     values: NDArray[np.float64]  # (where, CHANNELS)
     status: NDArray[np.int64]  # (where,)
-    absent: NDArray[np.bool_] | None = None  # (where,): of whom it is said that they are; none: nobody
+    absent: NDArray[np.bool_] | None = None  # (where,): stations reported as absent; None: none
 
 
 class AlignedFrame(NamedTuple):
-    """What stations said of an instant."""
+    """Combined reports of all stations for one instant."""
 
-    instant: int  # number of the frame since time began
-    values: NDArray[np.float64]  # (stations, CHANNELS); NaN: nothing
+    instant: int  # frame number since the epoch of the stamps
+    values: NDArray[np.float64]  # (stations, CHANNELS); NaN: no value
     status: NDArray[np.int64]  # (stations,)
-    there: NDArray[np.bool_]  # (stations,): who has said something
-    heard: NDArray[np.bool_]  # (stations,): of whom something came, be it that they are absent
+    there: NDArray[np.bool_]  # (stations,): has values
+    heard: NDArray[np.bool_]  # (stations,): has reported, be it values or absence
 
 
 class Alignment:
-    """Instants in their order: each when all stations that are `awaited` were heard, or when its time is over.
+    """Emits instants in order: each when all `awaited` stations have reported, or when its time is over.
 
-    Where one is missing, those after it wait until its time is over: it may have been overtaken.
+    If an instant is missing, later ones wait until its time is over, since frames may overtake each other.
     """
 
     def __init__(self, stations: int) -> None:
-        """All of so many stations are awaited at first."""
-        self.awaited, self.late = np.ones(stations, bool), 0  # entries that came when their instant had been given
+        """Await all of `stations` stations at first."""
+        self.awaited, self.late = np.ones(stations, bool), 0  # entries that arrived after their instant was emitted
         self._open: dict[int, AlignedFrame] = {}
-        self._given: int | None = None  # the newest instant that is over
+        self._given: int | None = None  # the newest instant emitted or over
 
     def put(self, instant: int, said: StationReport) -> bool:
-        """Take what is said of an instant; whether it was in time."""
+        """Add a report of an instant. Returns whether it was in time."""
         if self._given is not None and instant <= self._given:
             self.late += len(said.where)
             return False
@@ -60,7 +60,7 @@ class Alignment:
         return True
 
     def take(self, over: int | None = None) -> Iterator[AlignedFrame]:
-        """The instants that are due; `over`: the newest one that waits no longer."""
+        """Instants that are complete or over; `over`: the newest one whose time is over."""
         for instant in sorted(self._open):
             one = self._open[instant]
             follows = self._given is None or instant == self._given + 1
@@ -73,6 +73,6 @@ class Alignment:
             self._given = max(self._given, over)
 
     def forget(self) -> None:
-        """Begin anew: instants may be any."""
+        """Reset: the next instant may have any number."""
         self._open.clear()
         self._given = None

@@ -1,7 +1,7 @@
-"""A client of one stream: connects, asks for the configuration, has data turned on; and again when it is lost.
+"""A client of one stream: connects, requests the configuration, turns data on, and reconnects when the stream is lost.
 
-IEEE C37.118.2, annex F: over TCP, or by UDP to the server's port, it commands. Spontaneous data by UDP, to an address
-of this computer or to a group, are only listened to; their configuration comes by itself.
+IEEE C37.118.2, annex F: the client sends commands over TCP, or over UDP to the server's port. Spontaneous UDP data, to
+an address of this computer or a multicast group, are only received; their configuration arrives by itself.
 """
 
 from __future__ import annotations
@@ -24,45 +24,45 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.streams import Server
 
-CONNECT_S = 5.0  # longest wait for a connection
-ANSWER_S = 1.0  # wait for a configuration before it is asked for again
-SILENT_S = 5.0  # silence after which a server is asked whether it is there; as long again, and it is taken for lost
-AGAIN_S = 1.0  # between two attempts
+CONNECT_S = 5.0  # timeout of a connection attempt
+ANSWER_S = 1.0  # time after which a configuration is requested again
+SILENT_S = 5.0  # silence after which the server is queried; after the same time again it counts as lost
+AGAIN_S = 1.0  # time between two attempts
 CHUNK = 1 << 16
-ASKED = ("send_configuration_3", "send_configuration_2")  # by turns, as not every server knows 3
+ASKED = ("send_configuration_3", "send_configuration_2")  # tried alternately: not every server knows configuration 3
 
 
 class Lost(str):
-    """Why a connection is not there, or not any more."""
+    """Why there is no connection."""
 
     __slots__ = ()
 
 
 class _Wire(Protocol):
-    """What carries bytes to a server and from it."""
+    """Carries bytes to and from a server."""
 
     async def receive(self) -> bytes:
-        """The next bytes; none: the server has closed."""
+        """The next bytes; empty if the server has closed."""
 
     def send(self, data: bytes) -> None:
-        """Bytes to the server."""
+        """Send bytes to the server."""
 
     def close(self) -> None:
-        """Let go."""
+        """Close the connection."""
 
 
 class Client:
-    """Tells what comes: a configuration, an instant, or why there is no connection."""
+    """Reports configurations, instants, and lost connections."""
 
     def __init__(self, server: Server, tell: Callable[[Configuration | Instant | Lost], None]) -> None:
-        """`tell` is called in the event loop that `run` is awaited in."""
+        """`tell` is called in the event loop that awaits `run`."""
         self.server, self._tell = server, tell
         self.receiver, self.connections = Receiver(server.idcode), 0
-        self._kind, self._answered = 0, True  # which of ASKED the server answers, and whether it has
+        self._kind, self._answered = 0, True  # index in ASKED of the request in use, and whether it was answered
         self._asked_s = self._heard_s = -ANSWER_S
 
     async def run(self) -> None:
-        """Until it is cancelled."""
+        """Run until cancelled."""
         while True:
             try:
                 wire = await self._connect()
@@ -81,7 +81,7 @@ class Client:
             await asyncio.sleep(AGAIN_S)
 
     async def _connect(self) -> _Wire:
-        """The way to the server. Raises OSError."""
+        """Connect to the server. Raises OSError."""
         opening = asyncio.ensure_future(_open(self.server))
         try:
             if not (await asyncio.wait({opening}, timeout=CONNECT_S))[0]:
@@ -91,7 +91,7 @@ class Client:
             opening.cancel()
 
     async def _serve(self, wire: _Wire) -> str:
-        """One connection, to its end, and why it ended."""
+        """Serve one connection; returns the reason of its end."""
         receiver, old = Receiver(self.server.idcode), self.receiver
         receiver.lost_bytes, receiver.refused = old.lost_bytes, old.refused
         self.receiver, self._asked_s, self._heard_s = receiver, -ANSWER_S, time.monotonic()
@@ -113,7 +113,7 @@ class Client:
             coming.cancel()
 
     def _take(self, wire: _Wire, received: bytes) -> None:
-        """What has come; data are turned on as soon as the configuration is known."""
+        """Process received bytes; turns data on once the configuration is known."""
         self._heard_s, receiver = time.monotonic(), self.receiver
         for one in receiver.take([received]) if self.server.kind == "udp" else receiver.feed(received):
             if isinstance(one, Configuration):
@@ -123,7 +123,7 @@ class Client:
                 self._tell(one)
 
     def _ask(self, wire: _Wire, now: float) -> None:
-        """Ask for the configuration, once in a while; for the other kind, where that is not answered."""
+        """Request the configuration from time to time; switches to the other kind if there is no answer."""
         if now - self._asked_s < ANSWER_S:
             return
         if not self._answered:
@@ -138,7 +138,7 @@ class Client:
 
 
 class _Tcp:
-    """A connection."""
+    """A TCP connection."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader, self._writer = reader, writer
@@ -154,7 +154,7 @@ class _Tcp:
 
 
 class _Udp(asyncio.DatagramProtocol):
-    """Datagrams, each a frame."""
+    """UDP datagrams, one frame each."""
 
     def __init__(self) -> None:
         self._come: asyncio.Queue[bytes] = asyncio.Queue()
@@ -168,7 +168,7 @@ class _Udp(asyncio.DatagramProtocol):
             self._come.put_nowait(data)
 
     def error_received(self, exc: Exception) -> None:
-        """Nobody is there yet: it is asked again."""
+        """Ignore: no server is there yet, and the request is repeated."""
 
     async def receive(self) -> bytes:
         return await self._come.get()
@@ -183,7 +183,7 @@ class _Udp(asyncio.DatagramProtocol):
 
 
 async def _open(server: Server) -> _Wire:
-    """The way to a server. Raises OSError."""
+    """Connect to a server. Raises OSError."""
     if server.kind == "tcp":
         return _Tcp(*await asyncio.open_connection(server.host, server.port))
     way: dict[str, Any] = {"remote_addr": (server.host, server.port)}
@@ -198,7 +198,7 @@ def _join(made: socket.socket, group: str, interface: str) -> None:
 
 
 def _listening(server: Server) -> socket.socket:
-    """A socket that hears what is sent to an address of this computer, or to a group that it joins."""
+    """A socket that receives data sent to an address of this computer, or to a multicast group that it joins."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -1,4 +1,4 @@
-"""What a run's PMUs say, tick by tick, as instants of a stream: as they report it, or as a link has delivered it."""
+"""Converts a run's PMU reports, tick by tick, to instants of a stream: as reported, or as delivered by a link."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ if TYPE_CHECKING:
     from facts_damping.parameters.measurement import Measurement
     from facts_damping.streaming.alignment import AlignedFrame
 
-WAIT_S = 1.0  # that an instant behind a link waits at most for the slowest station
+WAIT_S = 1.0  # s, longest wait of a delivered instant for the slowest station
 
 
 def grid_stations(case: Case) -> list[Station]:
-    """A run's stations with the bases of what they measure."""
+    """A run's stations with the bases of their measurements."""
     kilovolts = {bus.name: bus.nominal_voltage for bus in case.system.buses}
     return [Station(name, kilovolts[bus], case.system.base_power) for name, bus in case.system.station_buses().items()]
 
 
 class Concentrator:
-    """Instants, each stamped by the time that it describes, in their order; a station without values is absent.
+    """Emits instants in order, each stamped with its time of measurement; a station without values is absent.
 
-    As reported, a tick is an instant: of stations whose clocks are off, the stamp is the nearest instant of a frame,
-    their error is in their angles. As delivered, an instant waits for the slowest station, `wait_s` at most.
+    As reported, one tick is one instant: with wrong station clocks the stamp is the nearest frame, and the clock error
+    appears in the angles. As delivered, an instant waits for the slowest station, but at most `wait_s`.
     """
 
     def __init__(self, case: Case, epoch_s: float, wait_s: float | None = None) -> None:
-        """`epoch_s`: the time of tick 0, s since 1970, to the nearest frame; `wait_s`: none: as reported."""
+        """`epoch_s`: time of tick 0, s since 1970, rounded to a frame; `wait_s`: None for frames as reported."""
         self.grid, self._rate = grid_stations(case), case.run.frame_rate
-        self._first = round(epoch_s * self._rate)  # the number of tick 0's frame
+        self._first = round(epoch_s * self._rate)  # frame number of tick 0
         self._wait = None if wait_s is None else round(wait_s * self._rate)
         self.alignment = Alignment(len(self.grid))
         self._lost_ns, self._drift = _clocks(case.measurement, self.grid)
 
     def take(self, tick: int, rows: NDArray[Any]) -> list[Instant]:
-        """What the entries (DELIVERY) of a tick complete."""
+        """Instants that a tick's entries (DELIVERY) complete."""
         numbers = np.rint(rows["measured_ns"] * (self._rate / NANOSECONDS)).astype(np.int64)
         if self._wait is None:
             numbers[:] = np.sort(numbers)[len(numbers) // 2] if len(numbers) else 0
@@ -60,11 +60,11 @@ class Concentrator:
         return [self._instant(one) for one in self.alignment.take(over)]
 
     def rest(self) -> list[Instant]:
-        """What still waits for others."""
+        """Instants that still wait for other stations."""
         return [self._instant(one) for one in self.alignment.take(sys.maxsize)]
 
     def _instant(self, one: AlignedFrame) -> Instant:
-        """As a stream says it."""
+        """Convert to an instant of a stream."""
         second, number = divmod(self._first + one.instant, self._rate)
         unsynchronised = one.there & ((one.status & UNSYNCHRONISED) > 0)
         for_s = np.where(unsynchronised, one.instant / self._rate - self._lost_ns / NANOSECONDS, 0.0).clip(0.0)
@@ -75,7 +75,7 @@ class Concentrator:
 
 
 def _clocks(measurement: Measurement, grid: Sequence[Station]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """When each station's clock loses the time, ns, and how fast it goes wrong from then on, s/s."""
+    """Time at which each station's clock loses synchronism, ns, and its drift from then on, s/s."""
     own = [measurement.stations.get(one.name) for one in grid]
     clocks = [measurement.clock if one is None or one.clock is None else one.clock for one in own]
     lost = [NANOSECONDS * (0.0 if clock.lost is None else clock.lost) for clock in clocks]

@@ -1,4 +1,4 @@
-"""What servers send, for people: their configurations, and the newest values."""
+"""Data received from servers, as text: configurations and newest values."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ TITLES = ("PMU", "IDCODE", "format", "channel", "value")
 
 @dataclass
 class ServerState:
-    """What one server has sent."""
+    """Data received from one server."""
 
     server: Server
     configuration: Configuration | None = None
     newest: Instant | None = None
     frames: int = 0
     lost: str = ""  # why there is no connection
-    refused: dict[str, int] = field(default_factory=dict)  # frames that were none, by the field that was wrong
-    why: str = ""  # what was wrong with the newest of them
+    refused: dict[str, int] = field(default_factory=dict)  # invalid frames, by the wrong field
+    why: str = ""  # what was wrong with the newest invalid frame
 
     def take(self, what: Any) -> None:
-        """Keep what has come."""
+        """Store what was received."""
         if isinstance(what, Configuration):
             self.configuration, self.newest, self.lost = what, None, ""
         elif isinstance(what, Instant):
@@ -41,7 +41,7 @@ class ServerState:
             self.lost = str(what)
 
     def __str__(self) -> str:
-        """In a line."""
+        """One line of text."""
         c = self.configuration
         if c is None:
             why = self.lost or self.why or "no answer; is the IDCODE right?"
@@ -51,7 +51,7 @@ class ServerState:
         return f"{self.server}: {len(c.pmus)} PMUs, {rate}; {self.frames} frames have come{refused}"
 
     def values(self) -> Iterator[tuple[Pmu, list[tuple[str, float | None, str]]]]:
-        """PMUs, and of each its channels: name, newest value, unit."""
+        """PMUs with their channels: name, newest value, unit."""
         if self.configuration is None:
             return
         data = None if self.newest is None else self.newest.data
@@ -70,7 +70,7 @@ class ServerState:
             yield pmu, rows
 
     def rows(self) -> Iterator[tuple[str, ...]]:
-        """For a table: a row a channel, the PMU named in its first."""
+        """Table rows, one per channel; the first row of a PMU names it."""
         for pmu, channels in self.values():
             told = (pmu.name, str(pmu.idcode), _format(pmu))
             for name, value, unit in channels:
@@ -81,7 +81,7 @@ class ServerState:
                 told = ("", "", "")
 
     def result(self) -> dict[str, Any]:
-        """For JSON."""
+        """Content for JSON."""
         pmus = [
             {
                 "name": pmu.name,
@@ -104,13 +104,13 @@ class ServerState:
 
 
 def _format(pmu: Pmu) -> str:
-    """FORMAT, for people: polar or rectangular, and what is floats."""
+    """Text of FORMAT: polar or rectangular, and which values are floats."""
     floats = [name.removeprefix("float_") for name in FORMATS if name.startswith("float_") and getattr(pmu, name)]
     return f"{'polar' if pmu.polar else 'rectangular'}, floats: {', '.join(floats) or 'none'}"
 
 
 async def listen(servers: Sequence[Server], seconds: float) -> list[ServerState]:
-    """What servers send in some time."""
+    """Data received from servers within `seconds`."""
     found = [ServerState(one) for one in servers]
     clients = [Client(one.server, one.take) for one in found]
     tasks = {asyncio.ensure_future(client.run()) for client in clients}

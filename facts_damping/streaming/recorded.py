@@ -1,4 +1,4 @@
-"""A recording as a stream: what its stations said at each tick, and its own pace."""
+"""Plays a recording as a stream: the stations' reports at each tick, at the recorded pace."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from facts_damping.streaming.concentrator import Concentrator
     from facts_damping.streaming.server import Server
 
-    Timed = tuple[float, Instant]  # s since the first tick, what is sent then
+    Timed = tuple[float, Instant]  # s since the first tick, and the instant to send then
 
-WAIT_S = 0.02  # between two looks whether anybody listens
+WAIT_S = 0.02  # s, polling period while no client listens
 
 
 def instants(record: Record, concentrator: Concentrator, link: int | None = None) -> Iterator[Timed]:
-    """What the PMUs of a recording said, tick by tick; `link`: as that link has delivered it."""
+    """Instants of a recording's PMUs, tick by tick; `link`: index of a link, for frames as it delivered them."""
     delivered = record.delivered[record.delivered["link"] == (-1 if link is None else link)]
     for k, (tick, now_ns) in enumerate(zip(record.ticks.tolist(), record.time_ns.tolist(), strict=True)):
         if link is None:
@@ -40,7 +40,7 @@ def instants(record: Record, concentrator: Concentrator, link: int | None = None
 
 
 def one_of(instant: Instant, i: int) -> Instant:
-    """What one of the stations says alone."""
+    """Part of an instant for station i alone."""
     d, phasors, analogs = instant.data, len(stations.PHASORS), len(stations.ANALOGS)
     own = Data(
         d.status[i : i + 1],
@@ -54,7 +54,7 @@ def one_of(instant: Instant, i: int) -> Instant:
 
 
 async def play(servers: Sequence[Server], timed: Iterator[Timed], *, each: bool) -> None:
-    """Send what was recorded at its pace, from when somebody listens; `each`: a server a station."""
+    """Send instants at the recorded pace once a client listens; `each`: one server per station."""
     while not any(server.listening for server in servers):  # noqa: ASYNC110 (clients come when they like)
         await asyncio.sleep(WAIT_S)
     loop = asyncio.get_running_loop()
@@ -65,6 +65,6 @@ async def play(servers: Sequence[Server], timed: Iterator[Timed], *, each: bool)
 
 
 def send(servers: Sequence[Server], instant: Instant, *, each: bool) -> None:
-    """An instant to all who listen; `each`: a server a station."""
+    """Send an instant to all listening clients; `each`: one server per station."""
     for i, server in enumerate(servers):
         server.send(one_of(instant, i) if each else instant)

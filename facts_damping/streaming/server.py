@@ -1,7 +1,7 @@
-"""A server of one stream: TCP for as many clients as come, UDP for those that ask and for fixed receivers.
+"""A server of one stream: TCP for any number of clients, UDP for clients that ask and for fixed receivers.
 
-IEEE C37.118.2, annex F: over TCP, and over UDP to the server's port, clients command; data goes to those that have
-turned it on. Over UDP spontaneously, data and once a minute configuration 2 go to given addresses, multicast too.
+IEEE C37.118.2, annex F: clients send commands over TCP, or over UDP to the server's port; data go to clients that
+turned them on. Spontaneous UDP: data, and once a minute configuration 2, go to given addresses, multicast included.
 """
 
 from __future__ import annotations
@@ -22,38 +22,38 @@ if TYPE_CHECKING:
 
     Address = tuple[str, int]
 
-MOST_WAITING = 1 << 18  # bytes that a client may be behind: then it is dropped
-CONFIGURATION_S = 60.0  # between the configurations that go to fixed receivers
-MOST_ASKING = 256  # addresses that have turned data on by UDP: the one that was first makes room
-LONGEST = 1024  # bytes of a command
+MOST_WAITING = 1 << 18  # bytes of unsent data at which a slow client is dropped
+CONFIGURATION_S = 60.0  # s between configurations to fixed receivers
+MOST_ASKING = 256  # UDP addresses with data turned on; beyond, the oldest is removed
+LONGEST = 1024  # bytes of the longest command
 CHUNK = 4096
 
 
 @dataclass
 class Counts:
-    """What has happened."""
+    """Counters of a server."""
 
-    frames: int = 0  # data frames, however many they went to
-    clients: int = 0  # connections, and addresses that have turned data on by UDP
-    dropped: int = 0  # clients that were too slow
-    refused: Counter[str] = field(default_factory=Counter)  # commands that were none, by what was wrong
+    frames: int = 0  # data frames, each counted once for all receivers
+    clients: int = 0  # TCP connections, and UDP addresses that turned data on
+    dropped: int = 0  # clients dropped for being too slow
+    refused: Counter[str] = field(default_factory=Counter)  # invalid commands, by what was wrong
 
 
 class Server:
-    """A stream's server; `begin`, then `send` each instant, `end` at last."""
+    """Server of a stream: call `begin`, then `send` for each instant, and `end` at last."""
 
     def __init__(self, stream: Stream, now: Callable[[], tuple[int, int]]) -> None:
-        """`now`: the time of answers, s and parts of a second."""
+        """`now`: current time for answers, as s and fraction of a second."""
         self.stream, self.now, self.counts = stream, now, Counts()
-        self._clients: dict[asyncio.StreamWriter, bool] = {}  # whether data is turned on
-        self._asking: dict[Address, None] = {}  # who has data turned on by UDP, in their order
+        self._clients: dict[asyncio.StreamWriter, bool] = {}  # whether data are turned on
+        self._asking: dict[Address, None] = {}  # UDP addresses with data turned on, oldest first
         self._fixed: list[Address] = []
         self._tcp: asyncio.Server | None = None
         self._udp: asyncio.DatagramTransport | None = None
-        self._told_s = -CONFIGURATION_S  # when fixed receivers last had the configuration
+        self._told_s = -CONFIGURATION_S  # time of the last configuration to fixed receivers
 
     async def begin(self, tcp: Address | None, udp: Address | None, fixed: Sequence[Address] = ()) -> None:
-        """Open the ports. Raises `RunError` where one cannot be had."""
+        """Open the ports. Raises `RunError` if one is not available."""
         loop = asyncio.get_running_loop()
         try:
             if tcp is not None:
@@ -69,17 +69,17 @@ class Server:
 
     @property
     def ports(self) -> tuple[int, int]:
-        """Those of TCP and UDP that were opened; 0: none."""
+        """Opened TCP and UDP ports; 0: none."""
         tcp = 0 if self._tcp is None else self._tcp.sockets[0].getsockname()[1]
         return tcp, 0 if self._udp is None else self._udp.get_extra_info("sockname")[1]
 
     @property
     def listening(self) -> int:
-        """How many have data turned on."""
+        """Number of receivers with data turned on."""
         return sum(self._clients.values()) + len(self._asking) + len(self._fixed)
 
     def send(self, instant: Instant) -> None:
-        """A data frame to all who listen; those who are too far behind are dropped."""
+        """Send a data frame to all receivers; clients too far behind are dropped."""
         raw = session.told(self.stream, instant)
         self.counts.frames += 1
         for client in [one for one, on in self._clients.items() if on]:
@@ -91,7 +91,7 @@ class Server:
                 self._udp.sendto(raw, address)
 
     def _too_slow(self, client: asyncio.StreamWriter) -> bool:
-        """Whether a client is too far behind: then it is dropped."""
+        """Whether a client is too far behind; if so, it is dropped."""
         if client.transport.get_write_buffer_size() <= MOST_WAITING:
             return False
         self.counts.dropped += 1
@@ -100,7 +100,7 @@ class Server:
         return True
 
     def _remind(self) -> None:
-        """The configuration to fixed receivers, which cannot ask for it."""
+        """Send the configuration to fixed receivers, which cannot request it."""
         now_s = asyncio.get_running_loop().time()
         if self._fixed and now_s - self._told_s >= CONFIGURATION_S and self._udp is not None:
             self._told_s = now_s
@@ -109,7 +109,7 @@ class Server:
                     self._udp.sendto(raw, address)
 
     def answer(self, raw: bytes) -> tuple[list[bytes], bool | None]:
-        """What a command asks for, and whether it turns data on or off; what is none is counted."""
+        """Answer of a command, and whether it turns data on or off (None: neither); invalid commands are counted."""
         try:
             name = session.commanded(self.stream, raw)
         except FrameError as error:
@@ -119,7 +119,7 @@ class Server:
         return session.answers(self.stream, name, *self.now()), turned
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One client of TCP, until it goes."""
+        """Serve a TCP client until it disconnects."""
         self.counts.clients += 1
         self._clients[writer], stream = False, bytearray()
         try:
@@ -135,14 +135,14 @@ class Server:
                         return
                     if turned is not None and writer in self._clients:
                         self._clients[writer] = turned
-        except OSError:  # it has gone
+        except OSError:  # the client has disconnected
             pass
         finally:
             self._clients.pop(writer, None)
             writer.close()
 
     def received(self, raw: bytes, address: Address) -> None:
-        """A datagram, which is one command."""
+        """Process a datagram, which is one command."""
         answers, turned = self.answer(raw)
         self._ask(address, turned)
         if self._udp is not None:
@@ -150,7 +150,7 @@ class Server:
                 self._udp.sendto(one, address)
 
     def _ask(self, address: Address, turned: bool | None) -> None:
-        """Keep who has turned data on by UDP, until it turns them off."""
+        """Add an address that turned data on by UDP, or remove it."""
         if turned is False:
             self._asking.pop(address, None)
         elif turned and address not in self._asking:
@@ -161,7 +161,7 @@ class Server:
             self.counts.clients += 1
 
     async def end(self) -> None:
-        """Close all."""
+        """Close all connections and ports."""
         if self._tcp is not None:
             self._tcp.close()
         for client in list(self._clients):
@@ -181,4 +181,4 @@ class _Datagrams(asyncio.DatagramProtocol):
         self.server.received(data, addr[:2])
 
     def error_received(self, exc: Exception) -> None:
-        """A receiver that is not there."""
+        """Ignore a receiver that is not there."""

@@ -1,4 +1,4 @@
-"""The servers of a run's stations: one of all, as of a concentrator, or one of each, as of PMUs."""
+"""Servers of a run's stations: one for all, as a concentrator, or one for each, as PMUs."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 
 class Serving(NamedTuple):
-    """How a run's stations are served."""
+    """Options for serving a run's stations."""
 
     host: str  # address of this computer
-    port: int  # the first server's, TCP and UDP; 0: free ones
-    to: Sequence[str]  # HOST:PORT that data also go to by UDP
+    port: int  # port of the first server, TCP and UDP; 0: any free ones
+    to: Sequence[str]  # HOST:PORT of further UDP receivers
     idcode: int  # of the first stream
-    format: str | None  # names of FORMATS, with commas between; none: all
-    each: bool  # a server a station
+    format: str | None  # names of FORMATS, separated by commas; None: all
+    each: bool  # one server per station
 
 
 def servers(case: Case, asked: Serving, now: Callable[[], tuple[int, int]]) -> list[Server]:
-    """The servers, not yet begun; `now`: the time of their answers. Raises `InputError`."""
+    """The servers, not yet started; `now`: time of their answers. Raises `InputError`."""
     grid, rate, measured = grid_stations(case), case.run.frame_rate, case.measurement
     if asked.idcode + len(grid) > MOST_ID:
         given = f"idcode: {asked.idcode} given with {len(grid)} stations"
@@ -54,7 +54,7 @@ def servers(case: Case, asked: Serving, now: Callable[[], tuple[int, int]]) -> l
 
 
 def _formats(text: str | None) -> dict[str, bool]:
-    """FORMAT by the names of its bits; not given: all; `none`: all integers, rectangular."""
+    """FORMAT by the names of its bits; None: all; `none`: all integers, rectangular."""
     names = FORMATS if text is None else [name for name in text.split(",") if name and name != "none"]
     for name in names:
         check_known("format", name, [*FORMATS, "none"])
@@ -62,7 +62,7 @@ def _formats(text: str | None) -> dict[str, bool]:
 
 
 async def begin(made: Sequence[Server], asked: Serving) -> list[str]:
-    """Open the servers' ports; what is served where, a line a stream. Raises `InputError`, `RunError`."""
+    """Open the servers' ports; returns a line per stream with its address. Raises `InputError`, `RunError`."""
     targets, lines = [await _address(text, asked.host) for text in asked.to], []
     for i, server in enumerate(made):
         at = (asked.host, asked.port + i if asked.port else 0)
@@ -72,7 +72,7 @@ async def begin(made: Sequence[Server], asked: Serving) -> list[str]:
 
 
 async def _address(text: str, own: str) -> Address:
-    """An address that data go to, looked up; `own`: that of this computer which they are sent from."""
+    """Address of a receiver, resolved; `own`: address of this computer to send from."""
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise InputError(f"to: '{text}' given; allowed: HOST:PORT")
@@ -88,18 +88,18 @@ async def _address(text: str, own: str) -> Address:
 
 
 def _names(server: Server) -> str:
-    """Stream and stations, for people."""
+    """Text: stream and stations."""
     return f"IDCODE {server.stream.idcode}, {some_of([pmu.name for pmu in server.stream.configuration.pmus])}"
 
 
 def counted(made: Sequence[Server]) -> list[dict[str, Any]]:
-    """What was sent, to whom, and what was refused, a row a stream."""
+    """Counters of sent and refused frames, one row per stream."""
     rows = [{"idcode": one.stream.idcode, **vars(one.counts)} for one in made]
     return [{**row, "refused": dict(row["refused"])} for row in rows]
 
 
 def told(row: dict[str, Any]) -> str:
-    """Such a row, for people."""
+    """Text of such a row."""
     refused = ", ".join(f"{what} {times}" for what, times in row["refused"].items()) or "nothing"
     sent = f"{row['frames']} frames, {row['clients']} clients, {row['dropped']} dropped"
     return f"IDCODE {row['idcode']}: {sent}; refused: {refused}"

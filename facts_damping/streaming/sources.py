@@ -1,4 +1,4 @@
-"""The streams of a run: what their configurations say, which stations they have, and their instants as ticks."""
+"""The streams of a run: checks their configurations, finds their stations, and converts instants to ticks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Sources:
-    """All servers of a run, and what is known of them."""
+    """All servers of a run and their state."""
 
     def __init__(self, case: Case, streams: Streams) -> None:
         self.servers = [server(text) for text in streams.servers]
@@ -41,14 +41,14 @@ class Sources:
         self.following = Following(len(self.grid), case.run.frame_rate, streams.wait)
         self._known: list[Configuration | None] = [None] * len(self.servers)
         self._places: list[Places | None] = [None] * len(self.servers)
-        self._down: dict[int, str] = {}  # why a server is not there, by its place
-        self._seen = np.zeros(len(self.grid), bool)  # who has spoken in the newest tick
-        self.wrong = False  # what was said last is something wrong
+        self._down: dict[int, str] = {}  # reason for a lost connection, by server
+        self._seen = np.zeros(len(self.grid), bool)  # stations with values in the newest tick
+        self.wrong = False  # whether the last message reports an error
         for name in streams.stations:
             check_known("stations", name, [one.name for one in self.grid])
 
     def take(self, i: int, at_s: float, what: Configuration | Instant | Lost) -> str:
-        """What server i says, at a time of this computer's clock; what there is to be told of it."""
+        """Process data of server i at a time of this computer's clock. Returns a message for the user, or none."""
         self.wrong = False
         if isinstance(what, Instant):
             self._instant(i, at_s, what)
@@ -72,7 +72,7 @@ class Sources:
         self.following.put(number, StationReport(found.stations, values, status, absent), at_s)
 
     def _configuration(self, i: int, what: Configuration) -> str:
-        """Take a configuration where it fits; else the server's stations are absent until one does."""
+        """Use a configuration if it fits; otherwise the server's stations are absent until one does."""
         back = self._down.pop(i, None) is not None
         if what == self._known[i]:
             self._await()
@@ -96,7 +96,7 @@ class Sources:
         return text
 
     def _placed(self, i: int, c: Configuration) -> Places:
-        """Where a server has which stations; none may be another's, too."""
+        """Stations of a server and their places in its data. Raises InputError if another server has one of them."""
         made = mapping.places(c, self.grid, self._streams.stations)
         for j, other in enumerate(self._places):
             twice = [] if other is None or j == i else np.intersect1d(made.stations, other.stations).tolist()
@@ -106,17 +106,17 @@ class Sources:
         return made
 
     def _await(self) -> None:
-        """Await the stations of the servers that are there."""
+        """Await the stations of the connected servers."""
         self.following.alignment.awaited[:] = False
         self.following.alignment.awaited[self._of(i for i in range(len(self.servers)) if i not in self._down)] = True
 
     def _of(self, servers: Iterable[int]) -> NDArray[np.intp]:
-        """Places of the stations that servers have."""
+        """Indices of the stations of some servers."""
         found = [self._places[i] for i in servers]
         return np.sort(np.concatenate([np.zeros(0, np.intp), *(one.stations for one in found if one is not None)]))
 
     def _check(self, c: Configuration) -> None:
-        """Refuse a stream that cannot be of this run's grid."""
+        """Raise InputError for a stream that does not fit the run's grid."""
         rate, nominal = self._case.run.frame_rate, round(self._case.system.frequency)
         if c.rate != rate:
             raise InputError(f"DATA_RATE: {c.rate} frames/s given; allowed: {rate}, the run's frame_rate")
@@ -129,7 +129,7 @@ class Sources:
             raise InputError(f"FNOM: {other.nominal_hz} Hz given by {other.name}; allowed: {nominal} Hz, the system's")
 
     def rows(self, tick: Tick, start_ns: int) -> NDArray[Any]:
-        """Entries of a tick (DELIVERY): of the stations that have spoken."""
+        """Entries of a tick (DELIVERY), for stations with values."""
         self._seen = np.zeros(len(self.grid), bool) if tick.said is None else tick.said.there
         if tick.said is None:
             return np.zeros(0, DELIVERY)
@@ -137,15 +137,15 @@ class Sources:
         return entries(start_ns, tick.said.values, np.where(tick.said.there, measured, LOST), tick.said.status)
 
     def _names(self, places: NDArray[np.intp]) -> str:
-        """Names of stations, for people."""
+        """Names of stations, as text."""
         return some_of([self.grid[s].name for s in places.tolist()])
 
     def unknown(self) -> bool:
-        """Whether nothing is known of any server yet."""
+        """Whether no configuration has arrived yet."""
         return not any(self._known)
 
     def flaws(self) -> list[str]:
-        """Which servers, and which stations, are not there."""
+        """Servers and stations that are missing, as texts."""
         known = self._of(range(len(self.servers)))
         lacking, unknown = known[~self._seen[known]], np.setdiff1d(np.arange(len(self.grid)), known)
         return [
@@ -156,7 +156,7 @@ class Sources:
         ]
 
     def counts(self) -> dict[str, int]:
-        """What has come, and what has not."""
+        """Counters of frames received and missing."""
         receivers = [client.receiver for client in self.clients]
         return {
             "connections": sum(client.connections for client in self.clients),

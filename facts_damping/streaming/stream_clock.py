@@ -1,8 +1,8 @@
-"""Streams as the ticks of a run: which tick an instant is, what is there in it, and when it is over without.
+"""Converts streams to ticks of a run: assigns instants to ticks and decides when a tick is over.
 
-A tick is a frame's instant. It is due when its frame comes at the earliest, by this computer's clock: so late as the
-quickest frames of late have come. It waits for all stations that streams have, but a given time at most; then what is
-missing is missing. So ticks go on, empty, while nothing comes.
+One tick is one frame instant. It is due, by this computer's clock, at the earliest time its frame can arrive: the
+delay of the quickest recent frames. It then waits for all stations of the streams, but at most a given time; data that
+are still missing stay missing. So ticks continue, empty, while nothing arrives.
 """
 
 from __future__ import annotations
@@ -17,32 +17,32 @@ if TYPE_CHECKING:
 
     from facts_damping.c37118.configuration import Configuration
 
-LEAK = 1e-3  # share by which the two clocks may drift apart
-OFF_S = 1.0  # stamps that have been out of time for so long are of another time
-JUMP_S = 10.0  # stamps that are further ahead of this computer's clock than they were are of another time
+LEAK = 1e-3  # largest relative drift between the two clocks
+OFF_S = 1.0  # s; stamps that stay out of range for longer belong to another time base
+JUMP_S = 10.0  # s; stamps that jump further ahead of this computer's clock belong to another time base
 
 
 class Tick(NamedTuple):
     """A tick that is over."""
 
     number: int
-    said: AlignedFrame | None  # none: nothing has come
+    said: AlignedFrame | None  # None: nothing arrived
 
 
 class Following:
-    """Ticks from instants, as they come."""
+    """Converts arriving instants to ticks."""
 
     def __init__(self, stations: int, rate: int, wait_s: float) -> None:
-        self.alignment, self.ahead = Alignment(stations), 0  # ticks by which time is ahead of the stamps
+        self.alignment, self.ahead = Alignment(stations), 0  # ticks by which the run's time is ahead of the stamps
         self.first: int | None = None  # instant of tick 0
-        self.next, self.moved = 0, 0  # the next tick; how often stamps have been taken for those of another time
+        self.next, self.moved = 0, 0  # the next tick; number of changes of the time base
         self._rate, self._wait_s = rate, wait_s
         self._due_s = math.inf  # when tick 0 was due, by this computer's clock
-        self._least_s = -math.inf  # it was not due before
-        self._off_s = math.inf  # since when all instants have been out of time
+        self._least_s = -math.inf  # earliest plausible value of `_due_s`
+        self._off_s = math.inf  # since when all instants have been out of range
 
     def put(self, instant: int, said: StationReport, now_s: float) -> None:
-        """Take what is said of an instant."""
+        """Add a report of an instant."""
         if self.first is None:
             self._begin(instant, now_s)
         begun_s = now_s - self.tick(instant) / self._rate
@@ -57,18 +57,18 @@ class Following:
         self._least_s = max(self._least_s - LEAK / self._rate, self._due_s - JUMP_S)
 
     def _begin(self, instant: int, now_s: float) -> None:
-        """Take an instant for now: the first one, or a source was put back, stopped for a while, or is another one."""
+        """Take an instant as the present: the first one, or after the source changed, paused or was set back."""
         self.alignment.forget()
         self.first, self._off_s = instant - max(0, self.next - self.ahead), math.inf
         self._due_s = now_s - self.tick(instant) / self._rate
         self._least_s = self._due_s - JUMP_S
 
     def tick(self, instant: int) -> int:
-        """The tick of an instant."""
+        """Tick of an instant."""
         return instant - (self.first or 0) + self.ahead
 
     def take(self, now_s: float) -> Iterator[Tick]:
-        """The ticks that are over, one after the other, none left out."""
+        """The ticks that are over, in order and without gaps."""
         if self.first is None:
             return
         over = math.floor((now_s - self._due_s - self._wait_s) * self._rate)
@@ -84,11 +84,11 @@ class Following:
             self.next += 1
 
     def left_s(self, now_s: float) -> float:
-        """Time until the next tick is over at the latest, s."""
+        """Longest time until the next tick is over, s."""
         return max(0.0, self._due_s + self.next / self._rate + self._wait_s - now_s)
 
 
 def latency(known: Sequence[Configuration], rate: int) -> int:
-    """Ticks that frames come after the instant that they describe, by the group delay that configuration 3 tells."""
+    """Ticks by which frames lag the instants they describe, by the group delay in configuration 3."""
     longest = max((pmu.site.group_delay_us for c in known for pmu in c.pmus), default=0)
     return math.ceil(longest * rate / 1e6 - 1e-3)

@@ -1,4 +1,4 @@
-"""What to look at in a run or a recording: layouts for Foxglove and PlotJuggler, made from the names in a case."""
+"""Layouts for Foxglove and PlotJuggler for a run or recording, made from the names in a case."""
 
 from facts_damping.views.layouts import layouts
 

@@ -1,6 +1,6 @@
-"""Panels as a layout file of Foxglove: the JSON that the app exports and imports.
+"""Writes panels as a layout file of Foxglove: the JSON that the app exports and imports.
 
-Paths are in its message path syntax (docs.foxglove.dev/docs/visualization/message-path-syntax).
+Paths use its message path syntax (docs.foxglove.dev/docs/visualization/message-path-syntax).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def path(curve: Curve) -> str:
 
 
 def _settings(panel: Panel) -> dict[str, Any]:
-    """The settings of a panel by its kind."""
+    """Settings of a panel by its kind."""
     one = panel.curves[0]
     if panel.kind == DIAGNOSTICS:
         return {"topicToRender": one.topic, "minLevel": 0, "pinnedIds": [], "hardwareIdFilter": "", "sortByLevel": True}
@@ -77,12 +77,12 @@ def _settings(panel: Panel) -> dict[str, Any]:
 
 
 def _two_columns(names: list[str]) -> Any:
-    """Panels in rows of two."""
+    """Arrange panels in rows of two."""
     return _split([_split(names[i : i + 2], "row") for i in range(0, len(names), 2)], "column")
 
 
 def _split(parts: list[Any], direction: str) -> Any:
-    """Parts side by side, each the same size: Foxglove divides by two each time."""
+    """Arrange parts of equal size side by side: Foxglove splits in two each time."""
     if len(parts) == 1:
         return parts[0]
     rest = _split(parts[1:], direction)

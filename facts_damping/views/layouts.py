@@ -12,6 +12,6 @@ if TYPE_CHECKING:
 
 
 def layouts(case: Case, namespace: str = "/") -> dict[str, str]:
-    """Text of each layout file by its name; `namespace`: that of the graph."""
+    """Text of each layout file by its name; `namespace`: of the graph."""
     found = tabs(case, namespace)
     return {"foxglove.json": foxglove.foxglove_layout(found), "plotjuggler.xml": plotjuggler.plotjuggler_layout(found)}

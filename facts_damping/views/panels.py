@@ -1,4 +1,4 @@
-"""The panels of a case: which fields of which topics stand together. How a tool writes them is not known here."""
+"""Panels of a case: groups of topics' fields, independent of the viewer's file format."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DEADLINE_MISSES = 'status[:].values[:]{key=="deadline_misses"}.value'
 
 
 class Curve(NamedTuple):
-    """A value over time: topic, path of the field below it, label; `number`: not a text."""
+    """A value over time: topic, path of the field below it, label; `number`: numeric, not text."""
 
     topic: str
     path: str
@@ -40,7 +40,7 @@ class Curve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """Curves that share an axis. The kinds after STATES show one topic, or a field of it, as it is."""
+    """Curves that share an axis. Panels of the kinds after STATES show one topic, or a field of it, unchanged."""
 
     title: str
     curves: list[Curve]
@@ -48,7 +48,7 @@ class Panel(NamedTuple):
 
 
 class Tab(NamedTuple):
-    """Panels that are seen together."""
+    """Panels shown together."""
 
     title: str
     panels: list[Panel]
@@ -74,12 +74,12 @@ def tabs(case: Case, namespace: str = "/") -> list[Tab]:
 
 
 def _each(topic: str, path: str, labels: Sequence[str]) -> list[Curve]:
-    """A curve an entry of an array; `path` has `#` for the index."""
+    """One curve per entry of an array; `#` in `path` stands for the index."""
     return [Curve(topic, path.replace("#", str(i)), label) for i, label in enumerate(labels)]
 
 
 def _grid(case: Case, full: Callable[[str], str]) -> Tab:
-    """Machines, the stations at buses, events."""
+    """Machines, stations at buses, events."""
     state, frames, events = full("plant/state"), full("pmu/frames"), full("plant/events")
     machines = [machine.name for machine in case.system.machines]
     buses = {i: station.name for i, station in enumerate(case.system.stations) if station.machine is None}
@@ -102,7 +102,7 @@ def _grid(case: Case, full: Callable[[str], str]) -> Tab:
 
 
 def _devices(case: Case, full: Callable[[str], str]) -> Tab:
-    """Each device: its setpoint and what it makes of it."""
+    """Each device: its setpoint and its response."""
     state, panels, names = full("plant/state"), [], case.run.devices
     for i, name in enumerate(names):
         device = case.system.device(name)
@@ -120,7 +120,7 @@ def _devices(case: Case, full: Callable[[str], str]) -> Tab:
 
 
 def _controller(case: Case, c: int, here: str) -> Tab:
-    """One controller: what goes in and out, and how its network learns."""
+    """One controller: inputs, outputs, and how its network learns."""
     controller, topic = case.controllers[c], f"{here}/state"
     signals, devices, net = controller.signals, controller.devices, controller_network(controller)
     parts, adapts = groups(net), controller.scheme is not None
@@ -150,7 +150,7 @@ def _controller(case: Case, c: int, here: str) -> Tab:
 
 
 def _identifier(case: Case, c: int, here: str) -> Tab:
-    """One identifier: the estimated Jacobian, prediction, how it learns."""
+    """One identifier: estimated Jacobian, prediction, and how it learns."""
     controller, topic = case.controllers[c], f"{here}/estimate"
     signals = controller.signals
     derivatives = [f"{signal} by {device}" for signal in signals for device in controller.devices]
@@ -166,14 +166,14 @@ def _identifier(case: Case, c: int, here: str) -> Tab:
 
 
 def _spoken(case: Case, c: int) -> dict[str, str]:
-    """Topics with setpoints of a supervised controller's devices, by who speaks."""
+    """Topics with setpoints for a supervised controller's devices, by sender."""
     places, reserve = controller_addresses(case), reserves(case.run).get(c)
     spoken = {"supervised": f"{supervisor_addresses(case)[c]}/{SUPERVISED}", "issued": f"{places[c]}/setpoints"}
     return spoken | ({} if reserve is None else {"of the fallback": f"{places[reserve]}/setpoints"})
 
 
 def _supervisor(case: Case, c: int, here: str, spoken: dict[str, str]) -> list[Tab]:
-    """One supervisor: what it lets through, why; and for each group of monitors what they see beside their limits."""
+    """One supervisor: setpoints passed on, and causes; for each group of monitors, values beside their limits."""
     topic, name = f"{here}/state", here.rpartition("/")[2]
     words = [Curve(topic, field, field, number=False) for field in ("state", "cause", "refused")]
     probe = {"probe_gain": "gain", "probe_phase_rad": "phase, rad", "probe_coherence": "coherence"}
@@ -210,7 +210,7 @@ def _learning(topic: str, outputs: Sequence[str], parts: Sequence[str]) -> list[
 
 
 def _link(case: Case, here: str, name: str) -> Tab:
-    """One link: delays and losses of its channels, and the speeds as they come out of it, or frequencies."""
+    """One link: delays and losses of its channels, and the delivered speeds or frequencies."""
     topic, stations = f"{here}/link/statistics", [station.name for station in case.system.stations]
     machines = [station.name for station in case.system.stations if station.machine is not None]
     channels = {"up": stations, "down": case.run.devices}

@@ -1,8 +1,8 @@
-"""Panels as a layout file of PlotJuggler 3: the XML that it saves and loads.
+"""Writes panels as a layout file of PlotJuggler 3: the XML that it saves and loads.
 
-It knows numbers over time alone, so texts, tables and entries that have no fixed place in their message are left out. A
-field's name is as its parser of ROS messages makes it (rosx_introspection, as in PlotJuggler 3.17): topic, then the
-fields, all divided by `/`, places in arrays as `[0]`. Of diagnostics it makes names of its own: topic, node, key.
+It shows only numbers over time, so texts, tables and entries without a fixed place in their message are left out. Field
+names follow its parser of ROS messages (rosx_introspection, as in PlotJuggler 3.17): topic, then the fields, separated
+by `/`, array indices as `[0]`. Diagnostics have special names: topic, node, key.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def plotjuggler_layout(tabs: Sequence[Tab]) -> str:
 
 
 def name(curve: Curve) -> str:
-    """A curve's name; empty where it has none."""
+    """Name of a curve; empty if it has none."""
     if curve.path == DEADLINE_MISSES:
         return f"{curve.topic}/{curve.label}/deadline_misses"
     if not curve.number or "{" in curve.path:
@@ -54,7 +54,7 @@ def name(curve: Curve) -> str:
 
 
 def _splitter(parent: Element, orientation: str, count: int) -> Element:
-    """A place that is divided evenly: `-` one below the other, `|` side by side."""
+    """An evenly divided area: `-` one below the other, `|` side by side."""
     sizes = ";".join([f"{1 / count:.6g}"] * count)
     return SubElement(parent, "DockSplitter", orientation=orientation, sizes=sizes, count=str(count))
 
