@@ -1,1 +1,1 @@
-"""Modes of a record: poles by several methods, with confidence; whether it is damped."""
+"""Modes of a record: poles by several methods, with confidence intervals, and stability."""

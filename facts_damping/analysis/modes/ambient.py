@@ -1,11 +1,11 @@
-"""Modes of a system that noise alone excites: covariance-driven stochastic subspace identification (SSI-cov).
+"""Modes of a system excited only by noise: covariance-driven stochastic subspace identification (SSI-cov).
 
-Where noise drives a linear system, the covariances of its signals y at a lag l are those of free oscillations with the
-system's own poles, `R_l = E[y(k+l) y(k)'] = C A^(l-1) G`. The matrix of blocks `H_ij = R_(l0+i+j)` has the rank of the
+If noise drives a linear system, the covariances of its signals y over the lag l are those of free oscillations with the
+system's own poles, `R_l = E[y(k+l) y(k)'] = C A^(l-1) G`. The block matrix `H_ij = R_(l0+i+j)` has the rank of the
 system; its singular vectors give A, whose eigenvalues are the poles z = exp(s dt).
 
-How sure they are is told by the infinitesimal jackknife over B blocks of time: with p_b the same of covariances in
-which block b weighs by a share e less, `se^2 = (B - 1) / B sum_b ((p_b - mean p) / e)^2`.
+Standard errors follow from the infinitesimal jackknife over B blocks of time: with p_b the estimate from covariances in
+which the weight of block b is reduced by the share e, `se^2 = (B - 1) / B sum_b ((p_b - mean p) / e)^2`.
 
 Sources: P. van Overschee, B. De Moor, Subspace Identification for Linear Systems, Kluwer 1996, chapter 3; B. Peeters,
 G. De Roeck, Reference-based stochastic subspace identification for output-only modal analysis, Mech. Syst. Signal
@@ -27,20 +27,20 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 METHOD = "ssi"
-LEAST = 60.0  # s: with less intervals mean nothing
-FIRST_LAG = 2  # samples: noise of measurement is not in it, nor the memory of filters up to 0.1 s
-ROWS = 15  # of blocks: lags up to 3 s, after which covariances are chance more than anything else
+LEAST = 60.0  # s; with less, intervals are meaningless
+FIRST_LAG = 2  # samples; excludes measurement noise and the memory of filters up to 0.1 s
+ROWS = 15  # block rows: lags up to 3 s; covariances at longer lags are mostly random
 BLOCKS = 20  # of time
-LESS = 0.1  # of a block's weight: so little that no pole becomes another
+LESS = 0.1  # of a block's weight: small enough that poles keep their identity
 ORDER, LEAST_ORDER = 8, 4  # poles
-SHARE = 0.02  # of the variance of all signals: a weaker mode does not matter
-MOST_DAMPED = 0.3  # a pole that is damped more is no oscillation
-STRONG = 0.05  # of the variance: where a mode so strong is not sure, noise has split it, and there are poles too many
-SURE = 0.1  # standard error of a damping ratio, and of a frequency against itself: a pole less sure tells nothing
+SHARE = 0.02  # of the variance of all signals; weaker modes are negligible
+MOST_DAMPED = 0.3  # largest damping ratio of an oscillation
+STRONG = 0.05  # of the variance: an uncertain mode stronger than this was split by noise, so there are too many poles
+SURE = 0.1  # standard error of a damping ratio, and relative of a frequency; beyond it a pole is not reported
 
 
 class _Poles(NamedTuple):
-    """What covariances are made of: poles, shapes and shares, of which R_l = sum_i shape_i share_i z_i^(l - l0)."""
+    """Model of covariances: poles, shapes and shares, R_l = sum_i shape_i share_i z_i^(l - l0)."""
 
     z: NDArray[np.complex128]  # (poles,)
     shape: NDArray[np.complex128]  # (n, poles)
@@ -50,12 +50,11 @@ class _Poles(NamedTuple):
 def fit_ambient(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0) -> Fit | None:
     """Modes of 0.1 to 2.5 Hz in the noise of a record, the strongest first.
 
-    `time_s`: (ticks,), s, evenly spaced; `signals`: (ticks, n), p.u.; `since`: s, what is before does not count. The
-    model has two poles for each signal, as differences of speeds have at most as many swings as there are of them, and
-    two more for what is slow, 8 at least; fewer where a strong mode would not be sure. Of a mode `amplitude` is that of
-    a steady wave of the same variance, `phase_rad` against the signal in which it is largest; `snr_db` sets the
-    covariances against what the model leaves of them. None if less than a minute is left, a value is not finite, or
-    nothing moves.
+    `time_s`: (ticks,), s, evenly spaced; `signals`: (ticks, n), p.u.; `since`: s, earlier samples do not count. The
+    model has two poles per signal, because n speed differences have at most n modes, and two more for slow components,
+    at least 8; fewer if a strong mode would be uncertain. A mode's `amplitude` is that of a steady wave of the same
+    variance; `phase_rad` is relative to the signal in which the mode is largest; `snr_db` compares the covariances with
+    the model's residual. None if less than a minute is left, a value is not finite, or nothing moves.
     """
     kept = time_s >= since
     x = np.reshape(signals, (len(time_s), -1))[kept]
@@ -64,7 +63,7 @@ def fit_ambient(time_s: NDArray[np.float64], signals: NDArray[np.float64], since
     step = float(np.median(np.diff(time_s)))
     x, block = block_means(x, step)
     x = without_line(x)
-    size = np.maximum(x.std(axis=0), RESOLUTION)  # a signal at rest stays so
+    size = np.maximum(x.std(axis=0), RESOLUTION)  # a signal at rest is not scaled up
     if np.ptp(x, axis=0).max() < RESOLUTION:
         return None
     orders = range(max(ORDER, 2 * x.shape[1] + 2), LEAST_ORDER - 1, -2)
@@ -82,7 +81,7 @@ def fit_ambient(time_s: NDArray[np.float64], signals: NDArray[np.float64], since
 
 
 def _fit(R: NDArray[np.float64], order: int, size: NDArray[np.float64], dt: float, block: int) -> Fit:
-    """Modes of so many poles from the covariances of blocks, sure or not."""
+    """Modes of a model of given order from the covariances of blocks, including uncertain ones."""
     whole = R.mean(axis=0)
     model = _identify(whole, order)
     less = [_identify(whole + LESS * (whole - one) / (BLOCKS - 1), order).z for one in R]
@@ -92,12 +91,12 @@ def _fit(R: NDArray[np.float64], order: int, size: NDArray[np.float64], dt: floa
 
 
 def _unsure(mode: RingdownMode) -> bool:
-    """Whether a mode's errors are so large that it tells nothing."""
+    """Whether a mode's standard errors are too large to report it."""
     return max(mode.frequency_error_hz / mode.frequency_hz, mode.damping_ratio_error) > SURE
 
 
 def covariances(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Covariances of signals (samples, n) at the lags that are used, block of time by block: (BLOCKS, lags, n, n)."""
+    """Covariances of signals (samples, n) at the lags used, for each block of time: (BLOCKS, lags, n, n)."""
     lags = range(FIRST_LAG, FIRST_LAG + 2 * ROWS)
     n = (len(x) - lags[-1]) // BLOCKS
     now = x[: n * BLOCKS].reshape(BLOCKS, n, -1)
@@ -106,7 +105,7 @@ def covariances(x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _identify(R: NDArray[np.float64], order: int) -> _Poles:
-    """Poles of covariances (lags, n, n) by the shift between the block rows of O in H = O C."""
+    """Poles of covariances (lags, n, n) from the shift between the block rows of O in H = O C."""
     n = R.shape[1]
     hankel = np.block([[R[i + j] for j in range(ROWS)] for i in range(ROWS)])
     u, s, v = np.linalg.svd(hankel)
@@ -118,7 +117,7 @@ def _identify(R: NDArray[np.float64], order: int) -> _Poles:
 
 
 def _covariances_of(model: _Poles, lags: int) -> NDArray[np.float64]:
-    """Covariances that poles make, (lags, n, n)."""
+    """Covariances of the model, (lags, n, n)."""
     powers = model.z ** np.arange(lags)[:, np.newaxis]
     return np.asarray(np.einsum("ji,li,ik->ljk", model.shape, powers, model.share).real)
 
@@ -126,7 +125,7 @@ def _covariances_of(model: _Poles, lags: int) -> NDArray[np.float64]:
 def _modes(
     model: _Poles, less: list[NDArray[np.complex128]], size: NDArray[np.float64], dt: float, block: int
 ) -> list[RingdownMode]:
-    """Those poles in the band that matter, the strongest first."""
+    """Modes within the band that are not negligible, the strongest first."""
     s = np.log(model.z) / dt
     found = []
     for i in np.flatnonzero((s.imag >= 2 * np.pi * BAND[0]) & (s.imag <= 2 * np.pi * BAND[1])):
@@ -136,7 +135,7 @@ def _modes(
         frequency_error, ratio_error = (np.sqrt((BLOCKS - 1) * np.var(near, axis=0)) / LESS).tolist()
         if energy < SHARE or ratio > MOST_DAMPED:
             continue
-        blocked = abs(np.mean(np.exp(s[i] * dt / block * np.arange(block))))  # what a block's mean leaves of a wave
+        blocked = abs(np.mean(np.exp(s[i] * dt / block * np.arange(block))))  # factor of a block mean on the wave
         amplitude = np.sqrt(2 * variance) * size / blocked
         shape = model.shape[:, i] * size
         phase = np.angle(shape / shape[np.argmax(np.abs(shape))])

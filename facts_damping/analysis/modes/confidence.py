@@ -1,6 +1,6 @@
-"""Damped waves of given poles: their amplitudes, how sure the poles are, and a step to better ones.
+"""Damped waves with given poles: amplitudes, standard errors of the poles, and a step that improves them.
 
-And the quantile of Student's t, by which an interval is as wide as it has to be.
+Also the quantile of Student's t for intervals.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 POINTS = 50  # of Gauss's rule
-RANK = 1e-12  # of the largest: eigenvalues of the scaled normal equations below it are rounding
+RANK = 1e-12  # of the largest: smaller eigenvalues of the scaled normal equations are round-off
 
 
 class Waves(NamedTuple):
     """A fit of `x_j(t) = sum_i Re(a_ij exp(s_i t)) + line_j` to signals x_j, with the poles s given."""
 
     s: NDArray[np.complex128]  # (waves,), 1/s: sigma + j omega, omega >= 0
-    swings: NDArray[np.bool_]  # (waves,): those with omega > 0
+    swings: NDArray[np.bool_]  # (waves,): whether omega > 0
     amplitude: NDArray[np.complex128]  # (waves, n), p.u., t from the first sample
     residual: NDArray[np.float64]  # (samples, n), p.u.
-    slopes: NDArray[np.float64]  # (n, samples, parameters): derivatives by sigma, then omega of those that swing
+    slopes: NDArray[np.float64]  # (n, samples, parameters): derivatives by sigma, then by omega if > 0
     parameters: int  # fitted for each signal: amplitudes and line
 
 
 def fit_waves(z: NDArray[np.complex128], signals: NDArray[np.float64], dt: float) -> Waves:
     """Waves of the poles z (conjugates included) in signals (samples, n) `dt` s apart, by linear least squares.
 
-    From the derivatives is taken what amplitudes and line can make up for (variable projection).
+    The part of the derivatives that amplitudes and line can represent is removed (variable projection).
     """
     s = np.asarray(np.log(z[z.imag >= 0]) / dt, np.complex128)
     time = np.arange(len(signals)) * dt
@@ -52,28 +52,29 @@ def fit_waves(z: NDArray[np.complex128], signals: NDArray[np.float64], dt: float
 
 
 def improved(z: NDArray[np.complex128], signals: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Poles after a Gauss-Newton step towards the least squares of poles and amplitudes together.
+    """Poles after one Gauss-Newton step towards the joint least squares of poles and amplitudes.
 
-    Those given, if the step leaves more unexplained. From good poles one step comes as near as noise matters. A pole
-    that the samples hardly determine (slow, so that the line can make up for it, or faint) would go far: it stays.
+    The given poles are kept if the step increases the residual. From good poles one step reaches the noise level. A
+    pole that the samples hardly determine (slow, so that the line can represent it, or faint) would move far, so it is
+    kept.
     """
     waves = fit_waves(z, signals, 1.0)
     step = _inverse(_normal(waves.slopes)) @ np.einsum("jkp,kj->p", waves.slopes, waves.residual)
     moves = step[: len(waves.s)].astype(np.complex128)
     moves[waves.swings] += 1j * step[len(waves.s) :]
-    moves[np.abs(moves) > 1 / len(signals)] = 0.0  # the resolution of so many samples
+    moves[np.abs(moves) > 1 / len(signals)] = 0.0  # resolution of that many samples
     upper = np.where(waves.swings, np.exp(waves.s + moves), z[z.imag >= 0] * np.exp(moves.real))
     better = np.concatenate([upper, upper[waves.swings].conj()])
     return better if _sum2(fit_waves(better, signals, 1.0).residual) < _sum2(waves.residual) else z
 
 
 def errors(waves: Waves) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Standard errors of frequency (Hz) and damping ratio of each wave; NaN for none, or too few samples to know.
+    """Standard errors of frequency (Hz) and damping ratio of each wave; NaN if there is none, or too few samples.
 
     With D_j the derivatives of signal j and v_j the variance of its residual, the covariance of sigma and omega is
-    `G^-1 (sum_j v_j D_j' D_j) G^-1`, `G = sum_j D_j' D_j`: that of nonlinear least squares in white noise, and where
-    all signals have the same noise the Cramer-Rao bound. What is no white noise (a mode that changes with its
-    amplitude, coloured noise) is not covered.
+    `G^-1 (sum_j v_j D_j' D_j) G^-1`, `G = sum_j D_j' D_j`: that of nonlinear least squares in white noise and, if all
+    signals have the same noise, the Cramer-Rao bound. Other errors (a mode that changes with its amplitude, coloured
+    noise) are not included.
 
     Source: G. H. Golub, V. Pereyra, The differentiation of pseudo-inverses and nonlinear least squares problems whose
     variables separate, SIAM J. Numer. Anal. 10 (1973) 413-432.
@@ -102,7 +103,7 @@ def _normal(slopes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _inverse(G: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverse of the normal equations, scaled first: strong waves and faint ones differ by orders of magnitude."""
+    """Inverse of the normal equations; scaled, because strong and faint waves differ by orders of magnitude."""
     scale = np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
     return np.asarray(np.linalg.pinv(G / np.outer(scale, scale), rcond=RANK, hermitian=True) / np.outer(scale, scale))
 
@@ -112,10 +113,10 @@ def _sum2(x: NDArray[np.float64]) -> float:
 
 
 def student_quantile(free: float, probability: float) -> float:
-    """Value below which Student's t with so many degrees of freedom lies with a probability from 0.5 to 1.
+    """Value below which Student's t with `free` degrees of freedom lies with a probability from 0.5 to 1.
 
-    With t = sqrt(free) tan(a) the density is one of the angle, c cos(a)^(free - 1), which Gauss's rule integrates and
-    Newton's method brings to the probability. SciPy's, to 1e-9, is the same; loading that takes longer than a run.
+    With t = sqrt(free) tan(a) the density of the angle is c cos(a)^(free - 1); Gauss's rule integrates it, and Newton's
+    method solves for the probability. It agrees with SciPy to 1e-9; loading SciPy takes longer than a run.
     """
     density = math.exp(math.lgamma((free + 1) / 2) - math.lgamma(free / 2)) / math.sqrt(math.pi)
     x, weight = np.polynomial.legendre.leggauss(POINTS)

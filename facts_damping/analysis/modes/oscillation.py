@@ -1,4 +1,4 @@
-"""Whether a run stays in synchronism, how far it swings, and when it has settled."""
+"""Stability of a run, amplitude of its oscillations, and settling time."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-WINDOW = 5.0  # s, over which an envelope is taken
-BAND = 0.05  # of the largest deviation: within it a signal has settled, below it one does not matter
-HOLD = 2.0  # s, so long a signal must stay in the band: half a period at 0.25 Hz, the slowest mode in sight
-STRIP_ROUNDS, STRIP_SLOPES = 6, 33  # search of a slope, to 16^-6 of where it may lie
-RESOLUTION = 1e-9  # p.u.: smaller oscillations are rounding
+WINDOW = 5.0  # s, time over which an envelope is taken
+BAND = 0.05  # of the largest deviation: smaller signals have settled, smaller amplitudes are negligible
+HOLD = 2.0  # s that a signal must stay in the band: half a period at 0.25 Hz, the slowest mode considered
+STRIP_ROUNDS, STRIP_SLOPES = 6, 33  # search of a slope, to 16^-6 of its range
+RESOLUTION = 1e-9  # p.u.; smaller oscillations are round-off
 
 
 def is_stable(record: Record) -> bool | None:
-    """True: in synchronism to the end; false: lost it; none: not known (`unknown` says why).
+    """True: in synchronism to the end; False: synchronism lost; None: unknown (`unknown` says why).
 
-    The end is `configuration["duration"]` (s) less a frame at `configuration["frame_rate"]` (frames/s), give
-    or take half a frame.
+    The end is `configuration["duration"]` (s) less a frame at `configuration["frame_rate"]` (frames/s), with a
+    tolerance of half a frame.
     """
     if not record.in_synchronism.all():
         return False
@@ -33,8 +33,8 @@ def is_stable(record: Record) -> bool | None:
 
 
 def unknown(record: Record) -> str | None:
-    """Why it is not known whether a run stayed in synchronism; none: it is known."""
-    if record.machines.size and np.isnan(record.machines["speed_deviation"]).all():  # streams stood for the plant
+    """Why it is unknown whether a run stayed in synchronism; None if it is known."""
+    if record.machines.size and np.isnan(record.machines["speed_deviation"]).all():  # streams in place of the plant
         whole = measure_weights(record.configuration) and np.isfinite(columns(speed_differences(record))).all()
         return None if whole else "the streams do not tell all rotor speeds"
     duration, rate = (record.configuration.get(key) for key in ("duration", "frame_rate"))
@@ -45,7 +45,7 @@ def unknown(record: Record) -> str | None:
 
 
 def instability(record: Record) -> str | None:
-    """Why a run that is not stable ended; none: it did not.
+    """Why an unstable run ended; None if it is stable.
 
     Loss of synchronism, a frequency out of its band (SPEED_BAND), or a network without a solution.
     """
@@ -62,9 +62,9 @@ def instability(record: Record) -> str | None:
 def settling_time(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0) -> float | None:
     """Time from `since` (s; the last event) until all signals stay in the band around their final values.
 
-    `signals`: (ticks, n), p.u. A final value is the mean of the last 5 s; the band is 5 % of the largest
-    deviation of any signal from its final value after `since`. None if some signal leaves the band
-    within the last 2 s, for one that swings is in the band now and then. 0 without any oscillation.
+    `signals`: (ticks, n), p.u. A final value is the mean of the last 5 s; the band is 5 % of the largest deviation of
+    any signal from its final value after `since`. None if a signal leaves the band within the last 2 s, because an
+    oscillation crosses the band repeatedly. 0 without any oscillation.
     """
     t, x = _after(time_s, signals, since)
     final = x[t >= t[-1] - min(WINDOW, (t[-1] - t[0]) / 2)].mean(axis=0)
@@ -83,9 +83,9 @@ def envelope(
 ) -> NDArray[np.float64]:
     """Amplitude of each signal (ticks, n) between two times (s): (n,).
 
-    Half the height of the narrowest straight strip that holds the signal, `min_s (max(x - s t) - min(x - s t)) / 2`,
-    so that neither drift nor offset counts as oscillation. For a wave of one and a half periods or more that is its
-    amplitude, whatever its phase; a line of least squares would be tilted by the phases at the ends.
+    It is half the height of the narrowest straight strip that holds the signal, `min_s (max(x - s t) - min(x - s t)) /
+    2`, so neither drift nor offset counts as oscillation. For a wave of at least one and a half periods this is the
+    amplitude for any phase; the phases at the ends would tilt a least-squares line.
     """
     kept = (time_s >= start) & (time_s <= end)
     t = time_s[kept] - (start + end) / 2
@@ -93,11 +93,11 @@ def envelope(
 
 
 def _half_strip(t: NDArray[np.float64], x: NDArray[np.float64]) -> float:
-    """Half the height of the narrowest strip: a convex function of the slope, searched from coarse to fine."""
+    """Half the height of the narrowest strip, a convex function of the slope, by a search from coarse to fine."""
     height, length = float(np.ptp(x)), float(np.ptp(t))
     if length == 0:
         return 0.0
-    slope, reach = 0.0, 2 * height / length  # a steeper strip would be higher than the level one
+    slope, reach = 0.0, 2 * height / length  # a steeper strip would be higher than the horizontal one
     for _ in range(STRIP_ROUNDS):
         slopes = slope + reach * np.linspace(-1, 1, STRIP_SLOPES)
         heights = np.ptp(x - t * slopes[:, np.newaxis], axis=1)

@@ -1,4 +1,4 @@
-"""Modes of an oscillation that rings down, how well they describe it, and how sure they are."""
+"""Modes of a ringdown, with quality of fit and standard errors."""
 
 from __future__ import annotations
 
@@ -16,24 +16,23 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-RATE = 10.0  # samples/s that the signals are brought to: four a period of the fastest mode in sight
+RATE = 10.0  # samples/s after averaging: four per period of the fastest mode considered
 BAND = (0.1, 2.5)  # Hz, electromechanical modes
-ENERGY = 0.01  # of the energy of all modes in the band: a weaker mode does not matter
-LONGEST = 120.0  # s of ringdown: what is there later is no answer to the event, and costs the square of its length
-SKIP = 1.0  # s after the last event: a disturbance's first second is no ringdown
-RESOLUTION = 1e-9  # p.u.: smaller oscillations are rounding
-RAYLEIGH = 0.4  # of the resolution in frequency: two modes closer than that are one
-MISFIT = 0.01  # of the energy: with fewer poles than leave so much unexplained there are two modes, however close
-METHOD = "matrix_pencil"  # unless another is asked for
+ENERGY = 0.01  # of the energy of all modes in the band; weaker modes are negligible
+LONGEST = 120.0  # s of ringdown: later samples are no response to the event; the cost grows with the square
+SKIP = 1.0  # s after the last event that do not count as ringdown
+RESOLUTION = 1e-9  # p.u.; smaller oscillations are round-off
+RAYLEIGH = 0.4  # of the frequency resolution: two closer modes are one
+MISFIT = 0.01  # of the energy: if fewer poles leave more than this unexplained, two modes are real, however close
+METHOD = "matrix_pencil"  # default method
 COVERED = 1.96  # standard errors to each side of an estimate: 95 % of a normal distribution
 
 
 class RingdownMode(NamedTuple):
     """An oscillation `a exp(sigma t) cos(omega t + phase)`, with sigma and omega common to all signals.
 
-    Frequency omega/(2 pi), damping ratio -sigma / sqrt(sigma^2 + omega^2), energy: the sum of squares over all samples
-    of all signals. The errors are standard errors (NaN: too few samples to know); amplitude and phase are those at
-    `Fit.start_s`.
+    Frequency omega/(2 pi); damping ratio -sigma / sqrt(sigma^2 + omega^2); energy: sum of squares over all samples of
+    all signals. The errors are standard errors (NaN: too few samples); amplitude and phase are those at `Fit.start_s`.
     """
 
     frequency_hz: float
@@ -46,22 +45,22 @@ class RingdownMode(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """What a method found in a ringdown."""
+    """Result of a method for a ringdown."""
 
     modes: list[RingdownMode]  # in the band, the strongest first
-    order: int  # poles in all, conjugates and what is outside of the band included
-    start_s: float  # s, first instant of the ringdown: of amplitudes and phases
-    snr_db: float  # dB, signals less their straight lines against the residual of all poles
+    order: int  # number of all poles, including conjugates and those outside of the band
+    start_s: float  # s, start of the ringdown, to which amplitudes and phases refer
+    snr_db: float  # dB, signals without their straight lines against the residual of all poles
 
 
 def fit_ringdown(
     time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0, method: str = METHOD
 ) -> Fit | None:
-    """Fit damped waves to the last part of a record, its modes of 0.1 to 2.5 Hz, the strongest first.
+    """Fit damped waves to the last part of a record: its modes of 0.1 to 2.5 Hz, the strongest first.
 
-    `time_s`: (ticks,), s, evenly spaced; `signals`: (ticks, n), p.u.; `since`: s, the last event, whose first second
-    does not count, nor what is later than two minutes after that; `method`: one of `poles.METHODS`.
-    None if less than 3 s are left, a value is not finite, or nothing swings. Raises InputError for an unknown method.
+    `time_s`: (ticks,), s, evenly spaced; `signals`: (ticks, n), p.u.; `since`: s, the last event; the first second
+    after it is left out, as is all that is later than two minutes after that; `method`: one of `poles.METHODS`. None if
+    less than 3 s are left, a value is not finite, or nothing oscillates. Raises InputError for an unknown method.
     """
     check_known("method", method, METHODS)
     kept = (time_s >= since + SKIP) & (time_s < since + SKIP + LONGEST)
@@ -74,26 +73,26 @@ def fit_ringdown(
     x = without_line(x)
     if np.ptp(x, axis=0).max() < RESOLUTION:
         return None
-    # BLAS would split small matrices between threads, which on a busy machine wait for each other far longer than they
-    # work.
+    # BLAS would split small matrices between threads, which on a busy machine wait for each other far longer than
+    # they work.
     with threadpool_limits(1):
         z, strong = _choose(x, dt, method)
         return _describe(x, dt, block, z, strong, float(t[0]))
 
 
 def ringdown_modes(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0) -> list[RingdownMode]:
-    """Modes by the matrix pencil, as in `fit_ringdown`; empty where there is no fit."""
+    """Modes by the matrix pencil, as in `fit_ringdown`; empty without a fit."""
     fit = fit_ringdown(time_s, signals, since)
     return [] if fit is None else fit.modes
 
 
 def interval(value: float, error: float) -> tuple[float, float]:
-    """Interval of 95 % about an estimate with the given standard error."""
+    """95 % interval of an estimate with the given standard error."""
     return value - COVERED * error, value + COVERED * error
 
 
 def _choose(x: NDArray[np.float64], dt: float, method: str) -> tuple[NDArray[np.complex128], dict[complex, float]]:
-    """Poles of the method, as many as it takes, and those that are modes that matter: pole, energy."""
+    """All poles of the method, with the order it needs, and those that are significant modes: pole, energy."""
     right, order = pencil(x)
     z = METHODS[method](x, right, order)
     found, _ = _strong(x, dt, z)
@@ -102,19 +101,19 @@ def _choose(x: NDArray[np.float64], dt: float, method: str) -> tuple[NDArray[np.
         fewer_z = METHODS[method](x, right, order)
         fewer, rest = _strong(x, dt, fewer_z)
         if rest > MISFIT:
-            break  # there are two so close
+            break  # two close modes are real
         z, found = fewer_z, fewer
     return within(z, len(x)), found
 
 
 def _strong(x: NDArray[np.float64], dt: float, z: NDArray[np.complex128]) -> tuple[dict[complex, float], float]:
-    """Poles in the band that matter, the strongest first, with energies; the share of energy that no pole explains.
+    """Significant poles in the band, the strongest first, with energies; the share of energy that no pole explains.
 
     Energies are from a fit of all poles to the signals (samples, n).
     """
     z = within(z, len(x))
     powers, a = amplitudes(z, x)
-    # A pole and its conjugate make a wave of twice the amplitude, whose square is half that on the average.
+    # A pole and its conjugate form a wave of twice the amplitude, whose mean square is half the squared amplitude.
     energies = 2 * np.sum(np.abs(a) ** 2, axis=1)
     rest = float(np.sum(np.abs(x - powers @ a) ** 2) / np.sum(x**2))
     omega = np.log(z).imag / dt
@@ -125,10 +124,10 @@ def _strong(x: NDArray[np.float64], dt: float, z: NDArray[np.complex128]) -> tup
 
 
 def _crowded(poles: Iterable[complex], dt: float, duration: float) -> bool:
-    """Whether two modes are closer than a fraction of the resolution 1/T: one of nature's, split in two.
+    """Whether two modes are closer than a fraction of the resolution 1/T: one real mode, split in two.
 
-    An oscillation whose frequency or damping changes with its amplitude is no exponential: a high order
-    describes it by two that nearly cancel.
+    An oscillation whose frequency or damping changes with its amplitude is not exponential: a high order describes it
+    by two modes that nearly cancel.
     """
     frequencies = sorted(float(np.log(z).imag / dt / (2 * np.pi)) for z in poles)
     return bool(np.any(np.diff(frequencies) < RAYLEIGH / duration))
@@ -137,7 +136,7 @@ def _crowded(poles: Iterable[complex], dt: float, duration: float) -> bool:
 def _describe(
     x: NDArray[np.float64], dt: float, block: int, z: NDArray[np.complex128], strong: dict[complex, float], start: float
 ) -> Fit:
-    """The fit of all poles; its modes are the strong ones."""
+    """The fit of all poles; its modes are the significant ones."""
     waves = fit_waves(z, x, dt)
     frequency_errors, ratio_errors = errors(waves)
     upper = z[z.imag >= 0].tolist()
@@ -145,7 +144,7 @@ def _describe(
     for pole, energy in strong.items():
         i = upper.index(pole)
         s = np.log(pole) / dt
-        # A sample is the mean of a block: of exp(s t) over the block, the first instant's share is taken out.
+        # A sample is the mean of a block; this removes the block's factor on exp(s t), so amplitudes are at the start.
         a = waves.amplitude[i] / np.mean(np.exp(s * dt / block * np.arange(block)))
         sure = float(frequency_errors[i]), float(ratio_errors[i])
         frequency, ratio = float(s.imag / (2 * np.pi)), float(-s.real / abs(s))
@@ -157,9 +156,9 @@ def _describe(
 
 
 def block_means(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], int]:
-    """Means of blocks of samples, at about 10 samples/s, and how many samples a block has.
+    """Means of blocks of samples, at about 10 samples/s, and the number of samples per block.
 
-    Any exponential stays an exact one, with pole z^q for blocks of q, and what lies above the band fades.
+    Exponentials stay exact, with pole z^q for blocks of q samples; components above the band are attenuated.
     """
     q = max(1, int(1 / (RATE * dt) + 1e-6))
     blocks = len(x) // q
@@ -167,9 +166,9 @@ def block_means(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64],
 
 
 def without_line(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Signals less their straight lines: offset and drift would drown the modes in the singular values.
+    """Signals without their straight lines: offset and drift would dominate the singular values.
 
-    Whatever line is taken off, the poles of the modes stay; it only adds a double pole at z = 1.
+    The poles of the modes do not change; removing a line only adds a double pole at z = 1.
     """
     t = np.linspace(-1, 1, len(x))
     line = np.column_stack([np.ones_like(t), t])

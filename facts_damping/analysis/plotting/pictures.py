@@ -1,4 +1,4 @@
-"""What the pictures of a record show: panels, and curves from its tables."""
+"""Contents of the pictures of a record: panels and curves from its tables."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from facts_damping.analysis.indices import Regions
     from facts_damping.signals import Record
 
-SLIGHT, ROUND = 1e-6, 1e-7  # relative, absolute: a curve that moves by less stands still, but for round-off
-MANY, LARGEST = 12, 7  # curves of a kind in one axes: of more, those that move most, or the means of areas
-NEAR, MOST_SHOWN = 0.3, 3.0  # of its limit: a monitor is shown that came above the one, up to the other
+SLIGHT, ROUND = 1e-6, 1e-7  # relative, absolute: smaller changes of a curve are round-off
+MANY, LARGEST = 12, 7  # curves of a kind in one axes; of more, those with the largest change, or the means of areas
+NEAR, MOST_SHOWN = 0.3, 3.0  # of its limit: a monitor is shown if it exceeded the first, drawn up to the second
 POWER, VOLTAGE = (list(CHANNELS).index(name) for name in ("active_power", "voltage_magnitude"))
 
 
 class Curve(NamedTuple):
-    """A curve in an axes: abscissae (n,), none: the record's ticks; values (n,); drawn as steps?."""
+    """A curve: abscissae (n,), None: the record's ticks; values (n,); whether drawn as steps."""
 
     values: NDArray[np.float64]
     x: NDArray[np.float64] | None = None
@@ -39,10 +39,10 @@ class Curve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """An axes, or one curve of an axes that is shared: its name, what is drawn, and what is drawn beside it.
+    """One axes, or one curve of shared axes: name and contents.
 
-    `curves`: by name; a single one without name in most. `dashed`: (ticks,); `limits`: horizontal lines; `regions`: of
-    an index's curve.
+    `curves`: by name; usually a single one without a name. `dashed`: (ticks,); `limits`: horizontal lines; `regions`:
+    of an index's curve.
     """
 
     name: str
@@ -53,9 +53,9 @@ class Panel(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A file: its stem, title, label of the ordinate, panels of a record, all of one in one axes?, the abscissa.
+    """A picture file: stem, title, label of the ordinate, panels of a record, whether they share axes, the abscissa.
 
-    `words`: what ordinates 0, 1 and so on stand for, where they are no numbers.
+    `words`: labels of ordinates 0, 1 and so on, if these are not numbers.
     """
 
     stem: str
@@ -69,7 +69,7 @@ class Picture(NamedTuple):
 
 
 def moves(picture: Picture, panel: Panel) -> bool:
-    """Whether a panel shows anything that changes, by more than round-off; steps of a state, and of a CDF, count."""
+    """Whether a panel shows any change beyond round-off; steps of a state, and a CDF, always count."""
     if picture.words or picture.over != Picture._field_defaults["over"]:
         return True
     for values in [
@@ -84,9 +84,9 @@ def moves(picture: Picture, panel: Panel) -> bool:
 
 
 def shown(picture: Picture, panels: Sequence[dict[str, Panel]]) -> list[str]:
-    """Names of the panels of several records: those in which something moves in one of them.
+    """Names of the panels of several records in which something changes in one of them.
 
-    Of many curves that one record has in one axes, those that move most in any of the records.
+    If a record has many curves in shared axes, only those with the largest changes in any of the records.
     """
     names = dict.fromkeys(name for one in panels for name in one)
     found = [name for name in names if any(name in one and moves(picture, one[name]) for one in panels)]
@@ -102,14 +102,14 @@ def shown(picture: Picture, panels: Sequence[dict[str, Panel]]) -> list[str]:
 
 
 def title_of(picture: Picture, panels: Sequence[dict[str, Panel]], names: Sequence[str]) -> str:
-    """The title, with how many curves there are where `names`, those that are shown, are not all."""
+    """The title, with the number of curves if `names`, the ones shown, are not all."""
     there = {name for one in panels for name in one}
     cut = picture.together and len(names) == LARGEST and len(there) > MANY
     return f"{picture.title}: the {LARGEST} largest of {len(there)}" if cut else picture.title
 
 
 def _speeds(record: Record) -> list[Panel]:
-    """Each machine's; of many machines the means of their areas, by inertia, where there are several areas."""
+    """Speed of each machine; with many machines and several areas, the mean of each area by inertia."""
     speeds, machines = station_speeds(record), list(_stations(record, machines=True))
     means = mean_speeds(record) if len(machines) > MANY else {}
     if len(means) > 1:
@@ -134,7 +134,7 @@ def _bus_voltages(record: Record) -> list[Panel]:
 def _voltages(record: Record) -> list[Panel]:
     limits = {name: (-limit, limit) for name, limit in setpoint_limits(record.configuration).items()}
     injected, reference = record.devices["injected_voltage"], record.devices["reference"]
-    values = np.where(np.isfinite(injected), injected, reference)  # of others: what their setpoint is
+    values = np.where(np.isfinite(injected), injected, reference)  # for other devices, the setpoint
     return [
         Panel(name, {"": Curve(values[:, i])}, record.devices["setpoint"][:, i], limits.get(name, ()))
         for i, name in enumerate(record.device_names)
@@ -146,7 +146,7 @@ def _angles(record: Record) -> list[Panel]:
 
 
 def _indices(record: Record) -> list[Panel]:
-    """Curves of a run in synchronism; for another the indices mean nothing."""
+    """Curves of a run in synchronism; otherwise indices are meaningless."""
     if not measure_weights(record.configuration) or is_stable(record) is False:
         return []
     time, curves = index_curves(record.time_s, columns(speed_differences(record)))
@@ -220,7 +220,7 @@ def _one(name: str, values: NDArray[np.float64]) -> Panel:
 
 
 def _stations(record: Record, *, machines: bool) -> Iterator[int]:
-    """Indices of the stations at machines, or of the others that measure a power: those without a speed."""
+    """Indices of the stations at machines, or of the others that measure a power and have no speed."""
     speeds = station_speeds(record)
     for index in range(len(record.stations)):
         has_speed = bool(np.isfinite(speeds[:, index]).any())

@@ -1,4 +1,4 @@
-"""Pictures of records, one or several overlaid, as PNG files."""
+"""Pictures of one or several overlaid records, as PNG files."""
 
 from __future__ import annotations
 
@@ -26,34 +26,34 @@ if TYPE_CHECKING:
 
 WIDTH, PANEL_HEIGHT, MARGIN = 9.0, 2.3, 1.3  # inch
 DPI = 150
-FAST = {"compress_level": 1}  # of PNG: a tenth of the time that a picture takes, for a fifth more bytes
+FAST = {"compress_level": 1}  # PNG option: a tenth of the time per picture for a fifth more bytes
 # Okabe and Ito's palette without its yellow: distinct also for the colour-blind.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 SETPOINT, LIMIT, CLIFF = "setpoint in force", "limit", "ends of the cliff region"
-REGIONS = {"error floor": 0.9, "cliff": 0.06, "small error": 0.06}  # where their names stand, of the height
-NEARBY = 0.03  # of the time axis: events so close share a label
-NEAR = 0.5  # of a limit: from there on it is drawn
-NARROW = 0.05  # of the time axis: a region so narrow bears no name
+REGIONS = {"error floor": 0.9, "cliff": 0.06, "small error": 0.06}  # relative heights of their names
+NEARBY = 0.03  # of the time axis: closer events share a label
+NEAR = 0.5  # of a limit: beyond it the limit is drawn
+NARROW = 0.05  # of the time axis: narrower regions have no name
 
 
 class Drawn(NamedTuple):
-    """A record, and what a picture shows of it, by the panels' names."""
+    """A record and its panels in a picture, by name."""
 
     record: Record
     panels: dict[str, Panel]
 
 
 def plot_record(record: Record, folder: Path | str) -> list[Path]:
-    """Plot one record: paths of the PNG files. Pictures that would be empty are left out."""
+    """Plot one record; returns paths of the PNG files. Empty pictures are left out."""
     return plot_comparison([("", record)], folder)
 
 
 def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -> list[Path]:
-    """Plot several records (name, record) over each other: paths of the PNG files in `folder`.
+    """Plot several records (name, record) over each other; returns paths of the PNG files in `folder`.
 
-    Those of `pictures.PICTURES` that are not empty. Of records of the same name, seeds of a run
-    say, there is the median in a band from the least to the most. Vertical lines mark the events of the first record.
-    Raises InputError without records.
+    Draws those of `pictures.PICTURES` that are not empty. Records with the same name, such as seeds of a run, give
+    their median in a band from minimum to maximum. Vertical lines mark the events of the first record. Raises
+    InputError without records.
     """
     if not records:
         raise InputError("plots: no record given; allowed: at least one")
@@ -68,9 +68,9 @@ def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -
 
 
 def figure(names: Sequence[str], records: Sequence[tuple[str, Record]]) -> Figure:
-    """One of the pictures by its name, or columns of the records (`Record.arrays`) over time, below each other.
+    """One of the pictures by its name, or columns of the records (`Record.arrays`) over time, stacked.
 
-    Raises `InputError` where a name is none, and where a picture would be empty.
+    Raises `InputError` for an unknown name or an empty picture.
     """
     pictures = {picture.stem: picture for picture in PICTURES}
     if len(names) == 1 and names[0] in pictures:
@@ -91,7 +91,7 @@ def figure(names: Sequence[str], records: Sequence[tuple[str, Record]]) -> Figur
 
 
 def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: bool = False) -> Figure | None:
-    """One picture; none if no record has anything to show in it. `still`: also what never moves."""
+    """One picture; None if no record has data for it. `still`: include curves that never change."""
     drawn: dict[str, list[Drawn]] = {}
     for name, record in records:
         found = {panel.name: panel for panel in picture.panels(record)}
@@ -128,7 +128,7 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: b
 
 
 def _draw(axes: Axes, alike: Sequence[Drawn], name: str, label: str, place: int, *, named: bool) -> None:
-    """The curves of one panel of records of one name: of a named one, beside others, all in one colour."""
+    """The curves of one panel of records with the same name; if named and among others, all in one colour."""
     for i, (curve_name, first) in enumerate(alike[0].panels[name].curves.items() if alike else ()):
         curves = [one.panels[name].curves[curve_name] for one in alike if curve_name in one.panels[name].curves]
         colour = COLOURS[(place if named else place + i) % len(COLOURS)]
@@ -152,7 +152,7 @@ def _draw(axes: Axes, alike: Sequence[Drawn], name: str, label: str, place: int,
 def _lines(
     axes: Axes, record: Record, curves: Sequence[Curve], colour: str
 ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Abscissae and values of lines: the median of curves over time, in a band that is drawn; else each of them."""
+    """Abscissae and values of lines: the median of curves over time, with their band drawn; else each curve."""
     over_time = all(curve.x is None and len(curve.values) == len(record.time_s) for curve in curves)
     if len(curves) > 1 and over_time:
         values = np.stack([curve.values for curve in curves])
@@ -162,13 +162,13 @@ def _lines(
 
 
 def _near(panel: Panel) -> bool:
-    """Whether a curve comes near its limits: else they would make it small."""
+    """Whether a curve comes near its limits; otherwise drawing these would make it small."""
     most = max(float(np.nanmax(np.abs(curve.values), initial=0.0)) for curve in panel.curves.values())
     return most > NEAR * max(map(abs, panel.limits), default=0.0)
 
 
 def _name_regions(axes: Axes, found: Regions | None) -> None:
-    """Names of the three regions of figure 4.4 in an axes, beside the curve, where there is room."""
+    """Write the names of the three regions of figure 4.4 beside the curve, where there is room."""
     if found is None:
         return
     low, high = axes.get_xlim()
@@ -180,7 +180,7 @@ def _name_regions(axes: Axes, found: Regions | None) -> None:
 
 
 def _dress(axes: Axes, label: str) -> None:
-    """Label and grid of an axes."""
+    """Add label and grid to axes."""
     axes.set_ylabel(label)
     axes.grid(visible=True, color="0.92")
     axes.set_axisbelow(True)
@@ -188,7 +188,7 @@ def _dress(axes: Axes, label: str) -> None:
 
 
 def _add_legend(figure: Figure, grid: Sequence[Axes]) -> None:
-    """One legend for all axes, outside of them, each label once."""
+    """Add one legend outside of all axes, each label once."""
     entries: dict[str, Artist] = {}
     for axes in grid:
         handles, labels = axes.get_legend_handles_labels()
@@ -202,14 +202,14 @@ def _add_legend(figure: Figure, grid: Sequence[Axes]) -> None:
 
 
 def _span(records: Sequence[Record]) -> tuple[float, float]:
-    """First and last instant of all records, s, the last frame included."""
+    """First and last time of all records, s, the last frame included."""
     first, last = min(one.time_s[0] for one in records), max(one.time_s[-1] for one in records)
     frame = max(float(np.median(np.diff(one.time_s))) if len(one.time_ns) > 1 else 1e-3 for one in records)
     return float(first), float(last) + frame
 
 
 def mark_events(grid: Sequence[Axes], record: Record) -> None:
-    """Vertical lines at the events in all axes, their kinds above the first."""
+    """Draw vertical lines at the events in all axes, with their kinds above the first."""
     for axes in grid:
         for time, _ in _events(record, 0.0):
             axes.axvline(time, color="0.6", linewidth=0.8, linestyle="--", zorder=1)
@@ -221,7 +221,7 @@ def mark_events(grid: Sequence[Axes], record: Record) -> None:
 
 
 def _events(record: Record, nearby: float) -> list[tuple[float, str]]:
-    """Time (s) and kind of the events within the record, and trips; those closer than `nearby` of its span in one."""
+    """Time (s) and kind of events and trips within the record; those closer than `nearby` of its span are merged."""
     grouped: list[tuple[float, float, str]] = []
     span = record.time_s[-1] - record.time_s[0]
     told = [(event["time_ns"] / NANOSECONDS, str(event["kind"])) for event in record.events]

@@ -1,4 +1,4 @@
-"""Recorded and replayed setpoints side by side: table and picture."""
+"""Recorded and replayed setpoints compared: table and picture."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LINES = {
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """The figures of each device (`replay.beside`), a column each, as text."""
+    """Text table of the figures of each device (`replay.beside`), one column per device."""
     cells = [["", *(row["device"] for row in rows)]]
     for key, words in LINES.items():
         cells.append([words, *("-" if row[key] is None else f"{row[key]:.4g}" for row in rows)])

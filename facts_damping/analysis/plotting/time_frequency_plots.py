@@ -1,4 +1,4 @@
-"""Pictures of time-frequency distributions, as PNG files or within figures of others."""
+"""Pictures of time-frequency distributions, as PNG files or within other figures."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 SIZE = (10.0, 7.5)  # inch
-MAP = "RdBu_r"  # white is zero, blue is negative: interference
+MAP = "RdBu_r"  # white is zero, blue is negative (interference)
 GREY = "0.45"
 
 
 class Settings(NamedTuple):
-    """What is asked of an analysis: lengths of the windows over lag and time, s; band, Hz."""
+    """Settings of an analysis: lengths of the windows over lag and time, s; band, Hz."""
 
     lag: float = LAG
     time: float = TIME
@@ -65,12 +65,12 @@ def distribution_figures(
 
 
 def save(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
-    """Write figures as PNG files: their paths."""
+    """Write figures as PNG files; returns their paths."""
     return [save_picture(figure, folder / f"{stem}.png", dpi=DPI) for stem, figure in figures.items()]
 
 
 def _heading(name: str, title: str, settings: Settings) -> str:
-    """What a picture shows, with its windows."""
+    """Title of a picture, with its windows."""
     kind = "SPWVD" if settings.time else "pseudo-WVD" if settings.lag < inf else "WVD"
     windows = [f"lag window {settings.lag:g} s" if settings.lag < inf else "all lags"]
     windows += [f"time window {settings.time:g} s"] if settings.time else []
@@ -125,7 +125,7 @@ def draw_distribution(
 
 
 class _Scale:
-    """Factor, and with it the unit, that gives values between 1 and 1000."""
+    """Factor, and the matching unit, for values between 1 and 1000."""
 
     def __init__(self, values: NDArray[np.float64], unit: str) -> None:
         largest = float(np.abs(values).max())
@@ -135,7 +135,7 @@ class _Scale:
 
 
 def _colour(figure: FigureBase, axes: Axes, side: Axes, made: Distribution, density: _Scale) -> None:
-    """The distribution in colours, and their bar, which shows only what there is."""
+    """Draw the distribution in colours, and a colour bar limited to the range of the values."""
     half_t, half_f = (made.time_s[1] - made.time_s[0]) / 2, made.frequency_hz[1] / 2
     extent = (made.time_s[0] - half_t, made.time_s[-1] + half_t, -half_f, made.frequency_hz[-1] + half_f)
     values = made.values.T / density.factor
