@@ -1,4 +1,4 @@
-"""Configuration frames 1, 2 and 3 (clause 6.4, tables 8 to 12): what PMUs send, under which names, in which units."""
+"""Configuration frames 1, 2 and 3 (clause 6.4, tables 8 to 12): channels of PMUs, their names and units."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from facts_damping.c37118.frame import LEAST, MOST, FrameError
 NAME = 16  # bytes of a name in configuration 1 and 2
 BITS = 16  # of a digital word
 FORMATS = ("polar", "float_phasors", "float_analogs", "float_frequency")  # bits 0 to 3 of FORMAT
-UNIT = 1e-5  # V or A for one in PHUNIT
-TIME_BASE = 1_000_000  # parts of a second in which our frames tell their time
-ONLY, FIRST, LAST = 0, 1, 0xFFFF  # CONT_IDX of a configuration 3 in one frame, of its first part, of its last
+UNIT = 1e-5  # V or A per step of PHUNIT
+TIME_BASE = 1_000_000  # resolution of time in our frames, parts of a second
+ONLY, FIRST, LAST = 0, 1, 0xFFFF  # CONT_IDX of a single frame of configuration 3, of its first part, of its last part
 
 
 class Phasor(NamedTuple):
-    """A phasor: V, phase to ground, or A, with the value of one count where it is sent as integers."""
+    """A phasor: V, phase to ground, or A, with the scale of its integer format."""
 
     name: str
     current: bool = False
-    scale: float = 1.0  # V or A a count, in steps of 1e-5 in configuration 1 and 2
-    angle: float = 0.0  # rad, to take off (configuration 3, table 9)
-    flags: int = 0  # what was done to it (configuration 3, bits 31 to 16 of PHSCALE)
+    scale: float = 1.0  # V or A per count, in steps of 1e-5 in configuration 1 and 2
+    angle: float = 0.0  # rad, to be subtracted (configuration 3, table 9)
+    flags: int = 0  # modifications of the phasor (configuration 3, bits 31 to 16 of PHSCALE)
 
 
 class Analog(NamedTuple):
-    """An analog value, with the value of one count where it is sent as integers."""
+    """An analog value, with the scale of its integer format."""
 
     name: str
     kind: int = 0  # 0: single point on wave, 1: root mean square, 2: peak
-    scale: float = 1.0  # a count, whole in configuration 1 and 2
+    scale: float = 1.0  # value per count, an integer in configuration 1 and 2
     offset: float = 0.0  # (configuration 3)
 
 
 class Digital(NamedTuple):
-    """A word of sixteen bits: their names, the state that is normal, and those in use."""
+    """A digital word of sixteen bits: their names, normal states, and those in use."""
 
     names: tuple[str, ...]
     normal: int = 0
@@ -44,10 +44,10 @@ class Digital(NamedTuple):
 
 
 class Site(NamedTuple):
-    """Where a PMU is and how it measures (configuration 3)."""
+    """Location and measurement settings of a PMU (configuration 3)."""
 
     global_id: bytes = bytes(16)
-    latitude: float = math.inf  # deg, WGS 84; infinite: not told
+    latitude: float = math.inf  # deg, WGS 84; infinite: unknown
     longitude: float = math.inf
     elevation: float = math.inf  # m
     service_class: str = "M"  # or P
@@ -73,21 +73,21 @@ class Pmu(NamedTuple):
 
 
 class Configuration(NamedTuple):
-    """A stream: its PMUs, the parts of a second in which time is told, and its rate."""
+    """A stream: its PMUs, the time base (parts of a second), and its rate."""
 
     pmus: tuple[Pmu, ...]
-    rate: int  # frames a second; below zero: seconds a frame
+    rate: int  # frames per second; if negative: seconds per frame
     time_base: int = TIME_BASE
 
 
 class _Reader:
-    """Bytes that are read field by field, none beyond the end."""
+    """Reads bytes field by field and checks the length."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
 
     def take(self, form: str, field: str) -> tuple[Any, ...]:
-        """The next values, by their form as in `struct`."""
+        """The next values, in a `struct` format."""
         size = struct.calcsize(f">{form}")
         if size > len(self.data) - self.at:
             raise FrameError(f"{field}: {len(self.data) - self.at} bytes left; allowed: {size} and more (6.4)")
@@ -101,7 +101,7 @@ class _Reader:
 
 
 def _name(text: str, field: str, *, long: bool) -> bytes:
-    """The same as bytes."""
+    """Encode STN or CHNAM, the inverse of `_Reader.name`."""
     raw, most = text.encode() if long else text.encode("latin-1", errors="replace"), 255 if long else NAME
     if len(raw) > most:
         raise FrameError(f"{field}: '{text}' has {len(raw)} bytes; allowed: {most} (6.4)")
@@ -109,7 +109,7 @@ def _name(text: str, field: str, *, long: bool) -> bytes:
 
 
 def encode(c: Configuration, kind: str) -> list[bytes]:
-    """Bodies of the frames that say a configuration: one, or of `configuration_3` as many as it needs."""
+    """Bodies of the frames of a configuration: one, or for `configuration_3` as many as needed."""
     long = kind == "configuration_3"
     parts = [struct.pack(">IH", c.time_base, len(c.pmus)), *(_pmu(pmu, long=long) for pmu in c.pmus)]
     whole = b"".join([*parts, struct.pack(">h", c.rate)])
@@ -121,7 +121,7 @@ def encode(c: Configuration, kind: str) -> list[bytes]:
 
 
 def decode(bodies: list[bytes], kind: str) -> Configuration:
-    """A configuration from its frames' bodies. Raises `FrameError`, naming the field, where they are none."""
+    """A configuration from its frames' bodies. Raises `FrameError`, naming the field, if they are invalid."""
     long = kind == "configuration_3"
     reader = _Reader(_joined(bodies) if long else b"".join(bodies))
     time_base, count = reader.take("IH", "TIME_BASE, NUM_PMU")
@@ -135,12 +135,12 @@ def decode(bodies: list[bytes], kind: str) -> Configuration:
 
 
 def _indices(parts: int) -> list[int]:
-    """CONT_IDX of so many parts."""
+    """CONT_IDX values for a number of parts."""
     return [ONLY] if parts == 1 else [*range(FIRST, parts), LAST]
 
 
 def _joined(bodies: list[bytes]) -> bytes:
-    """The parts of a configuration 3 in their order."""
+    """Join the parts of a configuration 3 in their order."""
     indices = [_Reader(body).take("H", "CONT_IDX")[0] for body in bodies]
     wanted = _indices(len(bodies))
     if indices != wanted:
@@ -149,7 +149,7 @@ def _joined(bodies: list[bytes]) -> bytes:
 
 
 def whole(bodies: list[bytes]) -> bool:
-    """Whether these parts of a configuration 3 are all."""
+    """Whether these parts of a configuration 3 are complete."""
     return bool(bodies) and len(bodies[-1]) >= 2 and int.from_bytes(bodies[-1][:2], "big") in (ONLY, LAST)
 
 
@@ -179,12 +179,12 @@ def _pmu(pmu: Pmu, *, long: bool) -> bytes:
 
 
 def _scaled(pmu: Pmu, phasor: Phasor) -> tuple[float, float]:
-    """Scale and angle of a phasor in configuration 3; floats are scaled already (table 9)."""
+    """Scale and angle of a phasor in configuration 3; floats are already scaled (table 9)."""
     return (1.0, 0.0) if pmu.float_phasors else (phasor.scale, phasor.angle)
 
 
 def _count(value: float, least: int, field: str) -> int:
-    """A whole number in 24 bits."""
+    """An integer of 24 bits."""
     whole, most = round(value), least + (1 << 24) - 1
     if not least <= whole <= most:
         raise FrameError(f"{field}: {value:g} counts; allowed: {least} to {most} (6.4)")

@@ -1,7 +1,7 @@
-"""Data frames (clause 6.3, tables 5 to 7): what the PMUs of a configuration measure at an instant, all at once.
+"""Data frames (clause 6.3, tables 5 to 7): simultaneous measurements of all PMUs of a configuration.
 
-All numbers of a frame are one row of items. An item is 16 bits or a 32-bit float; its value is count times scale plus
-offset. Where a float is sent, the scale is 1 and the offset 0, so that its bits are those of the value.
+All numbers of a frame form one row of items. An item is 16 bits or a 32-bit float; its value is count times scale plus
+offset. For a float the scale is 1 and the offset 0, so its bits are those of the value.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
     from facts_damping.c37118.configuration import Configuration, Pmu
 
-MISSING = -32768  # 0x8000: there is no value; a float is NaN
-RADIAN, MILLIHERTZ, CENTIHERTZ = 1e-4, 1e-3, 1e-2  # of a count of angle, frequency, rate of change of frequency
+MISSING = -32768  # 0x8000: no value; for a float NaN
+RADIAN, MILLIHERTZ, CENTIHERTZ = 1e-4, 1e-3, 1e-2  # per count of angle, frequency, rate of change of frequency
 
 
 class Data(NamedTuple):
-    """Measured values, in the order of the configuration's PMUs; NaN: there is none."""
+    """Measured values, in the order of the configuration's PMUs; NaN: no value."""
 
     status: NDArray[np.int64]  # STAT, (PMUs,)
     phasors: NDArray[np.float64]  # magnitude, V or A, and angle, rad, (all phasors, 2)
@@ -36,7 +36,7 @@ class Data(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Where the items of a configuration's data frames are, and what their counts mean; arrays over items."""
+    """Positions and scales of the items in a configuration's data frames; arrays over items."""
 
     size: int  # bytes of the body
     at: NDArray[np.int64]  # first byte
@@ -46,7 +46,7 @@ class Layout(NamedTuple):
     offset: NDArray[np.float64]
     field: NDArray[np.int64]  # index in FIELDS
     polar: NDArray[np.bool_]  # (phasors,)
-    turn: NDArray[np.float64]  # rad, to take off a phasor's angle, (phasors,)
+    turn: NDArray[np.float64]  # rad, subtracted from a phasor's angle, (phasors,)
 
 
 FIELDS = ("status", "first", "second", "frequency", "rocof", "analogs", "digitals")
@@ -72,7 +72,7 @@ def _items(pmu: Pmu) -> Iterator[tuple[int, bool, bool, float, float]]:
 
 
 def layout(c: Configuration) -> Layout:
-    """Of a configuration's data frames. Raises `FrameError` where they are too long, or a scale is zero."""
+    """The layout of a configuration's data frames. Raises `FrameError` if they are too long, or if a scale is zero."""
     if not c.pmus:
         raise FrameError("NUM_PMU: 0 given; allowed: 1 and more (6.4)")
     items = [item for pmu in c.pmus for item in _items(pmu)]
@@ -89,7 +89,7 @@ def layout(c: Configuration) -> Layout:
 
 
 def _turned(angle: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Angles and what is added, within -pi to pi; without any, as they are."""
+    """Angles plus `turn`, within -pi to pi; unchanged if `turn` is zero."""
     return np.where(turn == 0.0, angle, np.remainder(angle + turn + np.pi, 2.0 * np.pi) - np.pi)
 
 
@@ -109,7 +109,7 @@ def encode(made: Layout, data: Data) -> bytes:
     for field, column in columns.items():
         values[made.field == field] = column
     body, narrow = np.zeros(made.size, np.uint8), ~made.wide
-    with np.errstate(over="ignore"):  # beyond the floats of 32 bits is infinite
+    with np.errstate(over="ignore"):  # values beyond 32-bit floats become infinite
         floats = values[made.wide].astype(">f4").view(np.uint8).reshape(-1, 4)
     body[made.at[made.wide, None] + np.arange(4)] = floats
     least, most = np.where(made.signed[narrow], -32767, 0), np.where(made.signed[narrow], 32767, 65535)
@@ -120,12 +120,12 @@ def encode(made: Layout, data: Data) -> bytes:
 
 
 def decode(made: Layout, body: bytes) -> Data:
-    """What a data frame says. Raises `FrameError` for one of another length."""
+    """The values of a data frame. Raises `FrameError` for a wrong length."""
     if len(body) != made.size:
         raise FrameError(f"FRAMESIZE: {len(body) + LEAST} bytes; allowed by the configuration: {made.size + LEAST}")
     raw, narrow = np.frombuffer(body, np.uint8), ~made.wide
     values = np.zeros(len(made.at))
-    with np.errstate(invalid="ignore"):  # a signalling NaN
+    with np.errstate(invalid="ignore"):  # signalling NaN
         values[made.wide] = raw[made.at[made.wide, None] + np.arange(4)].view(">f4").ravel()
     counts = raw[made.at[narrow, None] + np.arange(2)].view(">u2").ravel().astype(np.int64)
     signed = made.signed[narrow]
@@ -133,7 +133,7 @@ def decode(made: Layout, body: bytes) -> Data:
     missing = signed & (counts == MISSING)
     values[narrow] = np.where(missing, np.nan, counts * made.scale[narrow] + made.offset[narrow])
     first, second = values[made.field == FIRST], values[made.field == SECOND]
-    first = np.where(np.isnan(second), np.nan, first)  # of polar integers the magnitude alone cannot say so
+    first = np.where(np.isnan(second), np.nan, first)  # the magnitude of polar integers has no code for a missing value
     magnitude = np.where(made.polar, first, np.hypot(first, second))
     angle = _turned(np.where(made.polar, second, np.arctan2(second, first)), -made.turn)
     return Data(

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 SYNC = 0xAA  # first byte of every frame
-VERSION = 2  # of 2011; 1 is that of 2005
+VERSION = 2  # of the 2011 edition; 1 is the 2005 edition
 KINDS: Mapping[str, int] = {  # bits 6 to 4 of the second byte
     "data": 0,
     "header": 1,
@@ -36,19 +36,19 @@ LEAST, MOST = HEAD.size + CHECK.size, 0xFFFF  # bytes of a frame
 
 
 class FrameError(FactsDampingError):
-    """A message that is not of the standard: what was found, what is allowed, and where that is said."""
+    """An invalid message: what was found, what is allowed, and the clause."""
 
     @property
     def field(self) -> str:
-        """What was wrong, for counts: the field, before what was found."""
+        """The invalid field, for statistics: the text before what was found."""
         return str(self).partition(":")[0]
 
 
 class Frame(NamedTuple):
-    """A message: its kind, and what the common part says; `body` is what lies between that and the check word."""
+    """A message: its kind and common fields; `body` is the part between these and the check word."""
 
     kind: str
-    idcode: int  # of the stream that it belongs to, 1 to 65534
+    idcode: int  # of its stream, 1 to 65534
     soc: int  # s since 1970 (UTC)
     fraction: int  # of a second, in parts of TIME_BASE, 24 bits
     body: bytes = b""
@@ -57,12 +57,12 @@ class Frame(NamedTuple):
 
 
 def checksum(data: bytes) -> int:
-    """CHK: the cyclic redundancy check x^16 + x^12 + x^5 + 1, from -1 on, of all before it (annex B)."""
+    """CHK: the cyclic redundancy check x^16 + x^12 + x^5 + 1, initial value -1, of all bytes before it (annex B)."""
     return crc_hqx(data, 0xFFFF)
 
 
 def encode(frame: Frame) -> bytes:
-    """A message as bytes. Raises `FrameError` for one that does not fit."""
+    """A message as bytes. Raises `FrameError` if it does not fit."""
     size = LEAST + len(frame.body)
     if size > MOST:
         raise FrameError(f"FRAMESIZE: {size} bytes; allowed: {LEAST} to {MOST} (6.2)")
@@ -73,7 +73,7 @@ def encode(frame: Frame) -> bytes:
 
 
 def decode(data: bytes) -> Frame:
-    """A whole message from bytes. Raises `FrameError` where it is none."""
+    """A message from bytes. Raises `FrameError` if they are invalid."""
     size = framesize(data)
     if size != len(data):
         raise FrameError(f"FRAMESIZE: {size} in a frame of {len(data)} bytes; allowed: its length (6.2)")
@@ -86,7 +86,7 @@ def decode(data: bytes) -> Frame:
 
 
 def framesize(data: bytes | bytearray) -> int:
-    """FRAMESIZE of a frame that begins here, of which there are four bytes at least; `FrameError` where none does."""
+    """FRAMESIZE of a frame from at least its first four bytes. Raises `FrameError` if no frame begins here."""
     if len(data) < LEAST:
         raise FrameError(f"FRAMESIZE: a frame of {len(data)} bytes; allowed: {LEAST} and more (6.2)")
     first, second, size = data[0], data[1], int.from_bytes(data[2:4], "big")
@@ -98,10 +98,10 @@ def framesize(data: bytes | bytearray) -> int:
 
 
 def split(stream: bytearray, most: int = MOST) -> tuple[list[bytes], int]:
-    """Take the whole frames out of a stream, and what is none, of which the bytes are counted; what is begun stays.
+    """Remove the complete frames and invalid bytes from a stream; return the frames and the number of invalid bytes.
 
-    `most`: bytes of a frame; longer ones are none.
-    Where a frame is not complete, but one that lies behind its begin is, it was none: lengths may be wrong, too.
+    A frame that has begun remains. `most`: largest size of a valid frame, bytes. An incomplete frame counts as invalid
+    if a complete one begins after its start, since its length may be wrong.
     """
     frames, lost, at = list[bytes](), 0, 0
     while len(stream) - at >= LEAST:
@@ -119,7 +119,7 @@ def split(stream: bytearray, most: int = MOST) -> tuple[list[bytes], int]:
 
 
 def _whole(stream: bytearray, at: int, most: int) -> bytes | None:
-    """The frame that begins here, where it is whole and one."""
+    """The frame that begins here, if it is complete and valid."""
     try:
         size = framesize(stream[at : at + LEAST])
         if size > min(most, len(stream) - at):
@@ -132,13 +132,13 @@ def _whole(stream: bytearray, at: int, most: int) -> bytes | None:
 
 
 def _following(stream: bytearray, at: int) -> int:
-    """Where the next frame may begin."""
+    """Position where the next frame may begin."""
     found = stream.find(SYNC, at)
     return len(stream) if found < 0 else found
 
 
 def _begun(stream: bytearray, most: int) -> int:
-    """Where what may become a frame begins, of a stream without whole ones."""
+    """Position where an incomplete frame begins, in a stream without complete ones."""
     at = _following(stream, 0)
     while len(stream) - at >= LEAST:
         try:
@@ -151,12 +151,12 @@ def _begun(stream: bytearray, most: int) -> int:
 
 
 def command(idcode: int, name: str, soc: int, fraction: int = 0, extended: bytes = b"") -> bytes:
-    """A command frame as bytes (table 14): a name of `COMMANDS`, and data of an extended one."""
+    """A command frame as bytes (table 14): a name of `COMMANDS`, and the data of an extended command."""
     return encode(Frame("command", idcode, soc, fraction, CHECK.pack(COMMANDS[name]) + extended))
 
 
 def command_of(frame: Frame) -> str:
-    """Which command a command frame gives. Raises `FrameError` for one that the standard does not know."""
+    """The name of a command frame's command. Raises `FrameError` if the standard does not define it."""
     if len(frame.body) < CHECK.size:
         raise FrameError("CMD: missing; allowed: two bytes (6.6)")
     (code,) = CHECK.unpack_from(frame.body)

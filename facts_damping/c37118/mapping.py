@@ -1,4 +1,4 @@
-"""Which channels of a stream are what at which station; their values in per unit, and the status of each station."""
+"""Mapping of a stream's channels to stations; values in per unit, and the status of each station."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
     from facts_damping.c37118.data import Data
     from facts_damping.c37118.stations import Station
 
-NAMES = dict(zip(UNITS, (*stations.PHASORS, *stations.ANALOGS), strict=True))  # of channels, as our servers have them
+NAMES = dict(zip(UNITS, (*stations.PHASORS, *stations.ANALOGS), strict=True))  # channel names of our servers
 VOLTAGE, CURRENT, ACTIVE, REACTIVE, SPEED = range(len(UNITS))
 
 
 class Places(NamedTuple):
-    """The stations of a grid that a stream has, and where; arrays over these."""
+    """The stations of a grid in a stream, and their channels; arrays over these."""
 
-    stations: NDArray[np.int64]  # places among the grid's
-    pmus: NDArray[np.int64]  # places among the stream's PMUs
-    channels: NDArray[np.int64]  # (stations, UNITS): among the stream's phasors, or its analogs; -1: not sent
-    scale: NDArray[np.float64]  # (stations, UNITS): p.u. of one of the stream's; below 0: counted the other way
+    stations: NDArray[np.int64]  # indices in the grid
+    pmus: NDArray[np.int64]  # indices of the stream's PMUs
+    channels: NDArray[np.int64]  # (stations, UNITS): indices of the stream's phasors or analogs; -1: not sent
+    scale: NDArray[np.float64]  # (stations, UNITS): p.u. per unit of the stream; negative: opposite sign
 
 
 def places(c: Configuration, grid: Sequence[Station], wanted: Mapping[str, Channels]) -> Places:
-    """Where a stream has the stations of a grid, of which `wanted` says how some are named there.
+    """The places of a grid's stations in a stream; `wanted` has the names of some of them there.
 
-    Raises `InputError` where a PMU does not have a channel that was asked for.
+    Raises `InputError` if a PMU has no channel of a requested name.
     """
     phasors, analogs = _before([len(p.phasors) for p in c.pmus]), _before([len(p.analogs) for p in c.pmus])
     rows = []
@@ -63,12 +63,12 @@ def _before(counts: Sequence[int]) -> list[int]:
 
 
 def _pmu(c: Configuration, named: str | int) -> int | None:
-    """Place of a PMU by its name or IDCODE."""
+    """Index of a PMU by its name or IDCODE."""
     return next((i for i, pmu in enumerate(c.pmus) if named in (pmu.name, pmu.idcode)), None)
 
 
 def _channel(station: Station, quantity: str, asked: Channels, pmu: Pmu) -> tuple[int, float]:
-    """Place of a quantity's channel in a PMU, -1: not sent; p.u. of one of its units."""
+    """Index of a quantity's channel in a PMU, -1: not sent; and p.u. per unit of the channel."""
     given: Channel | None = getattr(asked, quantity)
     channel = given or Channel(channel=NAMES[quantity])
     phasor = quantity in ("voltage", "current")
@@ -88,9 +88,9 @@ def _channel(station: Station, quantity: str, asked: Channels, pmu: Pmu) -> tupl
 
 
 def told(found: Places, data: Data) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
-    """What a frame says of the stations that it has: values (stations, CHANNELS), status bits, and who is absent.
+    """Values of the stations in a frame (stations, CHANNELS), status bits, and whether a station is absent.
 
-    Powers that are not sent follow from the phasors: P + jQ = V I*.
+    Powers that are not sent are computed from the phasors: P + jQ = V I*.
     """
     phasors, analogs = np.vstack([data.phasors, [np.nan, np.nan]]), np.append(data.analogs, np.nan)
     volts, amperes = phasors[found.channels[:, VOLTAGE]], phasors[found.channels[:, CURRENT]]
@@ -117,5 +117,5 @@ def told(found: Places, data: Data) -> tuple[NDArray[np.float64], NDArray[np.int
 
 
 def _opposite(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """An angle and half a turn, within -pi to pi."""
+    """An angle plus half a turn, within -pi to pi."""
     return np.where(angle > 0.0, angle - np.pi, angle + np.pi)

@@ -1,4 +1,4 @@
-"""Both ends of a stream without sockets: what a server answers to commands, and what a client makes of bytes."""
+"""Server and client of a stream without sockets: answers to commands, and decoding of received bytes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ANSWERS = {f"send_{kind}": kind for kind in ("configuration_1", "configuration_2
 
 
 class Stream(NamedTuple):
-    """What is sent: its number, its PMUs, and a text about it."""
+    """A stream to send: its IDCODE, its configuration, and a header text."""
 
     idcode: int
     configuration: Configuration
@@ -39,7 +39,7 @@ class Instant(NamedTuple):
 
 
 def stream(idcode: int, made: Configuration, header: str = "") -> Stream:
-    """A stream of a configuration. Raises `FrameError` where a name, or a frame, would be too long."""
+    """A stream of a configuration. Raises `FrameError` if a name or a frame is too long."""
     one = Stream(idcode, made, data.layout(made), header)
     for name in ANSWERS:
         answers(one, name, 0, 0)
@@ -53,7 +53,7 @@ def told(one: Stream, instant: Instant) -> bytes:
 
 
 def commanded(one: Stream, raw: bytes) -> str:
-    """The command that bytes give to a stream, by its name. Raises `FrameError` where they give none."""
+    """The name of the command in bytes for a stream. Raises `FrameError` if there is none."""
     found = frame.decode(raw)
     if found.kind != "command":
         raise FrameError(f"SYNC: a {found.kind} frame; allowed: commands (6.6)")
@@ -63,7 +63,7 @@ def commanded(one: Stream, raw: bytes) -> str:
 
 
 def answers(one: Stream, name: str, soc: int, fraction: int) -> list[bytes]:
-    """What a server sends for a command, by its name; nothing for those that begin and end data."""
+    """A server's answer to a command; empty for commands that start and stop data."""
     if name == "send_header":
         return [frame.encode(Frame("header", one.idcode, soc, fraction, one.header.encode()))]
     kind = ANSWERS.get(name)
@@ -72,28 +72,28 @@ def answers(one: Stream, name: str, soc: int, fraction: int) -> list[bytes]:
 
 
 class Receiver:
-    """A client's end: bytes as they come in, configurations and instants out; what is neither is counted."""
+    """Decodes received bytes to configurations and instants; invalid bytes are counted."""
 
     def __init__(self, idcode: int | None = None) -> None:
-        """`idcode`: of the stream; none: whichever comes."""
+        """`idcode`: of the stream; None: the first one received."""
         self.stream, self._idcode = bytearray(), idcode
         self.layout: Layout | None = None
         self._known: Configuration | None = None
-        self._announced = False  # whether a change is about to come
+        self._announced = False  # whether a change has been announced
         self.parts: list[bytes] = []  # of a configuration 3
-        self.changed = True  # a configuration is to be asked for
-        self.lost_bytes, self.refused = 0, Counter[str]()  # by the field that was wrong
-        self.why = ""  # the newest one was
+        self.changed = True  # whether to request a configuration
+        self.lost_bytes, self.refused = 0, Counter[str]()  # refused frames by invalid field
+        self.why = ""  # reason of the latest refusal
 
     def feed(self, received: bytes) -> list[Configuration | Instant | str]:
-        """What these bytes complete: a configuration, an instant, or a header's text."""
+        """Results completed by these bytes: a configuration, an instant, or a header's text."""
         self.stream += received
         frames, lost = frame.split(self.stream)
         self.lost_bytes += lost
         return self.take(frames)
 
     def take(self, frames: Sequence[bytes]) -> list[Configuration | Instant | str]:
-        """The same of whole frames, such as datagrams are."""
+        """The same for whole frames, such as datagrams."""
         found: list[Configuration | Instant | str] = []
         for raw in frames:
             try:
@@ -121,14 +121,14 @@ class Receiver:
                 return None
             self.parts = []
         made = configuration.decode(bodies, one.kind)
-        if one.kind == "configuration_1":  # that says what could be sent
+        if one.kind == "configuration_1":  # it has the available channels, not those sent
             return None
         self.layout, self.changed = data.layout(made), False
         self._announced, self._known = self._announced and made == self._known, made
         return made
 
     def _part(self, body: bytes) -> list[bytes]:
-        """The parts of a configuration 3 so far; none is kept of one that is not in order, or too long."""
+        """The parts of a configuration 3 so far; empty if one is out of order or there are too many."""
         index, before = int.from_bytes(body[:2], "big"), self.parts
         self.parts = []
         if index <= configuration.FIRST:
@@ -138,7 +138,7 @@ class Receiver:
         return [*before, body]
 
     def _instant(self, one: Frame) -> Instant | None:
-        """What a data frame says; nothing while the configuration is not known: before it came, or once it changed."""
+        """The content of a data frame; None while the configuration is unknown or outdated."""
         if self.layout is None or self._known is None:
             return None
         try:
@@ -150,6 +150,6 @@ class Receiver:
         over, self._announced = self._announced and not announced, announced
         self.changed = self.changed or announced or over
         if over:
-            self.layout = None  # from this frame on it is another one
+            self.layout = None  # the configuration is another one from this frame on
             return None
         return Instant(one.soc, one.fraction * TIME_BASE // self._known.time_base, one.quality, found)

@@ -1,7 +1,7 @@
 """Stations of a grid as PMUs of a stream: per unit to volts, amperes and kilowatts (back: mapping.py).
 
 A station sends the positive sequence of voltage (phase to ground) and current, and as analogs its active and reactive
-power and the rotor's speed deviation, which only an ideal PMU knows. What a station does not measure is missing.
+power and the rotor's speed deviation, which only an ideal PMU has. Quantities not measured by a station are missing.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MAGNITUDE, ANGLE, SPEED, ACTIVE, REACTIVE, FREQUENCY, ROCOF, CURRENT, CURRENT_AN
 
 
 class Station(NamedTuple):
-    """A station and the bases of what it measures."""
+    """A station and the bases of its measurements."""
 
     name: str
     kilovolts: float  # nominal voltage of its bus, phase to phase
@@ -81,7 +81,7 @@ def configuration(
 
 
 def _scale(largest: float) -> float:
-    """V or A a count, in whole steps of PHUNIT, exact in 32 bits as configuration 3 has it."""
+    """V or A per count, in whole steps of PHUNIT, exact in 32 bits as in configuration 3."""
     return float(np.float32(math.ceil(largest / COUNTS / UNIT) * UNIT))
 
 
@@ -90,7 +90,7 @@ def _whole(name: str, largest: float) -> float:
 
 
 def to_data(stations: Sequence[Station], values: NDArray[np.float64], status: NDArray[np.int64]) -> Data:
-    """What stations measure at an instant, (stations, CHANNELS), as a stream says it."""
+    """Simultaneous measurements of stations, (stations, CHANNELS), in the units of a stream."""
     volts, amperes, power = _bases(stations)
     first = np.column_stack([values[:, MAGNITUDE] * volts, values[:, ANGLE]])
     second = np.column_stack([values[:, CURRENT] * amperes, values[:, CURRENT_ANGLE]])

@@ -1,4 +1,4 @@
-"""How the numerical kernels are compiled: parts, entry points, structs; files that cannot be stale."""
+"""Compilation of the numerical kernels: parts, entry points, structs, and a cache of compiled files."""
 
 from facts_damping.compiling.kernels import (
     bits_of,

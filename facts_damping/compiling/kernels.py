@@ -1,8 +1,8 @@
-"""Decorators of compiled functions: `compiled` for parts, `entry_point` for what is called from outside.
+"""Decorators of compiled functions: `compiled` for parts, `entry_point` for functions called from outside.
 
-A part is compiled into each entry point that uses it. An entry point is compiled once, for the types that its
-annotations say, into a C function of pointers and numbers; Python, other entry points and other threads all call that
-one. What is compiled lies in files (`store`), so a process that finds them needs no compiler.
+A part is compiled into each entry point that uses it. An entry point is compiled once, for the types of its
+annotations, into a C function of pointers and numbers, which Python, other entry points and threads call. Compiled
+code is kept in files (`store`), so a process that finds them needs no compiler.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ENTRY_POINTS: dict[str, EntryPoint] = {}  # by symbol
 
 
 class Kernel:
-    """A part: a Python function that compiled functions call, and that is compiled into them."""
+    """A part: a Python function that is compiled into the compiled functions that call it."""
 
     def __init__(self, function: Callable[..., Any], *, inline: bool = False, cached: bool = True) -> None:
         functools.update_wrapper(self, function)
@@ -45,16 +45,16 @@ class Kernel:
         return with_numba.alone(self)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """Of numbers alone by Python, with the same bits; else compiled for arguments of these types."""
+        """Call it in Python for numbers alone, with the same bits; else compile it for the arguments' types."""
         given = (*arguments, *named.values())
         if all(isinstance(one, NUMERIC) for one in given):
-            with np.errstate(all="ignore"):  # as compiled code, which knows no warnings
+            with np.errstate(all="ignore"):  # compiled code has no warnings
                 return self.py_func(*arguments, **named)
         return self._alone(*arguments, **named)
 
 
 class Primitive:
-    """What compiled code does by a few instructions that Numba has to be told; in Python a function of the name."""
+    """A function with special compiled instructions, defined for Numba; in Python an ordinary function."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         functools.update_wrapper(self, function)
@@ -67,26 +67,26 @@ class Primitive:
         return with_numba.primitive(self.name)
 
     def __call__(self, *arguments: Any) -> Any:
-        """As Python has it."""
+        """Call the Python function."""
         return self.__wrapped__(*arguments)  # type: ignore[attr-defined]
 
 
 @Primitive
 def call_address(address: int, controller: int, now_ns: int) -> int:
-    """What the C function at an address returns."""
+    """The result of the C function at an address."""
     whole = ctypes.c_int64
     return int(ctypes.CFUNCTYPE(whole, whole, whole)(address)(controller, now_ns))
 
 
 @Primitive
 def bits_of(number: float) -> int:
-    """The 64 bits of a number, as a whole number with a sign."""
+    """The 64 bits of a float as a signed integer."""
     return int(np.float64(number).view(np.int64))
 
 
 @Primitive
 def number_of(bits: int) -> float:
-    """The number that has these 64 bits."""
+    """The float with these 64 bits."""
     return float(np.int64(bits).view(np.float64))
 
 
@@ -101,13 +101,13 @@ class EntryPoint:
 
     @functools.cached_property
     def kinds(self) -> list[Any]:
-        """Kinds of the arguments (`structs.kind_of`), by the annotations."""
+        """Kinds of the arguments (`structs.kind_of`), from the annotations."""
         hints = typing.get_type_hints(self.py_func, include_extras=True)
         return [kind_of(hints[name]) for name in inspect.signature(self.py_func).parameters]
 
     @functools.cached_property
     def result(self) -> Any:
-        """Type of what comes back: float, int, bool or none."""
+        """Type of the result: float, int, bool or None."""
         found = typing.get_type_hints(self.py_func).get("return")
         if found not in C_TYPES:
             raise TypeError(f"{self.symbol}: {found} is returned; allowed: float, int, bool, None")
@@ -121,7 +121,7 @@ class EntryPoint:
 
     @functools.cached_property
     def _arguments(self) -> list[tuple[str, Any]]:
-        """Name and kind of each argument; the kind of a struct is a class that it must be of."""
+        """Name and kind of each argument; the kind of a struct is its required class."""
         names = inspect.signature(self.py_func).parameters
         return [(name, typing.get_origin(kind) or kind) for name, kind in zip(names, self.kinds, strict=True)]
 
@@ -134,7 +134,7 @@ class EntryPoint:
         return ctypes.CFUNCTYPE(C_TYPES[self.result], *types)(store.address(self))
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call it. Raises `TypeError` where arguments are not of their types."""
+        """Call the C function. Raises `TypeError` if arguments have wrong types."""
         if len(arguments) != len(self._arguments):
             raise TypeError(f"{self.__name__}: {len(arguments)} given; allowed: {len(self._arguments)} arguments")
         flat: list[Any] = []
@@ -155,10 +155,9 @@ class EntryPoint:
 
 
 def branching(functions: Sequence[Callable[..., Any]]) -> Any:
-    """A compiled function of a code and arguments, which calls the function at that place with them.
+    """A compiled function of a code and arguments, which calls the function at that index.
 
-    So a table's rows bring their functions along, and no list of branches stands beside it. The last one is also that
-    of codes beyond.
+    So a table's rows contain their functions, without a separate list of branches. Higher codes call the last function.
     """
     last = len(functions) - 1
     lines = [f"    if code == {i}:\n        return f{i}(*arguments)\n" for i in range(last)]
@@ -168,13 +167,13 @@ def branching(functions: Sequence[Callable[..., Any]]) -> Any:
     return Kernel(space["call"], cached=False)
 
 
-if TYPE_CHECKING:  # what the functions take and return
+if TYPE_CHECKING:  # signatures for type checkers
     import numba
 
     compiled = inlined = numba.njit(cache=True, error_model="numpy")
 
     def entry_point(function: Callable[..., Any]) -> Any:
-        """Have a function compiled for the types that its annotations say."""
+        """Compile a function for the types of its annotations."""
 else:
     compiled, entry_point = Kernel, EntryPoint
     inlined = functools.partial(Kernel, inline=True)

@@ -1,7 +1,7 @@
-"""What compiled code depends on, and a key of it: all functions that an entry point uses, and all constants.
+"""A hash key of everything that an entry point's compiled code depends on: all functions and constants used.
 
-Of a function its instructions and constants count, neither docstring, annotations, comments nor where it stands. Of
-another entry point only its name and its types count, since it is called and not compiled along.
+For a function, instructions and constants count; docstring, annotations, comments and position do not. For another
+entry point only name and types count, since it is called, not compiled in.
 """
 
 from __future__ import annotations
@@ -26,18 +26,21 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 PACKAGE = "facts_damping"
-LOAD_GLOBAL, SHIFT = dis.opmap["LOAD_GLOBAL"], int(sys.version_info >= (3, 11))  # its argument: an index, and a flag
-TARGETS = {"x86_64": "x86-64", "aarch64": "generic"}  # processors: each machine of the kind has what these have
+LOAD_GLOBAL, SHIFT = dis.opmap["LOAD_GLOBAL"], int(sys.version_info >= (3, 11))  # the argument has an index and a flag
+TARGETS = {
+    "x86_64": "x86-64",
+    "aarch64": "generic",
+}  # baseline processors: all machines of the kind have their instructions
 
 
 def target() -> str:
-    """The processor that is compiled for: that of NUMBA_CPU_NAME, as tests want it, or the least of this kind."""
+    """The target processor: NUMBA_CPU_NAME, as in tests, or the baseline of this kind."""
     return os.environ.get("NUMBA_CPU_NAME") or TARGETS.get(platform.machine(), "generic")
 
 
 @cache
 def _compiler() -> str:
-    """What compiles: versions, the target, and how Numba is used."""
+    """Identity of the compiler: versions, target, and options of Numba."""
     how = hashlib.sha256(Path(__file__).with_name("with_numba.py").read_bytes()).hexdigest()
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     kind = f"{sys.platform} {platform.machine()} {target()}"
@@ -55,7 +58,7 @@ def _code(code: types.CodeType, docstring: str | None) -> str:
 
 
 def _constant(value: Any) -> str:
-    """A constant as text that is the same in every process."""
+    """A constant as text that is equal in every process."""
     if isinstance(value, frozenset):
         return f"frozenset{sorted(map(repr, value))}"
     if isinstance(value, np.dtype):
@@ -70,7 +73,7 @@ def _constant(value: Any) -> str:
 
 
 def globals_of(code: types.CodeType) -> set[str]:
-    """Names of the globals that a function loads, and all in it: as `dis` says, in a tenth of its time."""
+    """Names of the globals that a function and its inner functions load: as `dis`, in a tenth of its time."""
     found, extended = set(), 0
     for operation, low in zip(code.co_code[::2], code.co_code[1::2], strict=True):
         argument = extended | low
@@ -82,7 +85,7 @@ def globals_of(code: types.CodeType) -> set[str]:
 
 @cache
 def _used(function: Any) -> list[tuple[str, Any]]:
-    """What a function refers to by name: globals, attributes of this package's modules, and of enclosing functions."""
+    """Names a function refers to: globals, attributes of this package's modules, variables of enclosing functions."""
     code, found = function.__code__, []
     names = set(code.co_names)
     for constant in code.co_consts:
@@ -110,12 +113,12 @@ def _structs(cls: Any) -> Iterator[str]:
 
 
 class _Walk:
-    """All that is reached from an entry point: texts that the key is made of, and entry points that are called."""
+    """Everything reachable from an entry point: texts of the key, and called entry points."""
 
     def __init__(self, function: Any, entry: EntryPoint | None = None) -> None:
         self.texts: list[str] = []
         self.callees: dict[str, EntryPoint] = {}
-        self.functions: set[str] = set()  # that are compiled into it
+        self.functions: set[str] = set()  # functions compiled into it
         self._seen: set[int] = set()
         if entry is not None:
             self.texts.append(_signature(entry))
@@ -166,22 +169,22 @@ def _walk(entry: EntryPoint) -> _Walk:
 
 
 def callees(entry: EntryPoint) -> list[EntryPoint]:
-    """Entry points that one calls."""
+    """Entry points called by an entry point."""
     return list(_walk(entry).callees.values())
 
 
 @cache
 def key(entry: EntryPoint) -> str:
-    """Hash of all on which the compiled code of an entry point depends."""
+    """Hash of everything that the compiled code of an entry point depends on."""
     return hashlib.sha256("\n".join([_compiler(), *_walk(entry).texts]).encode()).hexdigest()[:20]
 
 
 def callees_of(function: Any) -> list[EntryPoint]:
-    """Entry points that a part calls."""
+    """Entry points called by a part."""
     return list(_Walk(function).callees.values())
 
 
 def of_function(function: Any) -> str:
-    """The key of a part that is compiled by itself, for whatever types."""
+    """The key of a part that is compiled by itself, for any types."""
     walk = _Walk(function)
     return hashlib.sha256("\n".join([_compiler(), *walk.texts]).encode()).hexdigest()[:20]

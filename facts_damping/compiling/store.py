@@ -1,7 +1,7 @@
-"""Files of compiled entry points: found, made by compiler processes where they are missing, loaded.
+"""Files of compiled entry points: search, compilation of missing ones in processes, loading.
 
-A file has the name of its function and its key, so it is never stale. Those of a wheel lie in the package, all others
-in the user's cache. Old ones of a function go when a new one comes.
+A file name has the function and its key, so a file is never stale. Files of a wheel are in the package, all others in
+the user's cache. A new file of a function replaces old ones.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from facts_damping.compiling.kernels import EntryPoint
 
 SHIPPED = Path(__file__).parent / "objects"
-KEPT = 4  # files of one function
+KEPT = 4  # files kept per function
 _engines: list[Any] = []
 _addresses: dict[str, int] = {}
 
 
 def home() -> Path:
-    """The folder that holds all: NUMBA_CACHE_DIR where it is set, or one in the user's cache."""
+    """The cache folder: NUMBA_CACHE_DIR if set, or a folder in the user's cache."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(given) if given else Path(base) / "facts_damping" / "numba"
@@ -44,13 +44,13 @@ def file_name(entry: EntryPoint) -> str:
 
 
 def _found(entry: EntryPoint) -> Path | None:
-    """The file of an entry point, if it is there."""
+    """The file of an entry point, if it exists."""
     name = file_name(entry)
     return next((path for folder in (SHIPPED, home()) if (path := folder / name).is_file()), None)
 
 
 def _with_callees(entries: Iterable[EntryPoint]) -> dict[str, EntryPoint]:
-    """Entry points and all that they call, directly or not."""
+    """Entry points and all that they call, directly or indirectly."""
     found: dict[str, EntryPoint] = {}
     todo = list(entries)
     while todo:
@@ -62,11 +62,11 @@ def _with_callees(entries: Iterable[EntryPoint]) -> dict[str, EntryPoint]:
 
 
 def prepare(entries: Iterable[EntryPoint]) -> None:
-    """Have entry points and all that they call compiled where they are not, by as many processes as processors."""
+    """Compile missing entry points and all that they call, with as many processes as processors."""
     wanted = _with_callees(entries)
     if all(_found(one) is not None for one in wanted.values()):
         return
-    own = {name: one for name, one in ENTRY_POINTS.items() if name.startswith(f"{PACKAGE}.")}  # wanted soon
+    own = {name: one for name, one in ENTRY_POINTS.items() if name.startswith(f"{PACKAGE}.")}  # likely needed soon
     missing = [one for one in (wanted | own).values() if _found(one) is None]
     home().mkdir(parents=True, exist_ok=True)
     symbols = sorted(one.symbol for one in missing)
@@ -85,7 +85,7 @@ def prepare(entries: Iterable[EntryPoint]) -> None:
 
 @contextlib.contextmanager
 def _claimed(entry: EntryPoint, *, wait: bool) -> Iterator[bool]:
-    """Whether an entry point is this process's to compile; others that want it wait, or pass on."""
+    """Lock an entry point; yield whether this process should compile it. Without `wait`, a held lock yields False."""
     with (home() / f"{entry.symbol}.lock").open("w") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
@@ -96,7 +96,7 @@ def _claimed(entry: EntryPoint, *, wait: bool) -> Iterator[bool]:
 
 
 def compile_missing(entries: Iterable[EntryPoint]) -> None:
-    """Compile in this process what no other process has in hand, then wait for the others."""
+    """Compile in this process what no other process is compiling, then wait for the others."""
     from facts_damping.compiling import with_numba  # noqa: PLC0415 (only who compiles needs it)
 
     for wait in (False, True):
@@ -109,7 +109,7 @@ def compile_missing(entries: Iterable[EntryPoint]) -> None:
 
 
 def _keep(entry: EntryPoint, code: bytes) -> None:
-    """Write an entry point's file, whole or not at all."""
+    """Write an entry point's file atomically."""
     path = home() / file_name(entry)
     made = path.with_suffix(f".{os.getpid()}")
     made.write_bytes(code)
@@ -119,7 +119,7 @@ def _keep(entry: EntryPoint, code: bytes) -> None:
 
 
 def ship(entries: Iterable[EntryPoint]) -> None:
-    """Put the files of entry points, and of all that they call, into the package, from where a wheel takes them."""
+    """Write the files of entry points, and of all that they call, into the package for a wheel."""
     chosen = _with_callees(entries).values()
     prepare(chosen)
     shutil.rmtree(SHIPPED, ignore_errors=True)
@@ -129,7 +129,7 @@ def ship(entries: Iterable[EntryPoint]) -> None:
 
 
 def _new_engine() -> Any:
-    """What links object code."""
+    """The linker of object code."""
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     kind = binding.Target.from_triple(binding.get_process_triple())
@@ -138,7 +138,7 @@ def _new_engine() -> Any:
 
 
 def address(entry: EntryPoint) -> int:
-    """The address of a compiled entry point; what it calls is loaded first."""
+    """The address of a compiled entry point; its callees are loaded first."""
     if entry.symbol not in _addresses:
         prepare([entry])
         for one in callees(entry):

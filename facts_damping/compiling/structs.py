@@ -10,9 +10,9 @@
     class Nets(Struct, each=Net):  # side by side: arrays with a leading axis; `nets.each[i]` is the i-th
         theta: Float2
 
-An object owns what it names and the block of memory that says where it lies: eight bytes for a number or the address of
-a struct; for an array its size, address, shape and strides. A field that is set is written into the block at once, so
-that the block never points at what has been replaced. Sources of kernels read fields as those of any object: `plant.x`.
+An object owns its values and a memory block that describes them: eight bytes for a number or the address of a struct;
+for an array its size, address, shape and strides. Setting a field updates the block at once, so the block never has
+dangling pointers. Kernels read fields like those of any object: `plant.x`.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from typing_extensions import Self, dataclass_transform
 
 
 class Array(NamedTuple):
-    """Type of an array: that of its elements, and its number of axes; it is contiguous, the last axis the fastest."""
+    """Type of an array: element type and number of axes; it is contiguous, with the last axis the fastest."""
 
     dtype: Any
     ndim: int
 
     @property
     def words(self) -> int:
-        """What describes one, as Numba has it: owner, parent, elements, bytes of one, address, shape, strides."""
+        """Words that describe an array in Numba: owner, parent, elements, bytes of one, address, shape, strides."""
         return 5 + 2 * self.ndim
 
 
@@ -58,12 +58,12 @@ Bool1 = Annotated[NDArray[np.bool_], Array(np.bool_, 1)]
 Bool2 = Annotated[NDArray[np.bool_], Array(np.bool_, 2)]
 Bool3 = Annotated[NDArray[np.bool_], Array(np.bool_, 3)]
 
-HOST = "host"  # says of a field that compiled code has no part in it
+HOST = "host"  # marks a field that compiled code does not use
 NUMBERS = {float: "f8", int: "i8", bool: "i8"}
 
 
 def kind_of(hint: Any) -> Any:
-    """What a field, or an argument, is by its annotation: float, int, bool, an `Array`, a struct, a `Table`."""
+    """The kind of a field or argument from its annotation: float, int, bool, an `Array`, a struct, a `Table`."""
     if typing.get_origin(hint) is Annotated:
         return next(one for one in hint.__metadata__ if isinstance(one, Array) or one == HOST)
     if is_numbers(hint):
@@ -75,28 +75,28 @@ def kind_of(hint: Any) -> Any:
 
 @cache
 def is_numbers(kind: Any) -> bool:
-    """Whether a kind is a named tuple of numbers, which are handed over one by one."""
+    """Whether a kind is a named tuple of numbers, which are passed one by one."""
     return (
         isinstance(kind, type) and issubclass(kind, tuple) and set(typing.get_type_hints(kind).values()) <= set(NUMBERS)
     )
 
 
 def words_of(kind: Any) -> list[Any]:
-    """Types of the numbers that a field or an argument is described by."""
+    """Types of the words that describe a field or an argument."""
     if isinstance(kind, Array):
         return [int] * kind.words
     return list(typing.get_type_hints(kind).values()) if is_numbers(kind) else [kind if kind in NUMBERS else int]
 
 
 def address_of(array: NDArray[Any]) -> int:
-    """Where an array without gaps lies. What NumPy says of itself takes several times as long."""
+    """Address of a contiguous array; NumPy's own attribute takes several times as long."""
     if array.size and array.flags.writeable:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]
     return int(array.__array_interface__["data"][0])
 
 
 def array_words(array: Any, kind: Array, where: str) -> tuple[int, ...]:
-    """What describes an array. Raises `TypeError` where it is not of its type."""
+    """Words that describe an array. Raises `TypeError` if it has a wrong type."""
     if not isinstance(array, np.ndarray) or array.dtype != kind.dtype or array.ndim != kind.ndim:
         given = f"{array.dtype}, {array.ndim} axes" if isinstance(array, np.ndarray) else type(array).__name__
         raise TypeError(f"{where}: {given} given; allowed: an array of {np.dtype(kind.dtype)}, {kind.ndim} axes")
@@ -107,18 +107,18 @@ def array_words(array: Any, kind: Array, where: str) -> tuple[int, ...]:
 
 @dataclass_transform(eq_default=False)
 class Struct:
-    """Base of structs: see above. Arguments are the fields in their order, or by name."""
+    """Base of structs, see the module. Arguments are the fields in their order, or by name."""
 
     _fields: ClassVar[tuple[str, ...]] = ()
-    _each: ClassVar[type[Struct] | None] = None  # what its rows are
-    each: ClassVar[Any]  # these, a `Table`
-    block: ClassVar[Any]  # where it says what its fields are,
-    pointer: ClassVar[int]  # and the address of that
+    _each: ClassVar[type[Struct] | None] = None  # struct of the rows
+    each: ClassVar[Any]  # the rows, a `Table`
+    block: ClassVar[Any]  # memory block that describes the fields
+    pointer: ClassVar[int]  # address of the block
     complete: ClassVar[bool]
     owners: ClassVar[list[Any]]  # structs whose rows are views of its arrays
 
     def __init_subclass__(cls, *, each: type[Struct] | None = None) -> None:
-        """Take the fields from the annotations; a class made of another has its fields first, with types of its own."""
+        """Take the fields from the annotations; a derived class has its base's fields first, with its own types."""
         cls._fields = tuple(dict.fromkeys((*cls._fields, *cls.__annotations__)))
         if each is not None:
             cls._each = each
@@ -137,7 +137,7 @@ class Struct:
         self._split()
 
     def _split(self) -> None:
-        """The rows of several side by side, `each`: of every field its part along the first axis."""
+        """Make the rows `each`: views of every field along the first axis."""
         if self._each is not None and self.complete:
             rows = Table([self._row(i) for i in range(self._many())])
             self.__dict__["each"] = rows
@@ -148,17 +148,17 @@ class Struct:
                 one._split()  # noqa: SLF001 (another of its kind)
 
     def _many(self) -> int:
-        """How many rows there are."""
+        """The number of rows."""
         return next(len(value) for value in self if isinstance(value, np.ndarray))
 
     def _row(self, i: int) -> Struct:
-        """A row, as views."""
+        """A row, as views of the arrays."""
         own: Any = self._each
         parts = ((value[i] if isinstance(value, np.ndarray) else value.each[i]) for value in self)
         return own(*parts)  # type: ignore[no-any-return]
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Set a field, in the block too. Raises `TypeError` where it is not of its type."""
+        """Set a field, also in the block. Raises `TypeError` if it has a wrong type."""
         cls: Any = type(self)
         kind, at = layout(cls)[name]
         where = f"{cls.__name__}.{name}"
@@ -173,16 +173,16 @@ class Struct:
                 raise TypeError(f"{where}: {type(value).__name__} given; allowed: {kind}")
             self.block[at] = value.pointer
             if self._each is not None:
-                value.owners.append(weakref.ref(self))  # whose rows are views of its arrays
+                value.owners.append(weakref.ref(self))  # for rows that are views of its arrays
         self.__dict__[name] = value
         self._split()
 
     def __iter__(self) -> Iterator[Any]:
-        """All fields' values, in their order."""
+        """Iterate over the fields' values in their order."""
         return (self.__dict__[name] for name in self._fields)
 
     def _replace(self, **changes: Any) -> Self:
-        """Another one, with some fields changed."""
+        """A copy with some fields changed."""
         return type(self)(**{name: self.__dict__[name] for name in self._fields} | changes)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -190,7 +190,7 @@ class Struct:
         return type(self), tuple(self)
 
     def __repr__(self) -> str:
-        """Name and fields' names: the arrays would fill screens."""
+        """Class name and field names, without the long arrays."""
         return f"{type(self).__name__}({', '.join(self._fields)})"
 
 
@@ -198,7 +198,7 @@ S = TypeVar("S", bound=Struct)
 
 
 class Table(Generic[S]):
-    """Several structs of a class; compiled code has their number and each by its index."""
+    """Several structs of a class; compiled code has their number, and each by its index."""
 
     def __init__(self, rows: Sequence[S]) -> None:
         self.rows = tuple(rows)
@@ -221,7 +221,7 @@ class Table(Generic[S]):
 
 @cache
 def layout(cls: Any) -> dict[str, tuple[Any, int]]:
-    """Kind of each field, and its place in the block, in words."""
+    """Kind of each field, and its position in the block, in words."""
     found, at, hints = {}, 0, typing.get_type_hints(cls, include_extras=True)
     for name in cls._fields:
         kind = kind_of(hints[name])
@@ -232,12 +232,12 @@ def layout(cls: Any) -> dict[str, tuple[Any, int]]:
 
 @cache
 def size_of(cls: Any) -> int:
-    """Words of a block."""
+    """Size of a block in words."""
     return sum(kind.words if isinstance(kind, Array) else 1 for kind, _ in layout(cls).values()) or 1
 
 
 def described(kind: Any) -> Any:
-    """A kind as text that says all on which compiled code depends."""
+    """A kind as text with everything that compiled code depends on."""
     if isinstance(kind, Array):
         return f"{np.dtype(kind.dtype).descr}{kind.ndim}"
     if kind in NUMBERS:

@@ -1,7 +1,7 @@
-"""The one place that knows Numba's insides: structs and entry points as it sees them, and object code of these.
+"""All code that uses Numba's internals: types of structs and entry points, and generation of object code.
 
-Numba optimises each function when it is compiled, and again inside each function that calls it, and so on upwards. Here
-functions are linked first, as they are, and optimised once, as a whole.
+Numba optimises each function when it is compiled, and again inside each caller, and so on. Here functions are linked
+unoptimised first, and the whole is optimised once.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ if TYPE_CHECKING:
 
     from facts_damping.compiling.kernels import EntryPoint, Kernel
 
-_compiling: list[EntryPoint] = []  # in a process that only compiles
-_dispatchers: list[Any] = []  # kept, as types only refer to them
+_compiling: list[EntryPoint] = []  # entry points being compiled, in a process that only compiles
+_dispatchers: list[Any] = []  # kept alive, as types only have weak references
 POINTER = ir.IntType(8).as_pointer()
 WHOLE = ir.IntType(64)
-# Kernels allocate nothing and keep no array, so references to arrays need not be counted (`_nrt`).
+# Kernels allocate nothing and keep no array, so reference counts of arrays are not needed (`_nrt`).
 OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 
 
 def _from_the_start(context: Any, builder: Any, kind: Any, index: Any, _size: Any) -> Any:
-    """An index as it is: kernels do not count from the end, so nothing need ask whether it is negative."""
+    """Return an index unchanged: kernels do not use negative indices, so no check is needed."""
     return context.cast(builder, index, kind, types.intp)
 
 
@@ -70,7 +70,7 @@ arrayobj.fix_integer_index = _from_the_start
 
 
 class _Passes(compiler.CompilerBase):
-    """Those of Numba's passes that kernels need: no closures, no expressions of whole arrays, no branches by type."""
+    """The Numba passes that kernels need: no closures, no whole-array expressions, no branches by type."""
 
     def define_pipelines(self) -> list[Any]:
         manager = PassManager("kernels")
@@ -131,7 +131,7 @@ def type_of(kind: Any) -> Any:
 
 
 def _word(builder: Any, block: Any, at: int, kind: Any) -> Any:
-    """A number of a block, which nothing changes while compiled code runs."""
+    """A word of a block, which is constant while compiled code runs."""
     place = builder.gep(builder.bitcast(block, WHOLE.as_pointer()), [WHOLE(at)])
     found = builder.load(builder.bitcast(place, kind.as_pointer()))
     found.set_metadata("invariant.load", builder.module.add_metadata([]))
@@ -211,7 +211,7 @@ def _unbox(_type: Any, value: Any, c: Any) -> Any:
 
 
 def _without_literals(compile_: Callable[[Any], Any], given: Any) -> Any:
-    """Compile a function for whole numbers, not once more for each that is written in a call: `f(x, 0)`."""
+    """Compile a function for integers once, not again for each literal in a call such as `f(x, 0)`."""
     plain: Any = types.unliteral
     return compile_(tuple(map(plain, given)) if isinstance(given, tuple) else given)
 
@@ -223,7 +223,7 @@ def _dispatcher(kernel: Kernel, **options: Any) -> Any:
 
 
 def part(kernel: Kernel) -> Any:
-    """A part's type: that of a function which callers compile, and which nobody calls from Python."""
+    """The type of a part: a function compiled by its callers and never called from Python."""
     made = _dispatcher(kernel, no_cpython_wrapper=True, pipeline_class=_Passes)
     made._insert = lambda *_, **__: None  # noqa: SLF001 (there is nothing that Python could call)
     _dispatchers.append(made)
@@ -231,14 +231,14 @@ def part(kernel: Kernel) -> Any:
 
 
 def alone(kernel: Kernel) -> Any:
-    """A part as a function of its own, in Numba's cache; what it calls is loaded, also where it is found there."""
+    """A part as a separate function in Numba's cache; its callees are loaded even if it is found there."""
     for entry in keys.callees_of(kernel.py_func):
         store.address(entry)
     return _dispatcher(kernel, cache=kernel.cached)
 
 
 class _Locator:
-    """Tells Numba where it keeps a part that is compiled by itself: in a folder named after what it depends on."""
+    """Numba's cache location of a separately compiled part: a folder named by its key."""
 
     def __init__(self, function: Any) -> None:
         self._path = store.home() / "parts" / f"{function.__module__}.{function.__qualname__}"
@@ -271,7 +271,7 @@ def _signature_of(entry: EntryPoint) -> Any:
 
 
 def _c_type(context: Any, entry: EntryPoint) -> Any:
-    """The C function's type: numbers, pointers, and what describes arrays, side by side; a bool is a byte."""
+    """The C function's type: numbers, pointers and array descriptions side by side; a bool is a byte."""
     own = _signature_of(entry)
     flat = context.get_arg_packer(own.args).argument_types
     result = {types.void: ir.VoidType(), types.boolean: ir.IntType(8)}.get(own.return_type)
@@ -280,12 +280,12 @@ def _c_type(context: Any, entry: EntryPoint) -> Any:
 
 
 def _typed_intrinsic(name: str, define: Any) -> Any:
-    """The type of a function that is defined here, for whatever object stands for it."""
+    """The type of an intrinsic function defined here, for any object that represents it."""
     return types.Function(make_intrinsic_template(name, define, name))
 
 
 def callee(entry: EntryPoint) -> Any:
-    """An entry point's type where compiled code calls it: by its name, which the linker knows (`store.address`)."""
+    """The type of an entry point for compiled callers: by its name, which the linker resolves (`store.address`)."""
     own = _signature_of(entry)
     if len(own.args) == 0:
         raise TypeError(f"{entry.symbol}: no arguments; allowed: one or more")
@@ -341,7 +341,7 @@ def primitive(name: str) -> Any:
 
 
 class _Unoptimised(codegen.JITCodeLibrary):
-    """Functions as they are, linked into what uses them."""
+    """Functions without optimisation, linked into their callers."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout  # noqa: SLF001
@@ -354,7 +354,7 @@ class _Unoptimised(codegen.JITCodeLibrary):
 
 
 def _add_overload(self: Any, compiled: Any) -> None:
-    """What a dispatcher knows of compiled functions, without what Python would call."""
+    """Record compiled functions in a dispatcher, without the Python wrapper."""
     self.overloads[tuple(compiled.signature.args)] = compiled
 
 
@@ -392,7 +392,7 @@ def object_code(entry: EntryPoint) -> bytes:
 
 
 def _write_c_function(context: Any, module: Any, description: Any, entry: EntryPoint) -> None:
-    """The C function around Numba's."""
+    """Write the C function that wraps Numba's function."""
     own, c_type = _signature_of(entry), _c_type(context, entry)
     function = ir.Function(module, c_type, entry.symbol)
     builder = ir.IRBuilder(function.append_basic_block())

@@ -1,6 +1,6 @@
-"""A Gymnasium environment: an agent in the place of a run's controller (docs/gymnasium.md).
+"""A Gymnasium environment: an agent replaces a controller of a run (docs/gymnasium.md).
 
-Once this is imported, `gymnasium.make("facts_damping/WideAreaDamping-v0")` knows it.
+Importing this registers `gymnasium.make("facts_damping/WideAreaDamping-v0")`.
 """
 
 import importlib
@@ -8,7 +8,7 @@ from contextlib import suppress
 
 NAME = "facts_damping/WideAreaDamping-v0"
 
-with suppress(ImportError):  # a trained class runs without it
+with suppress(ImportError):  # a trained class does not need gymnasium
     importlib.import_module("gymnasium").register(
         id=NAME,
         entry_point="facts_damping.environment.single:WideAreaDamping",

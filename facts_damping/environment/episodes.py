@@ -1,4 +1,4 @@
-"""Episodes: runs, drawn from a study by seed, in which an agent has the place of a controller."""
+"""Episodes: runs, drawn from a study by seed, in which an agent replaces a controller."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
-AGENT = "agent"  # its name as a controller
+AGENT = "agent"  # its controller name
 KEPT = (
     "devices",
     "signals",
     "link",
     "namespace",
     "fallback_of",
-)  # what it takes over from the controller in whose place it is
+)  # fields taken from the replaced controller
 MOST_SEED = 2**31
 
 
 class Source:
-    """Where episodes come from: a run, or the points of a study."""
+    """Source of episodes: a run, or the points of a study."""
 
     def __init__(self, run: str | None, study: str | None, controller: int, fields: dict[str, Any]) -> None:
-        """Read it. Raises `InputError`; where a run has no controller with devices, too."""
+        """Read the source. Raises `InputError`, also if a run has no controller with devices."""
         if study is None:
             self._content, self._where = loading.read_run(run)
             self._set: dict[str, Any] = {}
@@ -59,7 +59,7 @@ class Source:
         self.first = self.case(0, 0)
 
     def draw(self, random: np.random.Generator, options: dict[str, Any] | None = None) -> tuple[int, Case]:
-        """A point, and its run with a seed; `options`: `point` and `seed`, where they are asked for."""
+        """A random point and its run with a random seed; `options` may set `point` and `seed`."""
         asked = options or {}
         point, seed = int(random.integers(len(self.points))), int(random.integers(MOST_SEED))
         return (at := int(asked.get("point", point))), self.case(at, int(asked.get("seed", seed)))
@@ -89,14 +89,14 @@ class Source:
 
 
 class Episode:
-    """A run under way, an agent in the place of its controller `c`: between two ticks, the newest one delivered."""
+    """A run in progress with an agent as controller `c`; between steps, the newest tick has been delivered."""
 
     def __init__(
         self, case: Case, c: int, scale: NDArray[np.float64], window: NDArray[Any], deviations: NDArray[Any]
     ) -> None:
-        """Begin it: with the first tick measured and delivered.
+        """Begin the run: the first tick is measured and delivered.
 
-        `window`, (ticks, signals, 3), and `deviations`, (differences,), are what it writes what there is to see into.
+        The episode writes observations into `window`, (ticks, signals, 3), and `deviations`, (differences,).
         """
         self.case, self.loop = case, fresh_loop(case, outside=True)
         agent = case.controllers[c]
@@ -135,7 +135,7 @@ class Episode:
         return float(self._alone.time_ns[0]) / NANOSECONDS
 
     def step(self, action: NDArray[Any]) -> None:
-        """Have what was delivered in the newest tick answered by an action, -1 to 1 of the limits; on to the next."""
+        """Answer the newest tick's delivery with an action, -1 to 1 of the limits, and advance to the next tick."""
         np.multiply(action, self.limits, out=self._alone.setpoints[0])
         self._go_on()
 
@@ -154,12 +154,12 @@ class Episode:
         return self.tick + 1 >= self.case.ticks
 
     def record(self) -> Record:
-        """What there is so far."""
+        """The record up to now."""
         return loop.record(self.case, self.loop)
 
 
 def weights_of(case: Case) -> NDArray[np.float64]:
-    """Weights of machines' speeds in the speed differences that are judged, (differences, machines)."""
+    """Weights of machines' speeds in the monitored speed differences, (differences, machines)."""
     machines = [machine.name for machine in case.system.machines]
     of = {station.name: station.machine for station in case.system.stations}
     judged = measure_weights(case.system.model_dump(by_alias=True))

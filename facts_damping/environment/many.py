@@ -34,16 +34,14 @@ class Episodes(Struct):
 
 @entry_point
 def step_many(all_of: Episodes, first: int, stride: int) -> None:
-    """A step of the episodes first, first + stride and so on, but for those that wait."""
+    """A step of the episodes first, first + stride and so on, except those that wait."""
     for e in range(first, len(all_of.loops), stride):
         if all_of.waits[e]:
             continue
         loop, tick, agent = all_of.loops[e], all_of.ticks[e], all_of.agent
         for d in range(all_of.setpoints.shape[1]):
             loop.control.bank_state.unlimited[agent, d] = all_of.setpoints[e, d]
-        run_half_ticks(
-            loop, max(0, 2 * tick + 1), 2 * tick + 3
-        )  # the second half of this tick, the first one of the next
+        run_half_ticks(loop, max(0, 2 * tick + 1), 2 * tick + 3)  # second half of this tick, first half of the next
         tick += 1
         kept, links = loop.signals, loop.links
         all_of.ticks[e], all_of.time_ns[e] = tick, kept.time_ns[tick]

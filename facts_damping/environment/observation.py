@@ -1,4 +1,4 @@
-"""What an agent sees of a tick, and what it is judged by; compiled."""
+"""Observation of a tick by an agent, and true speed differences for its reward; compiled."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-SIGNAL, AGE, MISSING = range(3)  # of a window's last axis
-MOST_SIGNAL, MOST_AGE = 100.0, 10.0  # in scales, and s: values beyond count as these
+SIGNAL, AGE, MISSING = range(3)  # indices of a window's last axis
+MOST_SIGNAL, MOST_AGE = 100.0, 10.0  # in scales, and s: values are clipped to these
 
 
 class AgentInputs(Struct):
-    """What an agent sees with: the signals of its controller, received."""
+    """Received signals of an agent's controller."""
 
     inputs: Inputs
     held: LatestSamples
@@ -30,7 +30,7 @@ class AgentInputs(Struct):
 def append_to_window(
     window: NDArray[Any], y: NDArray[Any], age: NDArray[Any], fresh: NDArray[Any], scale: NDArray[Any]
 ) -> None:
-    """Put the signals of a tick, (signals,), last into a window, (ticks, signals, 3)."""
+    """Append the signals of a tick, (signals,), to a window, (ticks, signals, 3)."""
     for k in range(window.shape[0] - 1):
         for i in range(window.shape[1]):
             for part in range(window.shape[2]):
@@ -55,7 +55,7 @@ def observe(
     machines: NDArray[Any],
     deviations: NDArray[np.float64],
 ) -> None:
-    """A tick: what was delivered goes into the window, and the true speed differences into `deviations`, p.u.
+    """Write a tick's delivered signals into the window, and true speed differences into `deviations`, p.u.
 
     `weights`: (differences, machines); `machines`: (machines,) of MACHINE_TRUTH.
     """

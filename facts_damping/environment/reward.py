@@ -1,4 +1,4 @@
-"""What an agent is rewarded for: damping, at a price of effort."""
+"""Reward of an agent: damping minus a cost of control effort."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from facts_damping.errors import check_known
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-UNIT = 0.01  # p.u.: a speed difference that counts as one
+UNIT = 0.01  # p.u.: unit of a speed difference
 
 
 class Reward(Protocol):
-    """Of a tick: its length dt (s), its end t_s (s), the true speed differences then (p.u.), its action (-1 to 1).
+    """Reward of a tick from its length dt (s), its end t_s (s), the true speed differences then (p.u.), its action.
 
-    In the vector environment all have a leading axis, and so has what comes back.
+    Actions are from -1 to 1.
+
+    In the vector environment all arguments and the result have a leading axis.
     """
 
     def __call__(
@@ -28,11 +30,11 @@ class Reward(Protocol):
 
 
 class IndexReward(NamedTuple):
-    """Minus the integrand of a performance index (4.108), minus a price on effort, over the tick.
+    """Minus the integrand of a performance index (4.108), minus a cost of effort, over the tick.
 
         -dt (t^r sum_i |dw_i / 0.01|^s + effort sum_d a_d^2)
 
-    With the end of a whole episode it is minus the index, in units of 0.01 p.u., by the rectangle rule.
+    The sum over a whole episode is minus the index, in units of 0.01 p.u., by the rectangle rule.
     """
 
     of: str = "ISE"

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Setting:
-    """What all episodes of an environment have in common: where they come from, spaces, reward."""
+    """Common settings of all episodes of an environment: source, spaces, reward."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class Setting:
         window: NDArray[Any],
         deviations: NDArray[Any],
     ) -> tuple[Episode, dict[str, Any]]:
-        """An episode, drawn, and what is told of it; a study whose points have other signals or devices is refused."""
+        """A random episode and its information; raises an error if a study's points differ in signals or devices."""
         point, case = self.source.draw(random, options)
         agent, first = case.controllers[self.controller], self.source.first
         like = first.controllers[self.controller]
@@ -72,17 +72,17 @@ class Setting:
 
 
 class WideAreaDamping(gymnasium.Env[Any, Any]):
-    """Damping of a run by an agent, which has the place of one of its controllers.
+    """Damping control of a run by an agent, which replaces one of its controllers.
 
-    A step is a frame. **Observation**, (window, signals, 3): of the last ticks, the newest last, each signal of the
-    controller as its link has delivered it, in units of `scale` (p.u.), its age (s), and 1 where nothing new of it has
-    come in the tick. **Action**, (devices,): setpoints, -1 to 1 of the limits; issued at the last arrival of the tick
-    that it answers, and of no effect where nothing has arrived. **Reward**: see `IndexReward`; any function like it may
-    take its place. `terminated` where synchronism is lost, with `lost` taken off the reward; `truncated` at the end.
+    A step is a frame. **Observation**, (window, signals, 3): for the last ticks, the newest last, each signal of the
+    controller as delivered by its link, in units of `scale` (p.u.), its age (s), and 1 if the tick has no new value of
+    it. **Action**, (devices,): setpoints, -1 to 1 of the limits; issued at the last arrival of the tick that it
+    answers, and without effect if nothing arrived. **Reward**: see `IndexReward`; any similar function may replace it.
+    `terminated` at loss of synchronism, with `lost` subtracted from the reward; `truncated` at the end.
 
-    `run`: name under config/runs, or a path; or `study`, name or path, of whose points episodes are drawn;
-    `controller`: whose place the agent has; `fields`: of the run that differ, as of `facts_damping.simulate`. The seed
-    of `reset` draws point and seed of the run; `options` may say `point` and `seed`. Raises `InputError`.
+    `run`: name under config/runs, or a path; or `study`, name or path, from whose points episodes are drawn;
+    `controller`: index of the replaced controller; `fields`: changed fields of the run, as in `facts_damping.simulate`.
+    The seed of `reset` draws point and seed of the run; `options` may set `point` and `seed`. Raises `InputError`.
     """
 
     metadata = {  # noqa: RUF012 (as its base has it)
@@ -101,7 +101,7 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
-        """Begin an episode; what was drawn is told."""
+        """Begin an episode; the information has what was drawn."""
         super().reset(seed=seed)
         self.episode, told = self._setting.begin(self.np_random, options, self._window, self._deviations)
         return self._window.copy(), told
@@ -118,7 +118,7 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
         return self._window.copy(), reward - setting.lost * lost, lost, episode.over and not lost, {}
 
     def record(self) -> Record:
-        """The episode so far, as a run's record."""
+        """The record of the episode up to now."""
         if self.episode is None:
             raise gymnasium.error.ResetNeeded("no episode is under way: call reset")
         found: Record = self.episode.record()

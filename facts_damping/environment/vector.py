@@ -1,4 +1,4 @@
-"""The environment, many episodes at once: compiled loops side by side, in threads."""
+"""The environment with many episodes in parallel: compiled loops in threads."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 
 class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
-    """`WideAreaDamping`, `num_envs` at once, each with the bits of one by itself with the seed `seed + its number`.
+    """`num_envs` parallel `WideAreaDamping` environments, each bit-equal to a single one with the seed `seed + index`.
 
-    An episode that has ended begins anew in the next step, whose action then does not count and whose reward is 0.
-    `threads`: none: as many as there are processors.
+    An ended episode restarts in the next step, which ignores the action and has reward 0. `threads`: None: the number
+    of processors.
     """
 
     metadata = {  # noqa: RUF012 (as its base has it)
@@ -69,9 +69,9 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         return self._windows.copy(), {}
 
     def _begin(self, i: int, options: dict[str, Any] | None = None) -> Episode:
-        """An episode at its beginning, taken over."""
+        """Begin an episode and take over its arrays."""
         one, _ = self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])
-        self._all = None  # made of what there is by now
+        self._all = None  # rebuilt from the present episodes
         self._ticks[i], self._last[i], self._lost[i] = one.tick, one.case.ticks - 1, one.lost
         self._limits[i], self._weights[i] = one.limits, one.weights
         return one
@@ -79,7 +79,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
     def step(
         self, actions: NDArray[Any]
     ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """A step of each episode; of one that has ended the beginning of the next."""
+        """A step of each episode; for an ended one, the start of the next."""
         if not self._episodes:
             raise ResetNeeded("no episode is under way: call reset")
         asked = np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
@@ -95,7 +95,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         return self._windows.copy(), np.where(goes, rewards, 0.0), lost, over, {}
 
     def _go_on(self) -> None:
-        """All that do not wait, each thread its share, in one compiled call."""
+        """Step all episodes that do not wait, split over the threads, in one compiled call."""
         if self._all is None:
             tables = Table([one.loop for one in self._episodes]), Table([one.eyes for one in self._episodes])
             made = self._waits, self._ticks, self._time_ns, self._lost, self._setting.controller, self._setpoints
@@ -104,7 +104,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
             self._all = Episodes(*parts)
         all_of = self._all
         list(self._pool.map(lambda share: step_many(all_of, share, self._shares), range(self._shares)))
-        for i in np.flatnonzero(self._lost & ~self._waits):  # a class beside the agent stops its loop, too
+        for i in np.flatnonzero(self._lost & ~self._waits):  # also stopped by an error of a class beside the agent
             check(self._episodes[i].loop.programs)
 
     def close_extras(self, **_: Any) -> None:

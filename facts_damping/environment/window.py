@@ -1,4 +1,4 @@
-"""What the environment shows, for a class that was trained in it: built from what `step` is given."""
+"""The environment's observations for a deployed class that was trained in it, built from the arguments of `step`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def each_scale(scale: float | list[float], signals: int) -> NDArray[np.float64]:
-    """A scale for each signal, (signals,), p.u. Raises `InputError` for another number of them, or one not above 0."""
+    """A scale for each signal, (signals,), p.u. Raises `InputError` for a wrong number of them, or one not above 0."""
     given = np.atleast_1d(np.array(scale, np.float64))
     if given.shape not in ((1,), (signals,)):
         raise InputError(f"scale: {given.size} numbers given; allowed: one, or {signals}, one a signal")
@@ -26,14 +26,14 @@ def each_scale(scale: float | list[float], signals: int) -> NDArray[np.float64]:
 
 
 class Window:
-    """The observations of `WideAreaDamping`, (window, signals, 3), from the arrivals of a class.
+    """The observations of `WideAreaDamping`, (window, signals, 3), from the arrivals at a class.
 
-    They are the environment's, bit for bit, in a class that has `once_a_tick = True`: so the environment acts. The
-    ticks between two calls, in which nothing has arrived, are filled in.
+    They equal the environment's bit for bit in a class with `once_a_tick = True`, which acts as the environment does.
+    Ticks without arrivals between two calls are filled in.
     """
 
     def __init__(self, spec: Spec, window: int = 8, scale: float | list[float] = 0.01) -> None:
-        """Empty; `window` and `scale`: as of the environment."""
+        """An empty window; `window` and `scale` as in the environment."""
         n = len(spec.signals)
         self._rate, self._scale = spec.frame_rate, each_scale(scale, n)
         self._seen: NDArray[np.float32] = np.zeros((window, n, 3), np.float32)
@@ -41,14 +41,14 @@ class Window:
         self.reset()
 
     def reset(self) -> None:
-        """As at the start of a run."""
+        """Return to the start of a run."""
         self._seen[:], self._tick, self._y[:] = 0.0, -1, np.nan
         self._seen[:, :, 2] = 1.0
 
     def push(
         self, t_s: float, y: NDArray[np.float64], age_s: NDArray[np.float64], fresh: NDArray[np.bool_]
     ) -> NDArray[np.float32]:
-        """The observation at an arrival, with what is new in it."""
+        """The observation at an arrival, including its new values."""
         now_ns = round(t_s * 1e9)
         tick = (now_ns + 1) * self._rate // 1_000_000_000  # times of ticks are rounded down
         for missed in range(self._tick + 1, tick):

@@ -1,1 +1,1 @@
-"""Systems from the files of other programs."""
+"""Import of systems from the files of other programs."""

@@ -1,6 +1,6 @@
-"""From the tables of a MATPOWER case to a system.
+"""Conversion of the tables of a MATPOWER case to a system.
 
-A case says nothing of dynamics. Machine rows come from a file of the user's; a machine without one gets typical data.
+A case has no dynamic data. Machine rows come from a user's file; other machines have typical data.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 REFERENCE, ISOLATED, PQ = 3, 4, 1  # bus types
 LARGEST_RATING = 1e5  # MVA
-# Kundur, Power System Stability and Control (1994), tables 3.2 and 4.2: inside the ranges of thermal units.
+# Kundur, Power System Stability and Control (1994), tables 3.2 and 4.2: within the ranges of thermal units.
 TYPICAL = (
     {"model": "genrou", "H": 4.0, "Ra": 0.003, "Xl": 0.15}
     | {"Xd": 1.8, "Xd1": 0.3, "Xd2": 0.2, "Td01": 8.0, "Td02": 0.03}
     | {"Xq": 1.7, "Xq1": 0.55, "Xq2": 0.2, "Tq01": 1.0, "Tq02": 0.05}
 )
-FROM_CASE = ("bus", "generator", "P", "V", "slack", "angle")  # of a machine's row, not for the file of dynamics
+FROM_CASE = ("bus", "generator", "P", "V", "slack", "angle")  # fields of a machine's row from the case
 HEAD = ("name", "description", "frequency", "line_model", "step")
 TABLES = ("infinite_buses", "exciters", "stabilisers", "governors", "devices", "stations", "signals", "measures")
 
@@ -42,7 +42,7 @@ class MatpowerCase(NamedTuple):
 
 
 class Imported(NamedTuple):
-    """A system's content, the machines with typical data, and what the user should know."""
+    """A system's content, the machines with typical data, and notes for the user."""
 
     content: dict[str, Any]
     typical: list[str]
@@ -82,12 +82,12 @@ def convert(case: MatpowerCase, dynamics: Mapping[str, Any] | None = None) -> Im
         **measured([m["name"] for m in machines]),
     }
     if "signals" in given or "stations" in given:
-        content |= {"signals": {}, "measures": {}}  # ours name stations of ours
+        content |= {"signals": {}, "measures": {}}  # the default ones refer to the default stations
     content |= {key: value for key, value in given.items() if key != "machines"}
     return Imported(filled(content), typical, notes)
 
 
-# What becomes of a case in either format
+# Common to both formats
 
 
 def system_name(case: str) -> str:
@@ -96,7 +96,7 @@ def system_name(case: str) -> str:
 
 
 def measured(machines: Sequence[str]) -> dict[str, Any]:
-    """A PMU at each machine, and the speed differences of the first one to the others."""
+    """A PMU at each machine, and the speed differences between the first one and the others."""
     first = machines[0]
     pairs = {f"w_{first}_{other}": other for other in machines[1:]}
     return {
@@ -112,13 +112,13 @@ def filled(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def without_data(typical: Sequence[str], machines: int) -> str:
-    """The note on machines that have typical data, of so many."""
+    """The note on machines with typical data; `machines`: number of all machines."""
     which = "all machines" if len(typical) == machines else ", ".join(typical)
     return f"no dynamic data for {which}: typical data (Kundur, table 4.2)"
 
 
 def joined_to(bus: Any, branches: Iterable[tuple[Any, Any]]) -> set[Any]:
-    """The buses that branches join to one, itself included."""
+    """The buses connected to a bus by branches, including itself."""
     near: dict[Any, set[Any]] = {bus: set()}
     for one, other in branches:
         near.setdefault(one, set()).add(other)
@@ -131,7 +131,7 @@ def joined_to(bus: Any, branches: Iterable[tuple[Any, Any]]) -> set[Any]:
 
 
 def some(buses: Sequence[int]) -> str:
-    """The first few of some buses, for a message."""
+    """The first few buses, for a message."""
     return ", ".join(map(str, buses[:5])) + (", ..." if len(buses) > 5 else "")
 
 
@@ -143,7 +143,7 @@ def _number(value: float) -> int:
 
 
 def _check_buses(case: MatpowerCase, buses: Mapping[int, Row]) -> None:
-    """Each bus once, one reference, and every bus joined to it."""
+    """Check that each bus is unique, that there is one reference, and that all buses are connected to it."""
     if len(buses) < len(case.bus):
         raise InputError(f"mpc.bus: {len(case.bus)} rows for {len(buses)} buses given; allowed: each bus once")
     reference = [n for n, row in buses.items() if row["BUS_TYPE"] == REFERENCE]
@@ -189,7 +189,7 @@ def _units(
 def _branches(
     case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]]]:
-    """Lines, transformers (those with a ratio, a shift, or two nominal voltages), and shunts for what these charge."""
+    """Lines, transformers (with a ratio, a shift, or two nominal voltages), and shunts for transformers' charging."""
     lines, transformers, charging, taken = [], [], [], set[str]()
     for i, row in enumerate(case.branch, 1):
         a, b = _number(row["F_BUS"]), _number(row["T_BUS"])
@@ -231,7 +231,7 @@ def _machines(
     rows: Any,
     notes: list[str],
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """Machines, one a bus, and the names of those with typical data."""
+    """Machines, one per bus, and the names of those with typical data."""
     given = _machine_rows(rows, units)
     if not units:
         raise InputError("mpc.gen: no generator in service given; allowed: at least one")
@@ -287,7 +287,7 @@ def _machine_rows(rows: Any, units: Mapping[int, list[tuple[int, Row]]]) -> dict
 
 
 def _rating(row: Row) -> float:
-    """Rated power, MVA: mBase; where the dispatch is larger (mBase left at the system base), Pmax or the dispatch."""
+    """Rated power, MVA: mBase; if the dispatch is larger (mBase left at the system base), Pmax or the dispatch."""
     dispatch = math.hypot(row["PG"], row["QG"])
     if row["MBASE"] >= dispatch and row["MBASE"] > 0:
         return row["MBASE"]

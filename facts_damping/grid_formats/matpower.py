@@ -1,4 +1,4 @@
-"""MATPOWER files: reading a case, and the system that comes of it as the text of a YAML file."""
+"""MATPOWER files: reading a case and converting it to a system."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def read_case(path: Path) -> MatpowerCase:
 
 
 def _finite(value: Any, where: str) -> float:
-    """A cell as a number: where one cell of a table is text, the library gives all of them as text."""
+    """A cell as a number: if one cell of a table is text, the library returns all of them as text."""
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -64,7 +64,7 @@ def _finite(value: Any, where: str) -> float:
 
 
 def import_case(path: Path, dynamics: Path | None = None) -> Imported:
-    """A MATPOWER case, checked as every system is, with notes for the user."""
+    """A MATPOWER case as a validated system, with notes for the user."""
     case = read_case(path)
     given = None if dynamics is None else read_dynamics(dynamics)
     try:
@@ -78,7 +78,7 @@ def import_case(path: Path, dynamics: Path | None = None) -> Imported:
 
 
 def read_dynamics(path: Path) -> dict[str, Any]:
-    """Content of a file of dynamics."""
+    """Content of a file of dynamic data."""
     if not is_file(path):
         raise InputError(f"--dynamics {path}: no such file; allowed: an existing YAML file")
     return read_table(path)

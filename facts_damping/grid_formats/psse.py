@@ -1,4 +1,4 @@
-"""From PSS/E records (RAW, DYR) to a system.
+"""Conversion of PSS/E records (RAW, DYR) to a system.
 
 References: PSS/E Program Operation Manual (power flow raw data), PSS/E Model Library (DYR records).
 """
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from facts_damping.grid_formats.psse_dyr import Dyr
     from facts_damping.grid_formats.psse_raw import RawCase, Row
 
-# Records of these sections would act; the others say nothing of the grid itself.
+# Sections whose records affect the grid; the others do not.
 ACTING = ("two-terminal dc", "VSC dc", "multi-terminal dc", "FACTS device", "GNE device", "induction machine")
 
 
 def convert(case: RawCase, dynamics: Dyr | None, dynamics_name: str = "") -> Imported:
-    """A case as the content of a system's file. Raises `InputError` with the line of a record that cannot be taken."""
+    """A case as the content of a system's file. Raises `InputError` with the line of an unsupported record."""
     notes = [f"{count} {section} records are left out" for section, count in case.unread.items() if section in ACTING]
     buses = network.buses(case, notes)
     units = units_of(case, buses, notes)
@@ -60,7 +60,7 @@ def convert(case: RawCase, dynamics: Dyr | None, dynamics_name: str = "") -> Imp
 
 
 def _check_islands(buses: Mapping[int, Row], branches: Sequence[Row], machines: Sequence[Row]) -> None:
-    """Raise `InputError` where branches in service do not join all buses to the slack machine."""
+    """Raise `InputError` if branches in service do not connect all buses to the slack machine."""
     slack = next(m["bus"] for m in machines if m.get("slack"))
     reached = joined_to(slack, [(row["from"], row["to"]) for row in branches])
     apart = [n for n in buses if f"B{n}" not in reached]
@@ -69,7 +69,7 @@ def _check_islands(buses: Mapping[int, Row], branches: Sequence[Row], machines: 
 
 
 def import_case(raw: Path, dyr: Path | None = None) -> Imported:
-    """A PSS/E case, checked as every system is, with notes for the user."""
+    """A PSS/E case as a validated system, with notes for the user."""
     case, dynamics = read_raw(raw), None if dyr is None else read_dyr(dyr)
     try:
         imported = convert(case, dynamics, "" if dyr is None else dyr.name)

@@ -27,14 +27,14 @@ class Dynamic(NamedTuple):
 
 
 class Dyr(NamedTuple):
-    """The records of machines, and those of which nothing is known: line and beginning."""
+    """The records of machines, and unknown records: line and beginning."""
 
     records: list[Dynamic]
     unread: list[tuple[int, str]]
 
 
 def read_dyr(path: Path) -> Dyr:
-    """The records of a DYR file. Raises `InputError` with the line of what cannot be read."""
+    """The records of a DYR file. Raises `InputError` with the line of an unreadable record."""
     records, unread = list[Dynamic](), list[tuple[int, str]]()
     words, begins = list[str](), 0
     for number, line in enumerate(read_lines(path, "DYR"), 1):
@@ -53,7 +53,7 @@ def read_dyr(path: Path) -> Dyr:
 
 
 def _cut(line: str) -> tuple[str, bool]:
-    """A line up to the `/` that ends its record; whether there is one. Comments begin with `//` or `@!`."""
+    """A line up to the `/` that ends its record, and whether there is one. Comments begin with `//` or `@!`."""
     if line.lstrip().startswith(("//", "@!")):
         return "", False
     quoted = False
@@ -65,7 +65,7 @@ def _cut(line: str) -> tuple[str, bool]:
 
 
 def _take(words: list[str], line: int, path: Path, records: list[Dynamic], unread: list[tuple[int, str]]) -> None:
-    """A record, of a machine or of something that is not known."""
+    """Add a record to the machines' or to the unknown ones."""
     where = f"{path}: line {line}"
     if len(words) < 3 or not words[0].isdigit() or words[1][0] not in "'\"":
         unread.append((line, " ".join(words[:3])))

@@ -1,4 +1,4 @@
-"""The machines of PSS/E records: generators in service, their data and controls, and what was put in whose place."""
+"""The machines of PSS/E records: generators in service, their data and controls, and notes on substitutions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 ROUND = "Td01 Td02 Tq01 Tq02 H D Xd Xq Xd1 Xq1 Xd2 Xl S10 S12"
 SALIENT = "Td01 Td02 Tq02 H D Xd Xq Xd1 Xd2 Xl S10 S12"
-# Machine models: ours, and their constants in the order of a record.
+# Machine models: our names, and their constants in the order of a record.
 MACHINES = {
     "GENROU": ("genrou", ROUND),
     "GENROE": ("genrou", ROUND),
@@ -31,7 +31,7 @@ EXPONENTIAL = ("GENROE", "GENSAE")
 
 
 class Unit(NamedTuple):
-    """A generator in service: its name here, its bus and identifier in the case, its record."""
+    """A generator in service: its name in the system, its bus and identifier in the case, its record."""
 
     name: str
     bus: int
@@ -58,7 +58,7 @@ def units_of(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> list[
 
 
 def step_ups(case: RawCase, units: Sequence[Unit]) -> tuple[list[Row], dict[str, str]]:
-    """Step-up transformers that are part of generators' records, and the bus of each machine behind one."""
+    """Step-up transformers contained in generator records, and the bus of each machine behind one."""
     made, places = list[Row](), dict[str, str]()
     for unit in units:
         if unit.row["XT"] or unit.row["RT"]:
@@ -122,7 +122,7 @@ def machines_of(
 
 
 def _slack(units: Sequence[Unit], buses: Mapping[int, Row]) -> Unit:
-    """The machine that balances the power flow: of those at a bus of type 3 the largest."""
+    """The slack machine: the largest at a bus of type 3."""
     there = [unit for unit in units if buses[unit.bus]["IDE"] == REFERENCE]
     if not there:
         raise InputError("bus: no generator in service at a bus of type 3 given; allowed: at least one")
@@ -147,7 +147,7 @@ def _machine(record: Dynamic, unit: Unit, where: str, notes: list[str]) -> Row:
 
 
 def _control(record: Dynamic, unit: Unit, where: str, controls: dict[str, list[Row]], notes: list[str]) -> None:
-    """Take a control's record into its table; what is not modelled is named."""
+    """Add a control's record to its table; note parts that are not modelled."""
     if record.model != "HYGOV" and record.model not in MODELS:
         notes.append(f"{where}: of {unit.name} is not modelled: left out")
         return
@@ -173,7 +173,7 @@ def _control(record: Dynamic, unit: Unit, where: str, controls: dict[str, list[R
 
 
 def _complete(row: Row, where: str, unit: Unit, notes: list[str]) -> None:
-    """A rotating exciter whose VRMAX is 0 has the one that the field voltage E2 needs, as PSS/E has it."""
+    """Set a zero VRMAX of a rotating exciter to the value for the field voltage E2, as PSS/E does."""
     if "E2" in row and row.get("VRMAX") == 0.0:
         row["VRMAX"] = (max(row["KE"], 0.0) + row["SE2"]) * row["E2"] or 1.0
         row["VRMIN"] = -row["VRMAX"]

@@ -36,7 +36,7 @@ def buses(case: RawCase, notes: list[str]) -> dict[int, Row]:
 
 
 def bus_of(row: Row, buses: Mapping[int, Row]) -> int | None:
-    """The bus of a record; none: it is isolated, or not there."""
+    """The bus of a record; None if it is isolated or missing."""
     return int(row["I"]) if int(row["I"]) in buses else None
 
 
@@ -60,7 +60,7 @@ def lines(case: RawCase, buses: Mapping[int, Row]) -> tuple[list[Row], list[Row]
 
 
 def _free(stem: str, circuit: str, taken: set[str]) -> str:
-    """A name that no other branch has: with its circuit where that is not the first."""
+    """A branch name that is not taken: with its circuit if that is not the first."""
     mark = re.sub(r"[^A-Za-z0-9]", "", str(circuit))
     name = stem if mark in ("", "1") else f"{stem}_{mark}"
     while name in taken:
@@ -70,7 +70,7 @@ def _free(stem: str, circuit: str, taken: set[str]) -> str:
 
 
 def loads(case: RawCase, buses: Mapping[int, Row]) -> list[Row]:
-    """Loads: what is constant power in the power flow is an impedance in the dynamics, as our loads are."""
+    """Loads: constant power in the power flow and impedances in the dynamics, as our loads are."""
     loads = []
     for row in case.tables["load"]:
         n = bus_of(row, buses)
@@ -88,7 +88,7 @@ def loads(case: RawCase, buses: Mapping[int, Row]) -> list[Row]:
 
 
 def shunts(case: RawCase, buses: Mapping[int, Row]) -> list[Row]:
-    """Fixed shunts, and switched ones as they stand."""
+    """Fixed shunts, and switched shunts in their present state."""
     made = []
     for section, G, B, on in (("fixed shunt", "GL", "BL", "STATUS"), ("switched shunt", None, "BINIT", "ST")):
         taken = set[str]()
@@ -140,7 +140,7 @@ def _impedance(row: Row, number: int, base_power: float) -> complex:
 
 
 def transformers(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> tuple[list[Row], list[str], list[Row]]:
-    """Transformers of two windings, those of three as stars, the buses of the stars, and magnetising shunts."""
+    """Two-winding transformers, three-winding ones as stars, the buses of the stars, and magnetising shunts."""
     made, stars, shunts, taken = list[Row](), list[str](), list[Row](), set[str]()
     for row in case.tables["transformer"]:
         ends = [end for end in ("I", "J", "K") if row[end]]
@@ -172,7 +172,7 @@ def transformers(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> t
 def _two_windings(
     name: str, start: str, end: str, first: Winding, second: float, z: complex, row: Row, case: RawCase
 ) -> Row:
-    """A transformer of ours: its tap at the first bus, its impedance beside the second."""
+    """A transformer of the system: its tap at the first bus, its impedance at the second."""
     z *= second * second
     if z.imag == 0.0:
         raise InputError(f"line {row['line']}: transformer: X = 0 given; allowed: another value")

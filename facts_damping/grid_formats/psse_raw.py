@@ -1,6 +1,6 @@
-"""PSS/E power flow files (RAW), versions 32 to 35: records by section, as data tables say what stands where.
+"""PSS/E power flow files (RAW), versions 32 to 35: records by section, with columns defined in tables.
 
-Records are in free format: values between commas or blanks, text in quotes, `/` ends a record, nothing between two
+Records are in free format: values between commas or blanks, text in quotes, `/` ends a record, an empty value between
 commas is the default. PSS/E Program Operation Manual, Power Flow Data File Contents.
 """
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 VERSIONS = (32, 33, 34, 35)
 
-# Sections in their order. Those without columns are read over, and named if they hold anything.
+# Sections in their order. Those without columns are skipped, and reported if not empty.
 _COMMON = (
     *("bus", "load", "fixed shunt", "generator", "branch", "transformer", "area", "two-terminal dc", "VSC dc"),
     *("impedance correction", "multi-terminal dc", "multi-section line", "zone", "inter-area transfer", "owner"),
@@ -34,7 +34,7 @@ SECTIONS = {
 }
 TEXT = {"NAME", "ID", "CKT"}
 
-# Columns: name, or name=default; those after the last that is needed are left out. By the first version that has them.
+# Columns: name, or name=default, up to the last one needed. By the first version that has them.
 _RATES = " ".join(f"RATE{i}=0" for i in range(1, 13))
 COLUMNS: dict[str, dict[int, str]] = {
     "bus": {32: "I NAME= BASKV=0 IDE=1 AREA=1 ZONE=1 OWNER=1 VM=1 VA=0"},
@@ -54,7 +54,7 @@ COLUMNS: dict[str, dict[int, str]] = {
         35: "I ID=1 MODSW=1 ADJM=0 ST=1 VSWHI=1 VSWLO=1 SWREG=0 NREG=0 RMPCT=100 NAME= BINIT=0",
     },
 }
-# A transformer is four lines, or five where it has a third bus.
+# A transformer has four lines, or five with a third bus.
 TRANSFORMER = (
     "I J K=0 CKT=1 CW=1 CZ=1 CM=1 MAG1=0 MAG2=0 NMETR=2 NAME= STAT=1",
     "R1=0 X1 S1=0 R2=0 X2=0 S2=0 R3=0 X3=0 S3=0 VMSTAR=1 ANSTAR=0",
@@ -67,13 +67,13 @@ Row = dict[str, Any]
 
 
 class Quoted(str):
-    """A value in quotes: a text, never a number or a default."""
+    """A value in quotes: always text, never a number or a default."""
 
     __slots__ = ()
 
 
 class RawCase(NamedTuple):
-    """A case: its base (MVA, Hz), rows by section, each with its `line`, and how many records of others there are."""
+    """A case: its base (MVA, Hz), rows by section, each with its `line`, and record counts of other sections."""
 
     name: str
     version: int
@@ -84,7 +84,7 @@ class RawCase(NamedTuple):
 
 
 def read_raw(path: Path) -> RawCase:
-    """The records of a RAW file. Raises `InputError` with line and field of what cannot be read."""
+    """The records of a RAW file. Raises `InputError` with line and field of an unreadable value."""
     lines = read_lines(path, "RAW")
     where = f"{path}: line 1"
     if not lines:
@@ -124,7 +124,7 @@ def _allowed() -> str:
 
 
 def _records(lines: list[str]) -> Iterator[tuple[int, str]]:
-    """Lines with their numbers after the three of the head, without comments; the end of the file ends all sections."""
+    """Numbered lines after the three header lines, without comments; the end of the file ends all sections."""
     for number, line in enumerate(lines[3:], 4):
         if line.startswith("@!") or not line.strip():
             continue
@@ -139,7 +139,7 @@ def _ends(line: str) -> bool:
 
 
 def _values(line: str, where: str) -> list[str]:
-    """Values of a record as text; nothing for a default."""
+    """Values of a record as text; empty for a default."""
     found, rest = list[str](), line
     while True:
         rest = rest.lstrip()
@@ -162,7 +162,7 @@ def _values(line: str, where: str) -> list[str]:
 
 
 def _row(columns: str, line: str, where: str) -> Row:
-    """A record by its columns."""
+    """A record as a dictionary by column."""
     values, row = _values(line, where), Row()
     for i, column in enumerate(columns.split(" ")):
         name, has_default, default = column.partition("=")
@@ -177,7 +177,7 @@ def _row(columns: str, line: str, where: str) -> Row:
 
 
 def _transformer(line: str, number: int, numbered: Iterator[tuple[int, str]], where: str) -> Row:
-    """The lines of a transformer as one row; what belongs to a winding has its number behind it."""
+    """The lines of a transformer as one row; columns of a winding have its number as a suffix."""
     row = _row(TRANSFORMER[0], line, where) | {"line": number}
     count = 4 if row["K"] == 0.0 else 5
     for i in range(1, count):

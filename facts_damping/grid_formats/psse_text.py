@@ -1,4 +1,4 @@
-"""What RAW and DYR files share: lines of a file, and numbers as Fortran writes them."""
+"""Common functions for RAW and DYR files: reading lines, and Fortran numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def read_lines(path: Path, kind: str) -> list[str]:
 
 
 def as_number(text: str, where: str) -> float:
-    """A finite number; its exponent may have a D."""
+    """A finite number; its exponent may be marked by D."""
     try:
         value = float(re.sub(r"[dD]", "E", text.strip("'\"")))
     except ValueError:

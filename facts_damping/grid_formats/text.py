@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def document(imported: Imported, origin: str) -> str:
-    """The content as the text of a YAML file, a row a line."""
+    """The content as the text of a YAML file, one row per line."""
     head = f"# Imported from {origin}. Per-unit data of the network are on {imported.content['base_power']:g} MVA.\n"
     which = "all" if len(imported.typical) == len(imported.content["machines"]) else ", ".join(imported.typical)
     told = f"# Typical data, not from the case (Kundur 1994, tables 3.2 and 4.2): {which}"
@@ -21,7 +21,7 @@ def document(imported: Imported, origin: str) -> str:
 
 
 def rows_text(content: Mapping[str, Any], remarks: Mapping[str, str] | None = None) -> str:
-    """The content of a system's file as YAML, a row a line; `remarks`: lines above some of its tables."""
+    """The content of a system's file as YAML, one row per line; `remarks`: comment lines above some of its tables."""
     text = []
     for key, value in content.items():
         if isinstance(value, (list, dict)):
@@ -38,7 +38,7 @@ def rows_text(content: Mapping[str, Any], remarks: Mapping[str, str] | None = No
 
 
 def _flow(value: Any) -> str:
-    """A value on one line of YAML; whole numbers without a fraction."""
+    """A value on one line of YAML; integral numbers have no fraction."""
     return dump(_plain(value), flow=True).strip()
 
 

@@ -1,4 +1,4 @@
-"""From a system, its installed devices and a scenario's events to a plant at its equilibrium."""
+"""Build a plant at its equilibrium from a system, its installed devices and a scenario's events."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class Built(NamedTuple):
-    """A plant, its state at the start, and the names of what its arrays hold."""
+    """A plant, its initial state, and the names of the entries of its arrays."""
 
     plant: Plant
     state: PlantState
@@ -53,10 +53,9 @@ def build(
 ) -> Built:
     """Power flow, steady state of machines, controls and devices, and the reduced network of every stage.
 
-    `watchdog`: the devices', a row of WATCHDOG; none: off. `noise`: of loads by their names, as `load_noise.draw` gives
-    it.
-    Raises `InputError` for a power flow that does not converge, limits that do not admit the start, or an
-    event that cannot happen.
+    `watchdog`: a row of WATCHDOG for all devices; None: off. `noise`: of loads by name, from `load_noise.draw`.
+    Raises `InputError` if the power flow does not converge, if limits exclude the initial state, or if an event is
+    impossible.
     """
     steps = topology_intervals(system, listed)
     flow = solve(system, installed)
@@ -110,14 +109,14 @@ def build(
 
 
 def in_service(system: System, installed: Sequence[str]) -> list[Device]:
-    """The installed devices in their order, then what transmits without being commanded, without lag or dead time."""
+    """The installed devices in their order, then HVDC links that transmit uncommanded, without lag or dead time."""
     others = [d for d in system.devices if isinstance(d, Transmission) and d.name not in installed]
     still = {"response_time": 0.0, "dead_time": 0.0}
     return [*(system.device(name) for name in installed), *(d.model_copy(update=still) for d in others)]
 
 
 class _States:
-    """All states as they are laid out: values and names."""
+    """Values and names of all states in their order in the state vector."""
 
     def __init__(self) -> None:
         self.values: list[float] = []
@@ -133,7 +132,7 @@ class _States:
 
 
 class _Ports:
-    """All ports: rows of PORT, and where they are."""
+    """Rows of PORT for all ports, and their places."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[int, int, float, float]] = []
@@ -198,7 +197,7 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
 
 
 def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> dict[str, float]:
-    """What blocks take of a machine at the start, p.u. of its rating."""
+    """The inputs of block controls at the start, p.u. of the machine's rating."""
     v, i = (complex(one) for one in times([voltage, current], rect(1.0, math.pi / 2 - float(start.states[0]))))
     power = v.real * i.real + v.imag * i.imag
     sensed = {
@@ -212,14 +211,14 @@ def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> 
 
 
 def limit_violations(system: System) -> list[block_controls.LimitViolation]:
-    """Limits of controls that are tables of blocks, which do not admit the start of a system without devices."""
+    """Limits of block controls that exclude the initial state, for a system without devices."""
     return _machines(system, solve(system, []), _States()).violations
 
 
 def _add_blocks(
     made: _Rotating, g: int, data: Any, seen: dict[str, float], states: _States
 ) -> list[block_controls.LimitViolation]:
-    """A control that is a table of blocks, at rest; the limits that do not admit that."""
+    """Add a block control at rest; return the limits that exclude this state."""
     role, control = MODELS[data.model].role, block_controls.control(data)
     wanted, reference = {"exciter": ("Ifd", "Vref"), "governor": ("Pm", "Pref")}.get(role, (None, None))
     sensed = {name: value for name, value in seen.items() if name in blocks.SENSED}
@@ -247,7 +246,7 @@ def _loads(
     states: _States,
     ports: _Ports,
 ) -> NDArray[Any]:
-    """Loads that are more than impedances; those that depend on the frequency at rest, too."""
+    """Loads that are not constant impedances; frequency-dependent ones at rest."""
     rows = []
     for i, x in enumerate(loads):
         voltage = 1.0 if x.at == "nominal" else magnitude[x.bus]
@@ -284,7 +283,7 @@ def _devices(
 
 
 def _mechanical_power(system: System, power: NDArray[np.float64], stage: TopologyInterval) -> list[float]:
-    """Mechanical powers of a stage, p.u. of the ratings; none for a machine that was tripped."""
+    """Mechanical powers in a stage, p.u. of the ratings; 0 for a tripped machine."""
     return [
         0.0 if m.name in stage.topology.machines_out else power[g] * stage.mechanical_scale.get(m.name, 1.0)
         for g, m in enumerate(system.machines)

@@ -1,4 +1,4 @@
-"""All controls of a machine together: what they sense, what they give, how they move; compiled."""
+"""All controls of a machine together: inputs, outputs, derivatives; compiled."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ AT = len(SENSED)
 
 @compiled
 def _field_current(m: Any, x: NDArray[np.float64], current: complex, saturation: float, emf: complex) -> float:
-    """Field current of a machine, p.u. of what gives 1 p.u. of voltage without saturation: T'd0 dE'q = Efd - Ifd."""
+    """Field current of a machine, p.u. of that for 1 p.u. of voltage without saturation: T'd0 dE'q = Efd - Ifd."""
     if m.circuits == 0:
         return 0.0
     slope = m.B[0, 0] * current.real + m.B[0, 1] * current.imag
@@ -35,7 +35,7 @@ def _field_current(m: Any, x: NDArray[np.float64], current: complex, saturation:
 def _sense(
     c: Any, omega: float, asked: float, seen: complex, current: complex, ifd: float, s: NDArray[np.float64]
 ) -> None:
-    """Write what blocks take into `s`, p.u. of the rating; `seen`: terminal voltage in the rotor's frame."""
+    """Write the inputs of blocks into `s`, p.u. of the rating; `seen`: terminal voltage in the rotor's frame."""
     s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, magnitude(seen), omega, ifd
     s[VD], s[VQ], s[ID], s[IQ] = seen.real, seen.imag, current.real, current.imag
     s[PE] = (seen * current.conjugate()).real
@@ -46,7 +46,7 @@ def _sense(
 def _given(
     plant: Plant, first: int, end: int, gives: int, x: NDArray[np.float64], dx: NDArray[np.float64], work: Work
 ) -> float:
-    """What a control of blocks gives; write the derivatives of its states, 1/s."""
+    """The output of a block control; writes the derivatives of its states, 1/s."""
     blocks.outputs(plant.blocks, first, end, AT, x, work.signals)
     blocks.derivatives(plant.blocks, first, end, x, work.signals, dx)
     return work.signals[AT + gives]  # type: ignore[no-any-return]
@@ -64,7 +64,7 @@ def move(
     dx: NDArray[np.float64],
     work: Work,
 ) -> tuple[float, float]:
-    """Field voltage and mechanical power of machine g, p.u. of its rating; write the derivatives of its controls, 1/s.
+    """Field voltage and mechanical power of machine g, p.u. of its rating; writes its controls' derivatives, 1/s.
 
     `voltage`, `current`: of its stator; `saturation`: S of its flux.
     """

@@ -39,7 +39,7 @@ def solve_network(
     stage: int,
     work: Work,
 ) -> None:
-    """Inputs of the network into `work.inputs`: of all machines, infinite buses and ports, p.u.
+    """Write the inputs of the network from machines, infinite buses and ports into `work.inputs`, p.u.
 
     Machines: y E with E = (Ed + j Eq) exp(j (delta - pi/2)).
     """
@@ -80,7 +80,7 @@ def stator(plant: Plant, stage: int, g: int, work: Work) -> tuple[complex, compl
     emf = work.emf[g]
     voltage = row_times(plant, stage, g, work.inputs)
     back = work.rotation[g].conjugate()  # into the rotor's frame
-    # A factor of zero instead of a condition, for which the compiled code would take twice the time.
+    # A factor of zero instead of a branch, which doubles the time of the compiled code.
     beyond = m.salient * work.inputs[m.column] * back
     current = (m.admittance * (emf - voltage * back) + beyond) * (plant.online[stage, g] / m.ratio)
     saliency = (m.Xq - m.Xd) * current.real * current.imag
@@ -128,7 +128,7 @@ def derivatives(
     dx: Float1,
     work: Work,
 ) -> None:
-    """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, loads, devices; solves into `source`.
+    """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, loads, devices; solves `source`.
 
     ddelta = omega_0 omega; 2 H domega = Pm - Pe - D omega.
     """
@@ -143,7 +143,7 @@ def derivatives(
         driven = given * plant.online[stage, g]
         dx[o] = plant.omega_0 * omega
         dx[o + 1] = (driven - power - m.D * omega) / (2.0 * m.H)
-        if m.circuits == 4:  # the usual number, which the compiler unrolls
+        if m.circuits == 4:  # the usual number, so that the compiler unrolls the loop
             _circuits(m, x, 4, current, efd, saturation, work.emf[g], dx)
         else:
             _circuits(m, x, m.circuits, current, efd, saturation, work.emf[g], dx)
@@ -152,7 +152,7 @@ def derivatives(
 
 @entry_point
 def _port_derivatives(plant: Plant, x: Float1, reference: Float1, dx: Float1, work: Work) -> None:
-    """Write dx/dt of the states of loads and devices, 1/s; those of a blocked device stand still."""
+    """Write dx/dt of the states of loads and devices, 1/s; zero for a blocked device."""
     for i in range(plant.loads.size):
         if plant.loads[i].offset >= 0:
             load.derivatives(plant.loads[i], x, work.response[plant.loads[i].port], dx)

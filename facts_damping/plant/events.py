@@ -1,4 +1,4 @@
-"""Events as data: from a list of events to the stages between which the network changes."""
+"""Conversion of a list of events to stages with a constant network."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TopologyInterval:
-    """The state of the grid from `start_ns` on: topology, and mechanical powers relative to the start."""
+    """The grid from `start_ns` on: topology, and mechanical powers relative to the start."""
 
     start_ns: int = 0
     topology: Topology = field(default_factory=Topology)
@@ -27,7 +27,7 @@ class TopologyInterval:
 
 
 class Change(NamedTuple):
-    """One change at one instant: `where` names the event in the user's list."""
+    """One change at one instant; `where` names the event in the user's list."""
 
     time_ns: int
     where: str
@@ -35,7 +35,7 @@ class Change(NamedTuple):
 
 
 def timeline(listed: Sequence[Event]) -> list[Change]:
-    """All changes in order of time; a fault with a duration brings its own clearing along."""
+    """All changes sorted by time, including the clearing of faults with a duration."""
     found = []
     for i, event in enumerate(listed):
         found.append(Change(to_ns(event.time), f"events.{i}", event))
@@ -47,7 +47,7 @@ def timeline(listed: Sequence[Event]) -> list[Change]:
 
 
 def topology_intervals(system: System, listed: Sequence[Event]) -> list[TopologyInterval]:
-    """The stages of a run, the first from the start. Raises `InputError` where an event cannot happen."""
+    """The stages of a run, beginning at the start. Raises `InputError` if an event is impossible."""
     found = [TopologyInterval()]
     check_islands(system, found[0].topology, f"system {system.name}: has an")
     for change in timeline(listed):

@@ -1,6 +1,6 @@
-"""One step of time: setpoints, events and reference ramps split it exactly; compiled.
+"""Integration over a time step, split exactly at setpoints, events and ends of reference ramps; compiled.
 
-State is explicit and owned by the caller; times are integer nanoseconds.
+The caller owns the state; times are integer nanoseconds.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ def _runge_kutta(
 ) -> None:
     """One classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s.
 
-    It begins `elapsed` seconds after this part of the loads' noise.
+    It begins `elapsed` seconds after the current segment of the loads' noise.
 
-    `derivatives` stands at one place, so that it can be written into it: a call would copy the plant's arrays. The lags
-    of references are known in closed form, so they are exact however short they are beside the step.
+    `derivatives` is called at one place only, so that the compiler inlines it: a call would copy the plant's arrays.
+    The lags of references are solved in closed form, so they are exact even if much shorter than the step.
     """
     x, k, reference = state.x, work.slopes, work.reference
     trial = k[4]
@@ -63,7 +63,7 @@ def _runge_kutta(
 
 @compiled
 def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], first: int, count: int, now: int) -> int:
-    """Put the setpoints that are effective by `now` in force, limited, or under way; the index of the next one."""
+    """Apply or queue the limited setpoints that are effective by `now`; return the index of the next one."""
     while first < count and setpoints[first].effective_ns <= now:
         d = setpoints[first].device
         row = plant.devices[d]
@@ -79,9 +79,9 @@ def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], fi
 
 @compiled
 def _let_go(plant: Plant, state: PlantState, end: int, now: int) -> int:
-    """Release the devices whose time-out is over: to zero with them; where the next one may be, or `end`.
+    """Release devices whose time-out has passed, with target zero; return the next possible time, or `end`.
 
-    A release is the device's own and waits for no dead time; what was under way acts no more.
+    A release is local to the device, so it has no dead time; queued setpoints are dropped.
     """
     for d in range(state.target.size):
         due = due_ns(plant.devices[d].watchdog, state.watch[d])
@@ -97,7 +97,7 @@ def _let_go(plant: Plant, state: PlantState, end: int, now: int) -> int:
 
 @compiled
 def _ramp(plant: Plant, state: PlantState, ramp: NDArray[np.float64], end: int, now: int) -> int:
-    """Slopes (p.u./s) that take the references to their targets at their rates; where the first arrives."""
+    """Write the slopes (p.u./s) of the references towards their targets; return when the first arrives."""
     for d in range(ramp.size):
         gap = state.target[d] - state.reference[d]
         rate = plant.devices[d].rate_max
@@ -112,7 +112,7 @@ def _ramp(plant: Plant, state: PlantState, ramp: NDArray[np.float64], end: int, 
 
 @compiled
 def _move_reference(state: PlantState, ramp: NDArray[np.float64], seconds: float) -> None:
-    """Move the references along their ramps, not beyond their targets."""
+    """Move the references along their ramps, up to their targets."""
     for d in range(ramp.size):
         gap = state.target[d] - state.reference[d]
         move = ramp[d] * seconds
@@ -124,7 +124,7 @@ def _move_reference(state: PlantState, ramp: NDArray[np.float64], seconds: float
 
 @entry_point
 def watch(plant: Plant, state: PlantState, start_ns: int, end_ns: int, setpoints: Setpoints, count: int) -> None:
-    """What the devices' watchdogs do from `start_ns` to `end_ns`, as in `advance`; nothing else of the plant moves."""
+    """Run the devices' watchdogs from `start_ns` to `end_ns`, as in `advance`; the rest of the plant stands still."""
     now, following = start_ns, 0
     while now < end_ns:
         following = _take_setpoints(plant, state, setpoints, following, count, now)
@@ -144,11 +144,11 @@ def advance(
     count: int,
     work: Work,
 ) -> None:
-    """Advance the plant in place from `start_ns` to `end_ns` under `count` setpoints, ordered by time.
+    """Advance the plant in place from `start_ns` to `end_ns` with `count` setpoints, sorted by time.
 
-    Setpoints, ends of dead times, events, points of the loads' noise and the ends of reference ramps split the interval
-    exactly; each part is divided into equal steps of at most `plant.step_ns`. Each device's watchdog decides which
-    setpoints act, and when it is released.
+    Setpoints, ends of dead times, events, points of the loads' noise and ends of reference ramps split the interval
+    exactly; each part has equal steps of at most `plant.step_ns`. The watchdog of each device decides which setpoints
+    act, and when the device is released.
     """
     now, following = start_ns, 0
     ramp = work.slopes[5, : state.reference.size]

@@ -1,4 +1,4 @@
-"""The laws of the ports: what machines, loads and converters give at a response of the network; compiled."""
+"""The laws of the ports: sources of machines, loads and converters as functions of the network's response; compiled."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
     from facts_damping.plant.model import Plant, Work
 
-SMALL = 1e-12  # p.u., magnitude of a response below which its direction is of no account
+SMALL = 1e-12  # p.u., magnitude of a response below which its direction is undefined
 
 
 @compiled
 def salient(plant: Plant, stage: int, g: int, voltage: complex, p: int, work: Work) -> complex:
-    """Current of a machine beyond that of its Norton admittance, by X''q != X''d; linear in the voltage."""
+    """Current of a machine in addition to its Norton admittance, due to X''q != X''d; linear in the voltage."""
     m = plant.machines[g]
     if plant.online[stage, g] == 0.0:
         work.slope[p, 0, 0] = work.slope[p, 0, 1] = work.slope[p, 1, 0] = work.slope[p, 1, 1] = 0.0
@@ -45,7 +45,7 @@ def salient(plant: Plant, stage: int, g: int, voltage: complex, p: int, work: Wo
 def characteristic(
     plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, p: int, size: float, work: Work
 ) -> tuple[complex, complex]:
-    """Source of a load's or device's port over the direction of its response, and its derivative by |q|, p.u."""
+    """Source of a load's or device's port relative to the direction of its response, and its derivative by |q|, p.u."""
     port = plant.ports[p]
     if port.kind == DEVICE:
         return devices.characteristic(plant.placed[port.row], x, devices.reference_of(reference, port.row), size)
@@ -65,9 +65,9 @@ def characteristic(
 def law(
     plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, p: int, work: Work
 ) -> complex:
-    """Source that port p gives at its response, p.u.; writes its derivative into `work.slope`.
+    """Source of port p at its response, p.u.; writes its derivative into `work.slope`.
 
-    But for machines the source is f(|q|) q / |q|, with f the port's characteristic; nothing of a blocked one.
+    Except for machines, it is f(|q|) q / |q| with f the port's characteristic; zero if blocked.
     """
     port = plant.ports[p]
     q = work.response[p]
@@ -83,7 +83,7 @@ def law(
     else:
         size = SMALL
     value, by_magnitude = characteristic(plant, x, reference, stage, p, size, work)
-    along = by_magnitude * direction  # by the size, and by the direction
+    along = by_magnitude * direction  # derivative by the magnitude, and by the direction
     turned = value * direction
     across = complex(-turned.imag / size, turned.real / size)
     work.slope[p, 0, 0] = along.real * direction.real - across.real * direction.imag

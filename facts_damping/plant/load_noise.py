@@ -1,14 +1,16 @@
 """Random noise of loads: Ornstein-Uhlenbeck processes, drawn before a run; compiled.
 
+The process
+
     dx = -x / T dt + s sqrt(2 / T) dW
 
-has the standard deviation s and the autocorrelation exp(-|t| / T). It is exact at the points of a grid of its own, RATE
-a second, `x(k+1) = a x(k) + s sqrt(1 - a^2) n(k)`, `a = exp(-1 / (RATE T))`, n normal (D. T. Gillespie, Exact numerical
-simulation of the Ornstein-Uhlenbeck process and its integral, Phys. Rev. E 54 (1996) 2084-2091), and linear in between:
-a load without jumps. It is a function of time alone, however often and from where to where a plant is advanced.
+has the standard deviation s and the autocorrelation exp(-|t| / T). It is exact at the points of its own grid, RATE per
+second, `x(k+1) = a x(k) + s sqrt(1 - a^2) n(k)`, `a = exp(-1 / (RATE T))`, n normal (D. T. Gillespie, Exact numerical
+simulation of the Ornstein-Uhlenbeck process and its integral, Phys. Rev. E 54 (1996) 2084-2091), and linear between
+them, so the load has no jumps. It depends on time only, not on how a plant is advanced.
 
 It starts from 0, so that a run starts at its equilibrium. After the last point it runs backwards, then forwards again,
-and so on: that is the same process, which knows no direction of time, and has no jump.
+and so on. This is statistically the same process, since it is reversible in time, and it has no jump.
 """
 
 from __future__ import annotations
@@ -33,15 +35,15 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.load_noise import LoadNoise
     from facts_damping.plant.model import Plant, Work
 
-RATE = 120  # points/s: with 60, 30 or 120 frames/s the integrator's steps are those without noise
-LONGEST = 3600.0  # s, of what is drawn
-STREAM = int.from_bytes(b"LOAD", "big")  # first of the spawn keys: nobody else's draws begin with it
+RATE = 120  # points/s: with 60, 30 or 120 frames/s the integrator's steps stay as without noise
+LONGEST = 3600.0  # s, longest series
+STREAM = int.from_bytes(b"LOAD", "big")  # first of the spawn keys, unique to load noise
 
 
 def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: int) -> dict[str, NDArray[np.float64]]:
-    """Relative deviations of P and Q at all points of the grid, (points, 2), of each load that has noise.
+    """Relative deviations of P and Q of each noisy load at all points of the grid, (points, 2).
 
-    Each load has a stream of its own by the run's seed and its place; a longer run begins as a shorter one.
+    Each load has its own random stream, from the run's seed and its index; a longer series begins with the shorter one.
     """
     if noise is None:
         return {}
@@ -59,7 +61,7 @@ def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: 
 
 
 def table(drawn: Mapping[str, NDArray[np.float64]], loads: Sequence[Load]) -> NDArray[np.float64]:
-    """What was drawn for a plant's loads, (points, loads, 2): zeros for those without noise; no points without any."""
+    """Noise of a plant's loads, (points, loads, 2): zeros for loads without noise; no points if all are without."""
     points = len(next(iter(drawn.values()))) if drawn else 0
     made = np.zeros((points, len(loads), 2))
     for i, load in enumerate(loads):
@@ -79,21 +81,21 @@ def _follow(std: float, a: float, n: Float2, x: Float2) -> None:
 
 @compiled
 def _place(time_ns: int) -> int:
-    """The last point of the grid at or before a time; point k is at k / RATE, rounded down to ns."""
+    """The last grid point at or before a time; point k is at k / RATE, rounded down to ns."""
     k = time_ns * RATE // NANOSECONDS
     return k + 1 if (k + 1) * NANOSECONDS // RATE <= time_ns else k
 
 
 @compiled
 def _folded(k: int, last: int) -> int:
-    """Point k of what runs to `last`, backwards, forwards again."""
+    """Index of point k in a series that runs to `last`, backwards, then forwards again."""
     k %= 2 * last
     return k if k <= last else 2 * last - k
 
 
 @compiled
 def begin_noise(plant: Plant, work: Work, time_ns: int, end_ns: int) -> int:
-    """Deviations of all loads at a time, and their slopes, into `work`; where the slopes change next, or `end_ns`."""
+    """Write deviations and slopes of all loads into `work`; return when the slopes change next, or `end_ns`."""
     last = plant.load_noise.shape[0] - 1
     if last < 1:
         return end_ns
@@ -112,7 +114,7 @@ def begin_noise(plant: Plant, work: Work, time_ns: int, end_ns: int) -> int:
 
 @compiled
 def move_noise(plant: Plant, work: Work, seconds: float) -> None:
-    """Deviations of all loads so long after `begin_noise`."""
+    """Update the deviations of all loads for a time (s) after `begin_noise`."""
     if plant.load_noise.shape[0] > 1:
         for i in range(work.noise.shape[0]):
             for j in range(2):

@@ -1,4 +1,4 @@
-"""What the PMUs see, and the truth that they do not; compiled."""
+"""PMU measurements, and true values that PMUs do not measure; compiled."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-MOMENT = 1e-6  # s, over which an angle's turning is its frequency
+MOMENT = 1e-6  # s, time step of the angle's difference quotient for the frequency
 
 
 @compiled
 def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work: Work) -> None:
-    """The truth about machine g."""
+    """Write the true values of machine g."""
     x, m = state.x, plant.machines[g]
     omega = x[m.offset + 1]
     voltage, current, power = stator(plant, stage, g, work)
@@ -41,7 +41,7 @@ def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work
 
 @compiled
 def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> None:
-    """The truth about device d: of one in parallel what its port gives; then what its kind says."""
+    """Write the true values of device d: from its port if in parallel, then those of its kind."""
     row = plant.devices[d]
     response, given, blocked = work.response[row.port], state.source[row.port], work.blocked[row.port]
     flow = response * given.conjugate()
@@ -64,7 +64,7 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
 
 @compiled
 def _in_synchronism(plant: Plant, x: NDArray[np.float64], stage: int) -> bool:
-    """Whether rotors in service and infinite buses lie within 180 degrees of each other, and speeds in their band."""
+    """Whether rotors in service and infinite buses are within 180 degrees of each other, and speeds in their band."""
     low, high = math.inf, -math.inf
     for g in range(plant.machines.size):
         if plant.online[stage, g] > 0.0:
@@ -89,7 +89,7 @@ def _phasors(plant: Plant, stage: int, inputs: NDArray[np.complex128], phasors: 
 
 @entry_point
 def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
-    """Voltage and current of each station at an instant, into `work.phasors`."""
+    """Write voltage and current of each station at an instant into `work.phasors`."""
     stage = begin_interval(plant, state, time_ns)
     begin_noise(plant, work, time_ns, time_ns)
     solve_network(plant, state.x, state.reference, state.source, stage, work)
@@ -98,7 +98,7 @@ def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
 
 @compiled
 def _a_moment_later(plant: Plant, state: PlantState, stage: int, work: Work) -> None:
-    """The network's solution MOMENT later on the plant's way, references as they stand; into `work`, not the state."""
+    """Solve the network MOMENT later on the plant's trajectory, with held references; into `work`, not the state."""
     dx, trial = work.slopes[0], work.slopes[1]
     for p in range(work.source.size):
         work.source[p] = state.source[p]
@@ -119,11 +119,11 @@ def measure(
     devices: DeviceTruths,
     work: Work,
 ) -> bool:
-    """What is at the stations at an instant, into `frame` (stations, channels) and `work.phasors`, and the truth.
+    """Measure the stations at an instant into `frame` (stations, channels) and `work.phasors`, and write true values.
 
-    The frequency is that of the voltage's angle, d theta / dt / (2 pi), on the plant's way from there on; there is no
-    rate of it (NaN). The truth goes into tables of MACHINE_TRUTH and DEVICE_TRUTH. Returns whether the plant is sound:
-    all states finite, the network solved, and all rotors in synchronism.
+    The frequency is the derivative of the voltage's angle, d theta / dt / (2 pi), along the plant's trajectory from
+    this instant; its rate of change is not computed (NaN). True values go into MACHINE_TRUTH and DEVICE_TRUTH tables.
+    Returns whether the plant is sound: all states finite, network solved, all rotors in synchronism.
     """
     stage = begin_interval(plant, state, time_ns)
     x = state.x

@@ -1,4 +1,4 @@
-"""What a plant consists of for the compiled functions: frozen parameters, state, and arrays to work with."""
+"""Data of a plant for the compiled functions: frozen parameters, state, and work arrays."""
 
 from __future__ import annotations
 
@@ -33,44 +33,44 @@ from facts_damping.plant.watchdog import WATCH
 
 
 class Plant(Struct):
-    """Frozen parameters of a plant with its events: what `advance` and `measure` need.
+    """Frozen parameters of a plant with its events, as needed by `advance` and `measure`.
 
-    The network of stage s, from `stage_start_ns[s]` on, is `network[s]`, complex. It maps its inputs (machine
-    Norton currents, voltages of infinite buses, sources at the ports) to its outputs (machine voltages,
-    responses of the ports, station voltages, station currents), p.u. A port in parallel injects a current and
-    sees its bus voltage; one in series holds a voltage drop and sees its current. Shape
+    `network[s]`, complex, is the network of stage s, valid from `stage_start_ns[s]`. It maps its inputs (Norton
+    currents of machines, voltages of infinite buses, sources at the ports) to its outputs (machine voltages, responses
+    of the ports, station voltages, station currents), p.u. A parallel port injects a current and its response is the
+    bus voltage; a series port injects a voltage drop and its response is the current. Shape
     (machines + ports + 2 stations, machines + infinite buses + ports).
     """
 
     omega_0: float  # rad/s
     step_ns: int
-    machines: Annotated[NDArray[Any], Array(MACHINE, 1)]  # MACHINE, (machines,), as the controls
+    machines: Annotated[NDArray[Any], Array(MACHINE, 1)]  # MACHINE, (machines,), same shape as the controls
     exciters: Annotated[NDArray[Any], Array(EXCITER, 1)]  # EXCITER
     stabilisers: Annotated[NDArray[Any], Array(STABILISER, 1)]  # STABILISER
     governors: Annotated[NDArray[Any], Array(GOVERNOR, 1)]  # GOVERNOR
-    blocks: Annotated[NDArray[Any], Array(BLOCK, 1)]  # blocks.BLOCK, of all controls that are tables of blocks
-    controls: Annotated[NDArray[Any], Array(CONTROLS, 1)]  # blocks.CONTROLS, (machines,): which of them are whose
-    loads: Annotated[NDArray[Any], Array(LOAD, 1)]  # LOAD, those that are not impedances
+    blocks: Annotated[NDArray[Any], Array(BLOCK, 1)]  # blocks.BLOCK, of all block controls
+    controls: Annotated[NDArray[Any], Array(CONTROLS, 1)]  # blocks.CONTROLS, (machines,): the blocks of each machine
+    loads: Annotated[NDArray[Any], Array(LOAD, 1)]  # LOAD, without constant impedances
     ports: Annotated[NDArray[Any], Array(PORT, 1)]  # PORT
     placed: Annotated[
         NDArray[Any], Array(DEVICE, 1)
-    ]  # devices.DEVICE: those of the run in its order, then those in service that nobody commands
-    devices: Annotated[NDArray[Any], Array(DEVICE, 1)]  # the first of them, those of the run
+    ]  # devices.DEVICE: those of the run in its order, then uncommanded ones in service
+    devices: Annotated[NDArray[Any], Array(DEVICE, 1)]  # the commanded ones, those of the run
     infinite: Complex1  # (infinite buses,), p.u.
-    stage_start_ns: Int1  # (stages,), ascending, the first at the start of time
+    stage_start_ns: Int1  # (stages,), ascending, the first at the earliest time
     mechanical_power: Float2  # (stages, machines), p.u. of the rating
     online: Float2  # (stages, machines), 1 or 0
     load_scale: Float2  # (stages, loads)
-    load_noise: Float3  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: none
+    load_noise: Float3  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: no noise
     network: Complex3
     station_machine: Int1  # (stations,), machine index or -1
 
 
 class PlantState(Struct):
-    """State of a plant: `x` as the kernels lay it out, and of each device the reference and its target, p.u.
+    """State of a plant: `x` in the kernels' order, and the reference of each device and its target, p.u.
 
-    `watch`: what their watchdogs know; `under_way`: setpoints in their dead times. `source` holds what the ports give
-    (p.u.) as last solved: the next solution starts from there.
+    `watch`: state of the watchdogs; `under_way`: setpoints in their dead times. `source`: the last solution of the
+    ports' sources (p.u.), from which the next one starts.
     """
 
     x: Float1
@@ -79,29 +79,29 @@ class PlantState(Struct):
     watch: Annotated[NDArray[Any], Array(WATCH, 1)]  # watchdog.WATCH
     source: Complex1
     under_way: Annotated[NDArray[Any], Array(UNDER_WAY, 2)]  # dead_time.UNDER_WAY, (devices, room)
-    waiting: Int1  # (devices,), how many of them are
+    waiting: Int1  # (devices,), number of setpoints in `under_way`
 
 
 class Work(Struct):
-    """Arrays that the kernels reuse."""
+    """Arrays reused by the kernels."""
 
     slopes: Float2  # (6, states)
     reference: Float1  # (devices,)
     inputs: Complex1  # of the network
     emf: Complex1  # (machines,), Ed + j Eq behind the stator's reactances, in the rotor's frame, p.u.
     rotation: Complex1  # (machines,), exp(j (delta - pi/2)), from the rotor's frame to the network's
-    given: Complex1  # (ports,), response to all inputs but the ports' own
+    given: Complex1  # (ports,), response to all inputs except the ports' sources
     response: Complex1  # (ports,)
     blocked: Bool1  # (ports,)
-    low: Bool1  # (ports,), loads that are taken as what they are below V_min
-    slope: Float3  # (ports, 2, 2), of the source by the response
+    low: Bool1  # (ports,), loads with their characteristic below V_min
+    slope: Float3  # (ports, 2, 2), derivative of the source by the response
     matrix: Float2  # (2 ports, 2 ports)
     change: Float1  # (2 ports,)
     step: Float1  # (2 ports,)
-    source: Complex1  # (ports,), of a solution beside the state's own
+    source: Complex1  # (ports,), of a solution that is not stored in the state
     phasors: Complex2  # (stations, 2), voltages and currents of the stations, p.u.
-    noise: Float2  # (loads, 2), relative, of P and Q, as it is
-    noise_start: Float2  # the same as it was at the start of this part of its grid
+    noise: Float2  # (loads, 2), relative, of P and Q, current values
+    noise_start: Float2  # values at the start of the current segment of its grid
     noise_slope: Float2  # 1/s
     signals: Float1  # of the blocks of one control
 
@@ -133,7 +133,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
 
 
 def copy(state: PlantState) -> PlantState:
-    """A state of its own with the same content."""
+    """An independent copy of a state."""
     return PlantState(*(array.copy() for array in state))
 
 
@@ -148,7 +148,7 @@ def interval_at(plant: Plant, time_ns: int) -> int:
 
 @compiled
 def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
-    """Index of the stage at a time; where it begins, the solution before tells nothing of the network to come."""
+    """Index of the stage at a time; if it begins there, the last solution is no start for the new network."""
     stage = interval_at(plant, time_ns)
     if plant.stage_start_ns[stage] == time_ns:
         state.source[:] = 0.0

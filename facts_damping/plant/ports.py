@@ -1,8 +1,8 @@
-"""The nonlinear part of the network: what machines, loads and devices at the ports give; compiled.
+"""The nonlinear part of the network: sources of machines, loads and devices at the ports; compiled.
 
-The linear network sees each port as a source s and answers with a response q = q0 + H s; each port has a law
-s = f(q). Newton's method on s - f(q0 + H s) = 0 solves all ports together. Without sources (s = 0) devices in
-series are bypassed, those in parallel carry nothing and the loads are impedances: a start that always exists.
+The linear network responds to a port's source s with q = q0 + H s; each port has a law s = f(q). Newton's method on
+s - f(q0 + H s) = 0 solves all ports together. Without sources (s = 0), which is always a possible start, series devices
+are bypassed, parallel devices carry no current and loads are impedances.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 
 TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
 MAX_ITERATIONS = 40
-SMALLEST_SHARE = 1e-3  # of a step
-ATTEMPTS = 5  # starts of Newton's method
-LAST_CHANGE = 1e-9  # relative; the error after it is of the order of its square
+SMALLEST_SHARE = 1e-3  # smallest share of a Newton step
+ATTEMPTS = 5  # number of starts of Newton's method
+LAST_CHANGE = 1e-9  # relative; the remaining error is of the order of its square
 
 
 @compiled
 def _eliminate(matrix: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-    """Solve `matrix` z = b in place, z into b, by Gaussian elimination with partial pivoting; whether regular.
+    """Solve `matrix` z = b in place, z into b, by Gaussian elimination with pivoting; returns whether it is regular.
 
-    The systems have a few unknowns and are solved some hundred thousand times: a library call costs more.
+    The systems have few unknowns and are solved some hundred thousand times, so a library call costs more.
     """
     n = b.size
     for i in range(n):
@@ -63,7 +63,7 @@ def _eliminate(matrix: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
 
 @entry_point
 def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> float:
-    """f(q) - s of all ports into `work.change`; its sum of squares, 0 where all are within the tolerance."""
+    """Write f(q) - s of all ports into `work.change`; returns the sum of squares, 0 if all are within the tolerance."""
     first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
     solved, total = True, 0.0
     for p in range(source.size):
@@ -75,7 +75,7 @@ def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stag
         work.change[2 * p], work.change[2 * p + 1] = rest.real, rest.imag
         square = rest.real * rest.real + rest.imag * rest.imag
         size = source[p].real * source[p].real + source[p].imag * source[p].imag
-        # Written so that a value that is not finite counts as not solved.
+        # Written so that a non-finite value counts as unsolved.
         solved = solved and square <= TOLERANCE * TOLERANCE * (1.0 + size)
         total += square
     return 0.0 if solved else total
@@ -83,7 +83,7 @@ def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stag
 
 @compiled
 def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
-    """I - F H into `work.matrix`, F the ports' slopes, H their responses to each other; complex numbers as pairs."""
+    """Write I - F H into `work.matrix`, F the ports' derivatives, H their mutual responses, in real pairs."""
     first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
     for p in range(plant.ports.size):
         for r in range(plant.ports.size):
@@ -105,10 +105,9 @@ def _newton(
     stage: int,
     work: Work,
 ) -> bool:
-    """Newton's method from `source` on, into `source` and `work.response`; whether it converged.
+    """Newton's method from `source`, into `source` and `work.response`; returns whether it converged.
 
-    A step that does not bring the sum of squares down is halved: limits make kinks at which whole steps may
-    go to and fro.
+    A step that does not reduce the sum of squares is halved: limits cause kinks at which full steps may oscillate.
     """
     before, share = math.inf, 1.0
     for _ in range(MAX_ITERATIONS):
@@ -133,7 +132,7 @@ def _newton(
 
 @entry_point
 def _newton_single_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> bool:
-    """The only port of a plant, a load or device, three times as fast as by the general way; whether it converged.
+    """Solve for a plant's single port, a load or device, three times as fast; returns whether it converged.
 
     From q = q0 + H s and s = f(|q|) q / |q| follows |q0| = | |q| - H f |: one equation,
     |q| = Re(H f) + sqrt(|q0|^2 - Im(H f)^2), for the magnitude; then q / |q| = q0 / (|q| - H f).
@@ -166,7 +165,7 @@ def _newton_single_port(plant: Plant, x: Float1, reference: Float1, source: Comp
 
 @compiled
 def _block(plant: Plant, work: Work) -> bool:
-    """Block the devices that have too little current or voltage, or too much current; whether there is one more."""
+    """Block devices with too little current or voltage, or too much current; returns whether any were added."""
     more = False
     for p in range(plant.ports.size):
         size = magnitude(work.response[p])
@@ -177,9 +176,9 @@ def _block(plant: Plant, work: Work) -> bool:
 
 @compiled
 def _release(plant: Plant, source: NDArray[np.complex128], work: Work) -> bool:
-    """Let one load that was taken as below V_min be what it is, the one furthest above; whether there was one.
+    """Release the load furthest above V_min that still has its characteristic below V_min; returns whether one was.
 
-    It starts as an impedance again, from above: of the two voltages at which it draws its power the higher is meant.
+    It starts as an impedance, from high voltage, to find the higher of the two voltages at which it draws its power.
     """
     furthest, most = -1, 1.0
     for p in range(plant.ports.size):
@@ -196,12 +195,12 @@ def _release(plant: Plant, source: NDArray[np.complex128], work: Work) -> bool:
 
 @entry_point
 def solve_ports(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> None:
-    """What all ports give, into `source`, p.u.; NaN where there is no solution, which ends the run.
+    """Solve the sources of all ports into `source`, p.u.; NaN if there is no solution, which ends the run.
 
-    Newton's method has these starts, until one converges: the solution before; no sources; the loads as what they
-    are below V_min, which a deep dip may leave, released one by one where that is not so. Where a device asks for
-    more than the network can carry (in series for its current, in parallel for its bus) there is no solution: then
-    all of them are blocked, and the last two starts tried again. Without a solution still the network has none.
+    Newton's method is tried from these starts until one converges: the last solution; no sources; all loads with their
+    characteristic below V_min, as after a deep dip, then released one by one. If a device demands more than the network
+    can carry (in series for its current, in parallel for its bus) there is no solution. Then all such devices are
+    blocked, and the last two starts are tried again. If this fails too, the network has no solution.
     """
     for p in range(source.size):
         work.blocked[p] = work.low[p] = False

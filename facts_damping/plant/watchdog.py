@@ -1,8 +1,8 @@
-"""The watchdog of a device: which setpoints act, and when it lets go; compiled.
+"""The watchdog of a device, which accepts setpoints and releases the device on time-out; compiled.
 
-It stands at the device and trusts nobody: neither controllers nor links nor their clocks. A setpoint is accepted where
-it is finite, within the device's limit, fresh and newer than those before it. Without one for as long as `timeout` the
-device is released: its reference goes to zero at `release_rate` and stays there, until it is re-armed.
+It is local to the device and relies on no controller, link or remote clock. It accepts a setpoint that is finite,
+within the device's limit, fresh, and newer than those before it. Without one for `timeout` the device is released: its
+reference goes to zero at `release_rate` and stays there until re-armed.
 """
 
 from __future__ import annotations
@@ -20,40 +20,40 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.plant.watchdog import Watchdog
 
-NEVER = -1  # ns, of what has not happened yet
+NEVER = -1  # ns, time of an event that has not happened yet
 
-# What a watchdog is set to; all times in ns.
+# Settings of a watchdog; all times in ns.
 WATCHDOG = np.dtype(
     [
         ("on", "i8"),
         ("timeout_ns", "i8"),
         ("max_age_ns", "i8"),
-        ("tick_ns", "i8"),  # how far ahead of the device's time a stamp may be
-        ("good", "i8"),  # fresh setpoints that re-arm; 0: none does
+        ("tick_ns", "i8"),  # largest lead of a time stamp over the device's time
+        ("good", "i8"),  # number of fresh setpoints that re-arm; 0: never
         ("release_rate", "f8"),  # p.u./s
     ]
 )
 
-# What the watchdog of a device knows.
+# State of a device's watchdog.
 WATCH = np.dtype(
     [
-        ("accepted_ns", "i8"),  # when a setpoint was last accepted, or the device re-armed
-        ("issued_ns", "i8"),  # when the newest accepted one was issued
-        ("measured_ns", "i8"),  # and the newest measurement that it rests on
+        ("accepted_ns", "i8"),  # last acceptance of a setpoint, or re-arming of the device
+        ("issued_ns", "i8"),  # issue time of the newest accepted setpoint
+        ("measured_ns", "i8"),  # its newest measurement
         ("released", "i8"),
         ("good", "i8"),  # fresh setpoints in a row since the release
-        ("refused_value", "i8"),  # setpoints refused so far: not finite or beyond the limit,
+        ("refused_value", "i8"),  # number of setpoints refused: not finite or beyond the limit,
         ("refused_stamp", "i8"),  # too old or from the future,
-        ("refused_order", "i8"),  # not newer than one that was accepted
+        ("refused_order", "i8"),  # not newer than an accepted one
     ]
 )
 
-# When a watchdog last accepted a setpoint by the wall clock.
+# Wall-clock time of the last acceptance by a watchdog.
 LAST_ACCEPTED = np.dtype([("accepted_ns", "i8"), ("at_s", "f8")])
 
 
 def settings(given: Watchdog | None, frame_rate: int) -> NDArray[Any]:
-    """A watchdog's row; none given: off."""
+    """A watchdog's row; None: off."""
     row = np.zeros((), WATCHDOG)
     if given is None:
         return row
@@ -65,14 +65,14 @@ def settings(given: Watchdog | None, frame_rate: int) -> NDArray[Any]:
 
 
 def initial_watch(devices: int) -> NDArray[Any]:
-    """The watchdogs of so many devices at the start."""
+    """Initial state of the watchdogs of a number of devices."""
     watch = np.zeros(devices, WATCH)
     watch["accepted_ns"] = watch["issued_ns"] = watch["measured_ns"] = NEVER
     return watch
 
 
 def initial_clock_state(devices: int) -> NDArray[Any]:
-    """What `late_by_clock` knows of so many devices at the start."""
+    """Initial state of `late_by_clock` for a number of devices."""
     heard = np.zeros(devices, LAST_ACCEPTED)
     heard["accepted_ns"] = NEVER
     return heard
@@ -80,10 +80,10 @@ def initial_clock_state(devices: int) -> NDArray[Any]:
 
 @compiled
 def accepts(own: Any, watch: Any, setpoint: Any, setpoint_max: float, now: int) -> bool:
-    """Whether a setpoint may act; what the watchdog knows is brought up to date.
+    """Whether a setpoint may act; updates the state of the watchdog.
 
-    `own` is a row of WATCHDOG, `watch` one of WATCH, `setpoint` one of SETPOINT, `setpoint_max`, p.u., the device's
-    limit. A watchdog that is off refuses only what is not finite: others are limited.
+    `own` is a row of WATCHDOG, `watch` one of WATCH, `setpoint` one of SETPOINT, `setpoint_max` the device's limit,
+    p.u. A watchdog that is off refuses only non-finite values; others are limited.
     """
     if own.on == 0:
         return math.isfinite(setpoint.value)
@@ -110,7 +110,7 @@ def accepts(own: Any, watch: Any, setpoint: Any, setpoint_max: float, now: int) 
 
 @compiled
 def due_ns(own: Any, watch: Any) -> int:
-    """When a device is released if no setpoint comes; -1: not at all, since it is released or has had none yet."""
+    """Time of the release if no setpoint comes; -1: none, as it is released already or has had no setpoint."""
     if own.on == 0 or watch.released == 1 or watch.accepted_ns == NEVER:
         return NEVER
     return int(watch.accepted_ns + own.timeout_ns)
@@ -118,14 +118,14 @@ def due_ns(own: Any, watch: Any) -> int:
 
 @compiled
 def release(watch: Any) -> None:
-    """Let go, until re-armed."""
+    """Release until re-armed."""
     watch.released, watch.good = 1, 0
 
 
 def late_by_clock(watch: NDArray[Any], heard: NDArray[Any], now_s: float, timeout_s: float) -> list[int]:
-    """The devices to be released: their watchdogs have accepted nothing for a time-out by the wall clock, too.
+    """The devices to be released: their watchdogs have accepted nothing for a time-out of the wall clock as well.
 
-    `heard`: a row of HEARD a device, brought up to date; `now_s`: wall time, s. Called once a tick, in real time.
+    `heard`: one row per device, updated; `now_s`: wall time, s. Called once per tick, in real time.
     """
     heard["at_s"][watch["accepted_ns"] != heard["accepted_ns"]] = now_s
     heard["accepted_ns"] = watch["accepted_ns"]
@@ -134,13 +134,13 @@ def late_by_clock(watch: NDArray[Any], heard: NDArray[Any], now_s: float, timeou
 
 
 def let_go(watch: NDArray[Any], device: int) -> None:
-    """Release one of several devices, if it has had a setpoint; as before the first, so after a reset it has not."""
+    """Release one of several devices if it has accepted a setpoint since the start or a reset."""
     if watch["accepted_ns"][device] != NEVER:
         watch["released"][device], watch["good"][device] = 1, 0
 
 
 def rearm(watch: NDArray[Any], now: int) -> None:
-    """Have released devices take setpoints again; their time-out begins anew."""
+    """Re-arm released devices; their time-out begins anew."""
     those = watch["released"] == 1
     watch["released"][those] = watch["good"][those] = 0
     watch["accepted_ns"][those] = now

@@ -1,1 +1,1 @@
-"""Everything that linearises the plant: its state matrices, modes, residues, sampling with hold, and LQG design."""
+"""Linearisation of the plant: state matrices, modes, residues, sampling with hold, and LQG design."""

@@ -1,8 +1,8 @@
-"""The linearised plant for other tools: as NPZ for python-control, slycot or MATLAB, and as `control.StateSpace`.
+"""Export of the linearised plant: as NPZ for python-control, slycot or MATLAB, and as `control.StateSpace`.
 
-It is what a controller faces, continuous, in deviations from the start: from setpoints (p.u., references of the
-devices) to signals behind their washouts (s T / (1 + s T), a state each). Not in it are frames and hold, links, a
-device's dead time (`dead_time_s`), filters of PMUs, and limits.
+It is the continuous plant seen by a controller, in deviations from the start: from setpoints (p.u., references of the
+devices) to signals after their washouts (s T / (1 + s T), a state each). It excludes frames and hold, links, device
+dead times (`dead_time_s`), PMU filters, and limits.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ class LinearPlant(NamedTuple):
     states: list[str]
     devices: list[str]  # u, p.u.
     signals: list[str]  # y, p.u.
-    x_0: NDArray[np.float64]  # (states,), the start about which it is linearised; 0 of washouts
+    x_0: NDArray[np.float64]  # (states,), operating point of the linearisation; 0 for washouts
     dead_time_s: NDArray[np.float64]  # (devices,)
 
 
 def of(modal: Modal) -> LinearPlant:
-    """The plant of an analysis, with its signals' washouts."""
+    """The plant of an analysis, including its signals' washouts."""
     model, names = modal.model, list(modal.system.signals)
     washed = [i for i, tau in enumerate(model.washout) if tau > 0.0]
     rate = 1.0 / model.washout[washed]
@@ -60,13 +60,13 @@ def of(modal: Modal) -> LinearPlant:
 
 
 def save(plant: LinearPlant, path: Path) -> None:
-    """Write a plant as NPZ: arrays of the names of `LinearPlant`."""
+    """Write a plant as NPZ, with arrays named as the fields of `LinearPlant`."""
     arrays: dict[str, Any] = {name: np.array(value) for name, value in plant._asdict().items()}
     with replacing(path) as beside, beside.open("wb") as file:
         np.savez(file, **arrays)
 
 
 def state_space(plant: LinearPlant) -> Any:
-    """A plant as `control.StateSpace` of python-control. Raises `InputError` where that is not installed."""
+    """A plant as `control.StateSpace` of python-control. Raises `InputError` if that is not installed."""
     labels = {"states": plant.states, "inputs": plant.devices, "outputs": plant.signals}
     return library("control", "control", "python-control").StateSpace(plant.A, plant.B, plant.C, plant.D, **labels)

@@ -1,4 +1,4 @@
-"""Small-signal analysis: linearisation of the same compiled functions, modes, mode shapes, residues."""
+"""Small-signal analysis: linearisation of the compiled plant functions, modes, mode shapes, residues."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
 
 STEP = 1e-6  # of the central differences, p.u., rad
-NEGLIGIBLE = 0.02  # share of a state in a mode below which it is not listed
+NEGLIGIBLE = 0.02  # participation of a state in a mode below which it is not listed
 ANGLE = "voltage_angle"
-TURNING = {"frequency": 1, "rocof": 2}  # channels that are derivatives of the voltage's angle, and which
-SWING_SHARE = 0.5  # share of rotor angles and speeds from which a mode is electromechanical
-COMMON_SHARE = 0.2  # the same for one in which all machines move together: governors take part
+TURNING = {"frequency": 1, "rocof": 2}  # channels that are derivatives of the voltage's angle, and their order
+SWING_SHARE = 0.5  # least participation of rotor angles and speeds in an electromechanical mode
+COMMON_SHARE = 0.2  # the same for a mode with all machines in phase, in which governors participate
 
 
 class LinearModel(NamedTuple):
     """dx = A x + B u, y = C x + D u, deviations from the start: u the devices' references, y the signals, p.u.
 
-    y is what stands before the signals' washouts, and before the filters of PMUs that have one (`filtered`): of a
-    frequency the turning of its voltage on the plant's way, without what a setpoint's jump makes of it.
+    y is before the signals' washouts and the PMUs' filters (`filtered`). A frequency is the derivative of the voltage's
+    angle along the plant's trajectory, without the impulse of a setpoint's jump.
     """
 
     A: NDArray[np.float64]  # (states, states), 1/s
@@ -46,21 +46,21 @@ class LinearModel(NamedTuple):
     D: NDArray[np.float64]  # (signals, devices)
     washout: NDArray[np.float64]  # (signals,), time constants, s; 0: none
     filtered: Filtered | None = None
-    dead_time: NDArray[np.float64] | float = 0.0  # (devices,), s, after which a setpoint is a reference
+    dead_time: NDArray[np.float64] | float = 0.0  # (devices,), s, from a setpoint to its reference
 
     def response(self, s: complex) -> NDArray[np.complex128]:
-        """From setpoints, F (C (s I - A)^-1 B + D) exp(-s Td) at a complex frequency (1/s), (signals, devices)."""
+        """Transfer functions from setpoints, F (C (s I - A)^-1 B + D) exp(-s Td), s in 1/s, (signals, devices)."""
         states = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B)
         C, D = self.seen
         return np.asarray(self.gain(s)[:, None] * (C @ states + D) * self.late(s))
 
     def late(self, s: complex) -> NDArray[np.complex128]:
-        """Dead times exp(-s Td) of all devices at a complex frequency (1/s); 1 where there is none."""
+        """Dead times exp(-s Td) of all devices at a complex frequency (1/s); 1 without dead time."""
         return exponentials(-s * np.asarray(self.dead_time))
 
     @property
     def seen(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """What goes into the filters: C and D, or of PMUs that have one what they sample."""
+        """Matrices C and D of the filters' inputs: of the samples for PMUs with a filter, else of the signals."""
         return (self.C, self.D) if self.filtered is None else (self.filtered.C, self.filtered.D)
 
     def gain(self, s: complex) -> NDArray[np.complex128]:
@@ -70,7 +70,7 @@ class LinearModel(NamedTuple):
 
 
 class Residue(NamedTuple):
-    """How a mode goes from a device's input to a signal: residue (1/s), and what a controller u = K y has to add.
+    """Residue (1/s) of a mode from a device's input to a signal, and the phase needed from a controller u = K y.
 
     A gain K of the given sign and with a phase lead (deg) at the mode's frequency shifts the eigenvalue by R K to
     the left.
@@ -85,10 +85,10 @@ class Residue(NamedTuple):
 
 
 class Eigenmode(NamedTuple):
-    """A mode: eigenvalue (1/s), frequency (Hz), damping ratio, share of each state, who swings against whom.
+    """A mode: eigenvalue (1/s), frequency (Hz), damping ratio, participation of each state, mode shape.
 
-    `label` is interarea, local, electromechanical (no areas are given), common (all together) or control;
-    `shape` the speed of each machine relative to the fastest, complex.
+    `label` is interarea, local, electromechanical (no areas are given), common (all together) or control; `shape` is
+    the speed of each machine relative to the fastest, complex.
     """
 
     eigenvalue: complex
@@ -101,12 +101,12 @@ class Eigenmode(NamedTuple):
 
     @property
     def swings(self) -> bool:
-        """Whether machines swing against each other in it."""
+        """Whether machines swing against each other in this mode."""
         return self.label not in ("common", "control")
 
 
 def _central(f: Callable[[NDArray[np.float64]], NDArray[np.float64]], at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Jacobian of f by central differences, a column an argument."""
+    """Jacobian of f by central differences, one column per argument."""
     columns = []
     for i in range(len(at)):
         step = STEP * max(1.0, abs(at[i]))
@@ -142,9 +142,9 @@ def linear_model(
     measured: Filter | None = None,
     frame_rate: int = 1,
 ) -> LinearModel:
-    """The plant at its start from the devices' references to signals of the stations; of the same functions.
+    """The linear plant at its start, from the devices' references to the stations' signals.
 
-    `measured`: the filter of its PMUs at a frame rate; none: exact signals.
+    `measured`: the filter of its PMUs at a frame rate; None: exact signals.
     """
     plant, state = built.plant, built.state
     work = workspace(plant, state)
@@ -163,7 +163,7 @@ def linear_model(
     C = _central(lambda x: seen(x, state.reference), state.x)
     D = _central(lambda reference: seen(state.x, reference), state.reference)
     sampled_C, sampled_D = C.copy(), D.copy()
-    # Frequency: the angle's derivative; here exactly, which differences of a difference would not be.
+    # Frequency: the angle's derivative is exact here; nested difference quotients would not be.
     for i, signal in enumerate(signals.values()):
         for _ in range(TURNING.get(signal.channel, 0)):
             C[i], D[i] = product(C[i], A), product(C[i], B)
@@ -181,7 +181,7 @@ def weights_of(
 ) -> NDArray[np.float64]:
     """Weights of a signal over all stations' channels, (stations, channels).
 
-    `nominal`: frequency, Hz; `channel`: the one that they are of, by default the signal's.
+    `nominal`: frequency, Hz; `channel`: the weighted channel, by default the signal's.
     """
     made = np.zeros((len(stations), len(CHANNELS)))
     made[:, list(CHANNELS).index(channel or signal.channel)] = station_weights(signal, stations, nominal)
@@ -203,12 +203,12 @@ def modes(
     model: LinearModel | None = None,
     devices: Sequence[str] = (),
 ) -> list[Eigenmode]:
-    """Modes of a state matrix, a conjugate pair once, ordered by falling real part.
+    """Modes of a state matrix, one per conjugate pair, sorted by falling real part.
 
-    Frequency |Im| / (2 pi), damping ratio -Re / |lambda|; participation |w_k v_k| of state k, left times
-    right eigenvector, scaled to sum one (Kundur 1994, 12.2). With a linear model of the system's signals the
-    residues F (C v)(w B) exp(-lambda Td) of the electromechanical modes too, w scaled to w v = 1 (12.3.4), F the
-    signals' washouts, Td the devices' dead times.
+    Frequency |Im| / (2 pi), damping ratio -Re / |lambda|; participation |w_k v_k| of state k, left times right
+    eigenvector, scaled to sum one (Kundur 1994, 12.2). With a linear model of the system's signals, the
+    electromechanical modes have residues F (C v)(w B) exp(-lambda Td), w scaled to w v = 1 (12.3.4), F the signals'
+    washouts, Td the devices' dead times.
     """
     values, left, right = eigenvectors(matrix)
     found = []
@@ -232,7 +232,7 @@ def mode(
     names: Sequence[str],
     system: System | None = None,
 ) -> Eigenmode:
-    """A mode, without residues, of its eigenvalue (1/s) and eigenvectors, whose entries have the names of states.
+    """A mode, without residues, from its eigenvalue (1/s) and eigenvectors; `names`: of the states.
 
     `left` as in w A = lambda w. The speeds of the system's machines are among the states.
     """
@@ -247,7 +247,7 @@ def mode(
 
 
 def unlike(one: Eigenmode, other: Eigenmode) -> float:
-    """How unlike two modes are, at most 1: change of the eigenvalue, relative, and of the shape, 1 - MAC."""
+    """Difference of two modes: relative change of eigenvalue plus 1 - MAC of the shapes, at most 1."""
     a, b = (np.fromiter(mode.shape.values(), complex) for mode in (one, other))
     size = np.vdot(a, a).real * np.vdot(b, b).real
     alike = abs(np.vdot(a, b)) ** 2 / size if size > 0.0 else 0.0
@@ -255,7 +255,7 @@ def unlike(one: Eigenmode, other: Eigenmode) -> float:
 
 
 def _shape(names: Sequence[str], vector: NDArray[Any]) -> dict[str, complex]:
-    """Speeds of all machines in an eigenvector, the largest scaled to one."""
+    """Speeds of all machines in an eigenvector, scaled so that the largest is one."""
     speeds = {
         name.removesuffix(".omega"): complex(vector[k]) for k, name in enumerate(names) if name.endswith(".omega")
     }
@@ -264,15 +264,15 @@ def _shape(names: Sequence[str], vector: NDArray[Any]) -> dict[str, complex]:
 
 
 def _swing_share(names: Sequence[str], share: NDArray[np.float64]) -> float:
-    """Share of rotor angles and speeds in a mode."""
+    """Sum of the participations of rotor angles and speeds in a mode."""
     return float(sum(s for name, s in zip(names, share, strict=True) if name.endswith((".delta", ".omega"))))
 
 
 def _label(swing: float, shape: dict[str, complex], system: System | None) -> str:
-    """What kind of mode it is, by the kinetic energy in the motion of all together, of areas, and of the rest.
+    """The kind of a mode, by the kinetic energy of the common motion, of the areas' motion, and of the rest.
 
-    sum_A (sum H S) |mean_A|^2 against sum H S |v|^2, means weighted by H S: interarea where the areas' means
-    hold more than half.
+    sum_A (sum H S) |mean_A|^2 against sum H S |v|^2, means weighted by H S: interarea if the areas' means have more
+    than half.
     """
     if system is None or swing < COMMON_SHARE:
         return "control"
@@ -315,9 +315,9 @@ def sign_and_lead(angle_deg: float) -> tuple[int, float]:
 
 
 class TransferFunction(NamedTuple):
-    """From a device's input to a signal: gain prod(s - z) / prod(s - p), zeros in 1/s; feed-through at s = inf.
+    """Transfer function from a device's input to a signal: gain prod(s - z) / prod(s - p), zeros in 1/s.
 
-    After a dead time, exp(-s Td).
+    A dead time multiplies it by exp(-s Td). `feedthrough` is its value at s = inf.
     """
 
     device: str
@@ -339,11 +339,11 @@ def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequ
     poles = np.linalg.eigvals(model.A)
     n = len(model.A)
     right = np.diag([1.0] * n + [0.0])
-    probe = 1j * 2 * np.pi + 1.0  # 1/s, where the gain is read off
+    probe = 1j * 2 * np.pi + 1.0  # 1/s, where the gain is evaluated
     found = []
     for d, device in enumerate(devices):
         for s, signal in enumerate(signals):
-            D = model.D[s, d] if abs(model.D[s, d]) > 1e-7 else 0.0  # below: round-off of the differences
+            D = model.D[s, d] if abs(model.D[s, d]) > 1e-7 else 0.0  # smaller values are round-off of the differences
             pencil = np.block([[model.A, model.B[:, [d]]], [model.C[[s]], np.array([[D]])]])
             values = eig(pencil, right, right=False)
             zeros, own = values[np.isfinite(values) & (np.abs(values) < 1e6)], poles

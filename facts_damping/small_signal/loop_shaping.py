@@ -1,16 +1,16 @@
-"""H-infinity loop shaping: the controller that tolerates the largest errors of a shaped plant's coprime factors.
+"""H-infinity loop shaping: maximum robustness to errors of the normalised coprime factors of a shaped plant.
 
-The plant is its least damped swing mode alone, two states, from setpoints to signals, with a Pade term for the delay of
-the loop. Weights shape it: `gain` and a washout before each device; signals count as they swing beside the first. Of
-the shaped plant (A, B, C), X and Z the solutions of its two Riccati equations,
+The plant is its least damped swing mode alone, two states, from setpoints to signals, with a Pade term for the loop
+delay. Weights shape it: `gain` and a washout before each device; signals are scaled by their swing relative to the
+first. For the shaped plant (A, B, C), with X and Z the solutions of its two Riccati equations,
 
     least gamma = sqrt(1 + rho(X Z)),  gamma = above * least
     dx/dt = (A - B B^T X + H C) x + H y,  u = B^T X x,  H = gamma^2 L^-T Z C^T,  L = (1 - gamma^2) 1 + X Z
 
 tolerates every error of the normalised coprime factors below 1 / gamma (K. Glover, D. McFarlane, Robust Stabilization
 of Normalized Coprime Factor Plant Descriptions with H-infinity-Bounded Uncertainty, IEEE Trans. Automatic Control
-34(8), 1989; S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, 9.4). The weights go before
-it.
+34(8), 1989; S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, 9.4). The weights are part
+of the final controller, at its output.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ class Linear(NamedTuple):
 
 
 def design(plant: Residues | None, system: System, controller: Controller, here: str) -> StateSpace:
-    """The controller's matrices. Raises `InputError` where the plant has no swing mode; `here`: its field."""
+    """The controller's matrices. Raises `InputError` if the plant has no swing mode; `here`: its field."""
     if plant is None:
         raise InputError(f"{here}.name: '{controller.name}' given, but the plant has no swing mode; allowed: LLC")
     devices, rate = controller.devices, plant.frame_rate
     gain = np.broadcast_to(np.array(controller.parameters["gain"], float), len(devices))
     Tw = np.broadcast_to(np.array(controller.parameters["Tw"], float), len(devices))
     weights = washouts(gain, Tw)
-    delay = max(0.0, controller.number("loop_delay")) + 0.5 / rate  # with the hold's
+    delay = max(0.0, controller.number("loop_delay")) + 0.5 / rate  # including that of the hold
     count = magnitudes([plant.ratio(name, controller.signals[0]) for name in controller.signals])
     mode = least_damped(plant, system, controller)
     counted = mode._replace(C=mode.C / count[:, None])
@@ -62,12 +62,12 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
 
 
 def least_damped(plant: Residues, system: System, controller: Controller) -> Linear:
-    """The least damped mode alone, without any delay: z with dz/dt = lambda z + b u, y = 2 Re(c z), in real states."""
+    """The least damped mode without delay: dz/dt = lambda z + b u, y = 2 Re(c z), in real states."""
     rows = [plant.signals.index(name) for name in controller.signals]
     columns = [plant.devices.index(name) for name in controller.devices]
     filtered = plant.model.filtered
     latency = 0.0 if filtered is None else filtered.delay
-    known = [latency + system.device(name).dead_time for name in controller.devices]  # which residues have in them
+    known = [latency + system.device(name).dead_time for name in controller.devices]  # delays included in the residues
     residue = times(plant.residue[np.ix_(rows, columns)], exponentials(plant.eigenvalue * np.array(known)))
     c = plant.mode_shape[rows]
     b = over(residue[0], c[0])
@@ -77,7 +77,7 @@ def least_damped(plant: Residues, system: System, controller: Controller) -> Lin
 
 
 def washouts(gain: NDArray[np.float64], Tw: NDArray[np.float64]) -> Linear:
-    """Before each device gain s Tw / (1 + s Tw)."""
+    """The weight before each device: gain s Tw / (1 + s Tw)."""
     return Linear(np.diag(-1.0 / Tw), np.diag(1.0 / Tw), np.diag(-gain), np.diag(gain))
 
 
@@ -90,7 +90,7 @@ def pade(delay: float, inputs: int) -> Linear:
 
 
 def series(first: Linear, second: Linear) -> Linear:
-    """What goes through the first, then through the second."""
+    """Series connection of the first system, then the second."""
     zero = np.zeros((len(first.A), len(second.A)))
     A = np.block([[first.A, zero], [product(second.B, first.C), second.A]])
     B = np.vstack([first.B, product(second.B, first.D)])
@@ -98,10 +98,10 @@ def series(first: Linear, second: Linear) -> Linear:
 
 
 def tolerant(shaped: Linear, above: float) -> tuple[Linear, float]:
-    """The controller u = K y with `above` times the least gamma, and that gamma; the shaped plant has D = 0."""
+    """The controller u = K y for `above` times the least gamma, and that gamma; the shaped plant has D = 0."""
     A, B, C, _ = shaped
     X, Z = continuous_riccati(A, B, C), continuous_riccati(A.T, C.T, B.T)
-    _, values, _ = singular(product(root(X).T, root(Z)))  # whose squares are the eigenvalues of X Z
+    _, values, _ = singular(product(root(X).T, root(Z)))  # singular values, whose squares are the eigenvalues of X Z
     gamma = above * math.sqrt(1.0 + float(values.max()) * float(values.max()))
     L = (1.0 - gamma * gamma) * np.eye(len(A)) + product(X, Z)
     H = gamma * gamma * solve(L.T, product(Z, C.T))

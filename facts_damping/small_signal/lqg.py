@@ -1,25 +1,25 @@
-"""The linear-quadratic-Gaussian controller of a run: optimal for its linearised plant, frames, hold and delay.
+"""The linear-quadratic-Gaussian controller of a run: optimal for the linearised plant with frames, hold and delay.
 
-Frame by frame it makes the least, on average, of
+It minimises the average over frames of
 
     sum_k (sum_i dw_i(k)^2 + control_weight sum_p (u_p(k) / u_max,p)^2)                                 p.u.^2
 
-dw the speed differences that the system is judged by, deviations from where the plant comes to rest. Disturbances are
-steps of the torques on the rotors, of a random size at each frame, the same for all in p.u. of the rating: as loads and
-lines leave them, the plant finds another place to rest, so each is a jump away from it (`rest` below) and no setpoint
-is held against it. Measurement noise of a signal is `measurement_noise` times how far it swings in the least damped
-mode where the speed differences, as a vector, swing by one.
+with dw the monitored speed differences, in deviations from the plant's final equilibrium. Disturbances are steps of the
+torques on the rotors, of random size at each frame and equal variance in p.u. of the rating. Like changes of loads and
+lines, a step shifts the equilibrium, so it counts as a jump away from the new one (`rest` below), and no constant
+setpoint opposes it. The measurement noise of a signal is `measurement_noise` times its swing in the least damped mode
+when the vector of speed differences has a swing of one.
 
-1. What no signal and no speed difference answers to (all rotors turned alike, all speeds raised alike) is left out.
-2. Modes that do not decay are kept as they are; what decays is balanced and truncated (B. C. Moore, Principal Component
+1. Motions without effect on signals and speed differences (all rotor angles or all speeds shifted) are removed.
+2. Modes that do not decay are kept; the decaying part is balanced and truncated (B. C. Moore, Principal Component
    Analysis in Linear Systems, IEEE Trans. Automatic Control 26(1), 1981; the division by the sign of a matrix:
    P. Benner, E. S. Quintana-Orti, G. Quintana-Orti, State-Space Truncation Methods for Parallel Model Reduction of
    Large-Scale Systems, Parallel Computing 29(11-12), 2003).
-3. Where PMUs have a filter, the states are those of its samples, too (`sampled_output`).
-4. It is sampled with hold, washouts by the bilinear transform as controllers have them, and Riccati's equations are
+3. For PMUs with a filter, the states of its samples are added (`sampled_output`).
+4. The model is sampled with hold, washouts by the bilinear transform as in controllers, and the Riccati equations are
    solved for regulator and Kalman filter (G. F. Franklin, J. D. Powell, M. Workman, Digital Control of Dynamic Systems,
-   3rd ed. 1998, 9). With loop_delay = (f + part) T the regulator acts on the state as it will be f frames on, which
-   the setpoints on their way have settled: the optimum of the plant with its delay.
+   3rd ed. 1998, 9). With loop_delay = (f + part) T the regulator acts on the predicted state f frames ahead, which
+   depends only on setpoints already sent: this is optimal for the plant with its delay.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
     from facts_damping.small_signal.sampled_output import Filtered
 
-DECAYS = 1e-2  # 1/s: what decays more slowly, or grows, is not truncated
-DRIFTS = 1e-3  # 1/s: a mode as slow as this stands still
-KEPT = 1e-3  # of the largest Hankel singular value: what has less is truncated
-STILL = 1e-6  # p.u. or rad per p.u.: a signal that moves less beside the speed differences does not swing
+DECAYS = 1e-2  # 1/s: modes with slower decay, or growth, are not truncated
+DRIFTS = 1e-3  # 1/s: slower modes count as constant
+KEPT = 1e-3  # of the largest Hankel singular value: states with smaller values are truncated
+STILL = 1e-6  # p.u. or rad per p.u.: a signal with less swing relative to the speed differences counts as constant
 
 
 class DesignModel(NamedTuple):
@@ -64,13 +64,13 @@ class DesignModel(NamedTuple):
     Z: NDArray[np.float64]  # (differences, states)
 
     def within(self, T: NDArray[np.float64], back: NDArray[np.float64]) -> DesignModel:
-        """The model in states z of x = T z, `back` T = 1."""
+        """The model in states z with x = T z, `back` T = 1."""
         of_inputs = product(back, self.B), product(back, self.G)
         return DesignModel(product(back, self.A, T), *of_inputs, product(self.C, T), self.D, product(self.Z, T))
 
 
 def design(plant: Residues | None, system: System, controller: Controller, here: str) -> StateSpace:
-    """The controller's matrices. Raises `InputError` where the plant and its signals allow none; `here`: its field."""
+    """The controller's matrices. Raises `InputError` if plant and signals do not permit a design; `here`: its field."""
     if plant is None:
         raise InputError(f"{here}.name: 'LQG' given, but the plant has no swing mode; allowed: LLC")
     whole = model(plant, system, controller)
@@ -89,7 +89,7 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
             "(all speeds raised alike); allowed: for LQG differences of speeds, or signals with a washout"
         )
     filters = None if filters is None else filters._replace(C=small.C, D=small.D)
-    latency = 0.0 if filters is None else filters.delay  # its samples are within the model
+    latency = 0.0 if filters is None else filters.delay  # the filter's samples are part of the model
     step = sampled(small, plant.frame_rate, max(0.0, controller.number("loop_delay") - latency))
     weight, noise = controller.number("control_weight"), np.array(controller.parameters["measurement_noise"]) * size
     try:
@@ -103,7 +103,7 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
 
 
 def _check(plant: Residues, system: System, controller: Controller, size: NDArray[np.float64], here: str) -> None:
-    """Signals come back to zero at rest, and swing."""
+    """Check that signals return to zero at rest, and that they swing."""
     for i, (name, swing) in enumerate(zip(controller.signals, size, strict=True)):
         signal = system.signals[name]
         if signal.channel not in ("speed_deviation", "frequency") and signal.washout == 0.0:
@@ -119,7 +119,7 @@ def _check(plant: Residues, system: System, controller: Controller, size: NDArra
 
 
 def model(plant: Residues, system: System, controller: Controller) -> DesignModel:
-    """The linearised plant as a controller meets it; signals before washouts and filters."""
+    """The linearised plant of a controller; signals before washouts and filters."""
     rows = [plant.signals.index(name) for name in controller.signals]
     columns = [plant.devices.index(name) for name in controller.devices]
     machine = {station.name: station.machine for station in system.stations}
@@ -138,10 +138,10 @@ def model(plant: Residues, system: System, controller: Controller) -> DesignMode
 def reduced(
     whole: DesignModel, names: Sequence[str], limits: NDArray[np.float64], size: NDArray[np.float64]
 ) -> DesignModel:
-    """The model without rigid motions, and what decays truncated; signals count by their `size`, setpoints by limits.
+    """The model without rigid motions and truncated; signals are scaled by `size`, setpoints by limits.
 
-    x = P x + (1 - P) x, P of the matrix's sign, divides the states into what decays and what stays. To each part the
-    other one, as the rigid motions to both, is what nothing moves and nobody sees; there it is given a decay of 1/s.
+    P, from the sign of the matrix, splits the states as x = P x + (1 - P) x into the decaying part and the rest. In
+    each part the other one, and in both the rigid motions, are uncontrollable and unobservable, with a decay of 1/s.
     """
     one = np.eye(len(whole.A))
     still = rigid(whole.A, np.vstack([whole.C, whole.Z]), names)
@@ -159,7 +159,7 @@ def reduced(
 def balancing(
     A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """T (states, kept) and back: x = T z, z the balanced states with a Hankel singular value of KEPT and more."""
+    """T (states, kept) and back: x = T z, z the balanced states with a Hankel singular value of at least KEPT."""
     reach = root(lyapunov(A, product(B, B.T)))
     observe = root(lyapunov(A.T, product(C.T, C)))
     left, values, right = singular(product(observe.T, reach))
@@ -176,11 +176,11 @@ class SampledModel(NamedTuple):
     new: NDArray[np.float64]  # (states, devices)
     torque: NDArray[np.float64]  # (states, machines)
     f: int
-    part: float  # s, from a frame on, until u(k-f) is in force
+    part: float  # s, from a frame until u(k-f) acts
 
 
 def sampled(small: DesignModel, frame_rate: int, loop_delay: float) -> SampledModel:
-    """A model sampled with hold, its setpoints late by `loop_delay`, s; exact (Astrom, Wittenmark, 1997, 2.3)."""
+    """A model sampled with hold, with setpoints delayed by `loop_delay`, s; exact (Astrom, Wittenmark, 1997, 2.3)."""
     period, devices = 1.0 / frame_rate, small.B.shape[1]
     f, rest = divmod(to_ns(loop_delay) * frame_rate, NANOSECONDS)
     part = rest / NANOSECONDS * period
@@ -199,7 +199,7 @@ def optimal(
     control_weight: float,
     measurement_noise: NDArray[np.float64],
 ) -> StateSpace:
-    """Regulator and filter; states are the model's, those of washouts, of PMUs' filters, then u(k-1) to u(k-f-1).
+    """Regulator and filter; states are the model's, those of washouts, of PMU filters, then u(k-1) to u(k-f-1).
 
     `washout`, s, and `measurement_noise`, standard deviation, of each signal; `control_weight`, of a setpoint at its
     limit, p.u.^2.
@@ -208,7 +208,7 @@ def optimal(
     devices, memory = len(limits), 0 if filters is None else filters.frames * len(washout)
     own = len(step.Phi) + len(pole) + memory
     ends = np.cumsum([len(step.Phi), len(pole), memory, *[devices] * (step.f + 1)])
-    x, faded, kept, *sent = np.split(np.eye(ends[-1] + devices), ends)  # rows that pick each part
+    x, faded, kept, *sent = np.split(np.eye(ends[-1] + devices), ends)  # rows that select each part
     sent = [sent[-1], *sent[:-1]]  # u(k) to u(k-f-1)
     raw, remembered = product(small.C, x) + product(small.D, sent[-1]), kept
     if filters is not None:
@@ -219,13 +219,13 @@ def optimal(
     moved = product(step.Phi, x) + product(step.old, sent[-1]) + product(step.new, sent[step.f])
     washed = product(pole, faded) + product(np.eye(len(pole)) - pole, pick, raw)
     after = np.vstack([moved, washed, remembered, *sent[:-1]])
-    ahead = x  # as it will be f frames on
+    ahead = x  # predicted state, f frames ahead
     for i in range(step.f, 0, -1):
         ahead = product(step.Phi, ahead) + product(step.old, sent[i + 1]) + product(step.new, sent[i])
 
     torque = np.vstack([step.torque, np.zeros((own - len(step.torque), step.torque.shape[1]))])
     M = np.zeros((ends[-1], len(measurement_noise)))
-    rest = solve(np.eye(own) - after[:own, :own], torque)  # by a step of each torque
+    rest = solve(np.eye(own) - after[:own, :own], torque)  # equilibrium after a step of each torque
     M[:own] = _filter(after[:own, :own], rest, y[:, :own], measurement_noise)
     K = product(_regulator(step, small.Z, limits, control_weight), np.vstack([ahead, sent[1]]))
     n = ends[-1]
@@ -235,9 +235,9 @@ def optimal(
 def washouts(
     washout: NDArray[np.float64], period: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Washouts by the bilinear transform, p s(k) + (1 - p) y(k) = s(k+1), g (y - s) in the place of y.
+    """Washouts by the bilinear transform: p s(k) + (1 - p) y(k) = s(k+1), with output g (y - s).
 
-    g of all signals (1 without one), p of those that have one, and the rows that pick these.
+    Returns g of all signals (1 without washout), p of those with one, and the rows that select these.
     """
     twice = 2.0 * washout / period
     has = washout > 0.0

@@ -1,4 +1,4 @@
-"""Small-signal analysis of a system at its start, for people: tables and JSON."""
+"""Small-signal analysis of a system at its start: tables and JSON."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
 
 SHOWN_STATES = 4
-# Of large systems no more is shown: modes in a picture, machines of a side and residues of a mode in a table.
+# Limits for large systems: modes in a picture, machines per side and residues per mode in a table.
 MOST_MODES, MOST_MACHINES, MOST_RESIDUES = 12, 8, 12
-MOST_LISTED, WELL_DAMPED = 60, 0.3  # modes of a table; of more, those with a damping ratio up to this
-BAND_HZ = (0.1, 2.5)  # of the modes that a picture of a large system shows: swings between machines
+MOST_LISTED, WELL_DAMPED = 60, 0.3  # largest number of modes in a table; beyond it, only those up to this damping ratio
+BAND_HZ = (0.1, 2.5)  # band of modes in the picture of a large system: electromechanical swings
 
 
 class Modal(NamedTuple):
-    """A system at its start with devices installed: the plant, its linear model and its modes."""
+    """A system at its start with installed devices: the plant, its linear model and its modes."""
 
     system: System
     devices: list[str]
@@ -34,7 +34,7 @@ class Modal(NamedTuple):
     interactions: list[Interaction]
 
     def __repr__(self) -> str:
-        """In a line: the electromechanical modes."""
+        """The electromechanical modes in one line."""
         shown = ", ".join(f"{mode.frequency_hz:.2f} Hz {100 * mode.damping_ratio:.1f} %" for mode in self.swings)
         return f"<Modal {self.system.name} with {', '.join(self.devices) or 'no device'}: {shown}>"
 
@@ -142,21 +142,21 @@ def modes_text(modal: Modal) -> Iterator[str]:
 
 
 def _listed(modal: Modal) -> list[linearisation.Eigenmode]:
-    """The modes of the table: all, of a large system those that are not well damped."""
+    """The modes of the table: all, or for a large system those that are not well damped."""
     if len(modal.modes) <= MOST_LISTED:
         return modal.modes
     return [mode for mode in modal.modes if mode.damping_ratio <= WELL_DAMPED]
 
 
 def _largest(residues: Sequence[linearisation.Residue]) -> list[linearisation.Residue]:
-    """Residues in their order; of many the largest ones, the largest first."""
+    """All residues in their order; if there are many, the largest, sorted by size."""
     if len(residues) <= MOST_RESIDUES:
         return list(residues)
     return sorted(residues, key=lambda one: -one.magnitude)[:MOST_RESIDUES]
 
 
 def shown_modes(modal: Modal) -> list[linearisation.Eigenmode]:
-    """The modes whose shapes are drawn: all, or of a large system the least damped ones in the band."""
+    """The modes with drawn shapes: all, or for a large system the least damped ones in the band."""
     if len(modal.swings) <= MOST_MODES:
         return modal.swings
     low, high = BAND_HZ
@@ -165,7 +165,7 @@ def shown_modes(modal: Modal) -> list[linearisation.Eigenmode]:
 
 
 def _interactions_text(modal: Modal) -> Iterator[str]:
-    """Relative gains of each two signals, and how near their gains are to one motion at the mode."""
+    """Relative gains for each pair of signals, and the condition of their gains at the mode."""
     if not modal.interactions:
         return
     at = modal.interactions[0].frequency_hz
@@ -181,7 +181,7 @@ def _interactions_text(modal: Modal) -> Iterator[str]:
 
 
 def _groups(mode: linearisation.Eigenmode) -> list[list[tuple[str, complex]]]:
-    """Machines that swing together with the fastest, and those against it, the fastest first."""
+    """Machines in phase with the fastest, and those in antiphase, the fastest first."""
     ranked = sorted(mode.shape.items(), key=lambda item: -abs(item[1]))
     halves = [[item for item in ranked if item[1].real >= 0], [item for item in ranked if item[1].real < 0]]
     return [half for half in halves if half]

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
     from facts_damping.small_signal.modal_analysis import Modal
 
-SHORT, APART = 0.15, 0.35  # of the longest arrow; rad: labels of short ones would hide each other
+SHORT, APART = 0.15, 0.35  # of the longest arrow; rad: spacing of the labels of short arrows
 BODE_HZ = (0.05, 5.0)
 
 
 def plot(modal: Modal, folder: Path) -> list[Path]:
-    """Pictures in a folder: one_line.png, mode_shapes.png, and transfer_functions.png where a device is installed."""
+    """Draw one_line.png, mode_shapes.png, and with installed devices transfer_functions.png into a folder."""
     interarea = [mode for mode in modal.swings if mode.label == "interarea"] or shown_modes(modal)
     least = min(interarea, key=lambda mode: mode.damping_ratio, default=None)
     made = [one_line.draw(modal.system, modal.built.flow, modal.devices, least, folder / "one_line.png")]
@@ -55,9 +55,9 @@ def _plot_shapes(modal: Modal, path: Path) -> Path:
 
 
 def _label_places(shape: Mapping[str, complex]) -> dict[str, tuple[float, float]]:
-    """Angle (rad) and radius of each label: at the tip of a long arrow; of short ones around them, apart.
+    """Angle (rad) and radius of each label: at the tip of a long arrow; spread around the origin for short ones.
 
-    Of many machines only those that swing most have one.
+    If there are many machines, only those with the largest swing are labelled.
     """
     if len(shape) > MOST_MODES:
         far = [name for name in shape if abs(shape[name]) > APART]
@@ -95,7 +95,7 @@ def _plot_transfer(modal: Modal, path: Path) -> Path:
 
 
 def _clearest(modal: Modal, device: int) -> list[int]:
-    """The signals that are drawn from a device: all, or of many those with the largest residues in any mode."""
+    """The signals drawn for a device: all, or if there are many, those with the largest residues in any mode."""
     signals = list(modal.system.signals)
     if len(signals) <= MOST_MACHINES:
         return list(range(len(signals)))

@@ -1,6 +1,6 @@
-"""One-line diagram of a system, drawn from its data alone: flows, machines by area, a mode on it, devices, PMUs, loops.
+"""One-line diagram of a system: flows, machines by area, a mode, devices, PMUs, control loops.
 
-Buses that a small reactance joins are drawn close together, for nothing is known of geography (T. Kamada, S. Kawai, An
+There is no geographic data, so buses connected by a small reactance are drawn close together (T. Kamada, S. Kawai, An
 algorithm for drawing general undirected graphs, Information Processing Letters 31, 1989).
 """
 
@@ -31,19 +31,19 @@ if TYPE_CHECKING:
 
     Places = dict[str, NDArray[np.float64]]
 
-NEAR, FAR = 0.4, 2.5  # of the median reactance: shorter and longer branches are drawn as if so
+NEAR, FAR = 0.4, 2.5  # of the median reactance: limits of the drawn branch lengths
 EXACT = 300  # buses, up to which the layout by all distances takes seconds
-NAMED = 40  # buses, up to which all have their names
-LABELS = 12  # flows with their number, the largest
-WIDEST, THINNEST = 5.0, 0.6  # points, of a branch
-ARROW = 0.16  # length of the fastest machine's arrow, of the picture
-SMALL = 0.1  # of the fastest: below, a machine has no arrow
-LOOPS = (":", "--", "-.", (0, (1, 4)))  # dashes of loops: colours are those of areas
+NAMED = 40  # buses, up to which all are labelled
+LABELS = 12  # number of labelled flows, the largest
+WIDEST, THINNEST = 5.0, 0.6  # points, widths of branches
+ARROW = 0.16  # length of the fastest machine's arrow, relative to the picture
+SMALL = 0.1  # of the fastest machine's speed: below it no arrow is drawn
+LOOPS = (":", "--", "-.", (0, (1, 4)))  # dashes of loops; colours show areas
 AREAS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#8C564B", "#000000")
 
 
 class Loop(NamedTuple):
-    """A controller's way over the link: from the PMUs of its signals to its devices, by their names."""
+    """The path of a control loop: from the PMUs of its signals to its devices, by name."""
 
     name: str  # for the legend
     stations: list[str]
@@ -51,7 +51,7 @@ class Loop(NamedTuple):
 
 
 def flows(system: System, flow: PowerFlow, installed: Sequence[str] = ()) -> list[tuple[str, str, float]]:
-    """Each branch with its buses, in the direction of its active power, and that power, MW, where it enters."""
+    """Each branch with its buses in the direction of its active power, and the power at the sending end, MW."""
     voltage = dict(zip(flow.names, flow.voltage, strict=True))
     devices = [d for d in system.devices if isinstance(d, Series)]
     lost = {d.name: losses_of(d, flow.currents[d.name]) if d.name in installed else 0.0 for d in devices}
@@ -67,7 +67,7 @@ def flows(system: System, flow: PowerFlow, installed: Sequence[str] = ()) -> lis
 
 
 def places(system: System) -> Places:
-    """Where buses are drawn, by name: within a unit square about the origin."""
+    """Positions of buses by name, within a unit square about the origin."""
     graph: nx.Graph[str] = nx.Graph()
     graph.add_nodes_from(bus.name for bus in system.buses)
     given: list[tuple[str, str, float]] = [(row.from_bus, row.to_bus, abs(row.x) * row.length) for row in system.lines]
@@ -91,7 +91,7 @@ def draw(
     path: Path,
     loops: Sequence[Loop] = (),
 ) -> Path:
-    """The diagram as a picture; `mode`: whose shape the machines' arrows are."""
+    """Draw the diagram; `mode`: the mode shown by arrows at the machines."""
     at = places(system)
     figure = Figure(figsize=(12.0, 9.0), layout="constrained")
     axes = figure.add_subplot()
@@ -115,7 +115,7 @@ def draw(
 
 
 def _branches(axes: Axes, at: Places, found: list[tuple[str, str, float]]) -> None:
-    """Each as wide as its power, with a tip in the direction; the largest with their numbers."""
+    """Draw branches with a width by power and an arrow in its direction; the largest are labelled."""
     most = max((power for *_, power in found), default=1.0) or 1.0
     for place, (a, b, power) in enumerate(sorted(found, key=lambda one: -one[2])):
         start, end = at[a], at[b]
@@ -129,7 +129,7 @@ def _branches(axes: Axes, at: Places, found: list[tuple[str, str, float]]) -> No
 
 
 def _buses(axes: Axes, system: System, at: Places) -> None:
-    """Dots; names of all in a small system, else none but those of machines."""
+    """Draw dots, with names of all buses in a small system, else only of those with machines."""
     axes.plot(*np.transpose([at[bus.name] for bus in system.buses]), "o", color="0.35", ms=3, zorder=3)
     if len(system.buses) <= NAMED:
         for bus in system.buses:
@@ -137,7 +137,7 @@ def _buses(axes: Axes, system: System, at: Places) -> None:
 
 
 def _machines(axes: Axes, system: System, at: Places) -> list[Any]:
-    """Circles in the colour of the area, with names; handles for the legend."""
+    """Draw machines as circles in the colour of the area, with names; return legend handles."""
     areas = list(dict.fromkeys(m.area or "" for m in system.machines))
     colours = {area: AREAS[i % len(AREAS)] for i, area in enumerate(areas)}
     for m in system.machines:
@@ -151,7 +151,7 @@ def _machines(axes: Axes, system: System, at: Places) -> list[Any]:
 
 
 def _arrows(axes: Axes, system: System, at: Places, mode: Eigenmode) -> None:
-    """Speeds in a mode as arrows at the machines, as in the compass."""
+    """Draw the machines' speeds in a mode as arrows, as in the compass plot."""
     extent = np.ptp(np.array(list(at.values())), axis=0).max()
     for m in system.machines:
         value = mode.shape[m.name]
@@ -160,17 +160,17 @@ def _arrows(axes: Axes, system: System, at: Places, mode: Eigenmode) -> None:
         tip = at[m.bus] + ARROW * extent * np.array([value.real, value.imag])
         look = {"arrowstyle": "->", "color": "black", "lw": 1.4}
         axes.annotate("", xy=tuple(tip), xytext=tuple(at[m.bus]), arrowprops=look, zorder=5, annotation_clip=False)
-        axes.plot(*tip, alpha=0.0)  # so that there is room for it
+        axes.plot(*tip, alpha=0.0)  # extends the axes to include the arrow
 
 
 def _place(device: Device, at: Places) -> NDArray[np.float64]:
-    """Where a device is drawn: between its buses, or at its one."""
+    """Position of a device: between its buses, or at its single bus."""
     buses = device.ends if isinstance(device, Series) else device.buses
     return np.asarray(np.mean([at[bus] for bus in buses], axis=0))
 
 
 def _devices(axes: Axes, system: System, installed: Sequence[str], at: Places) -> list[Any]:
-    """Those in series between their buses, others at one; filled where they are installed."""
+    """Draw series devices between their buses, others at their bus; installed ones are filled."""
     marks = []
     for d in system.devices:
         if isinstance(d, Transmission):
@@ -185,7 +185,7 @@ def _devices(axes: Axes, system: System, installed: Sequence[str], at: Places) -
 
 
 def _stations(axes: Axes, system: System, at: Places) -> list[Any]:
-    """PMUs as triangles beside their buses."""
+    """Draw PMUs as triangles beside their buses."""
     where = _seen_at(system, at)
     for place in where.values():
         axes.annotate("▲", tuple(place), (-9, 4), textcoords="offset points", fontsize=6, color="#D55E00", zorder=6)
@@ -193,12 +193,12 @@ def _stations(axes: Axes, system: System, at: Places) -> list[Any]:
 
 
 def _seen_at(system: System, at: Places) -> Places:
-    """Where PMUs measure, by their names."""
+    """Positions of the PMUs' measurements, by name."""
     return {name: at[bus] for name, bus in system.station_buses().items()}
 
 
 def _loops(axes: Axes, system: System, loops: Sequence[Loop], at: Places) -> list[Any]:
-    """Each as broken lines from its PMUs to its devices."""
+    """Draw each loop as dashed lines from its PMUs to its devices."""
     where, marks = _seen_at(system, at), []
     for i, loop in enumerate(loops):
         look: dict[str, Any] = {"color": "black", "ls": LOOPS[i % len(LOOPS)], "lw": 0.9}

@@ -1,9 +1,9 @@
-"""A linear controller of a user's own, from frame to frame, in the form of an observer with state feedback.
+"""A user's linear controller from frame to frame, in the form of an observer with state feedback.
 
-Its signals are held between frames, so that it is discretised exactly (G. F. Franklin, J. D. Powell, M. Workman,
-Digital Control of Dynamic Systems, 3rd ed. 1998, 4.3): x(k+1) = A x(k) + B y(k), u(k) = C x(k) + D y(k). With y(k) as a
-state beside x(k), which the newest frame replaces, `control.state_space` steps it: after a lost frame with the signal
-before. It does not know the device's limits.
+Signals are held between frames, so the discretisation is exact (G. F. Franklin, J. D. Powell, M. Workman,
+Digital Control of Dynamic Systems, 3rd ed. 1998, 4.3): x(k+1) = A x(k) + B y(k), u(k) = C x(k) + D y(k). With y(k) as
+an additional state, which the newest frame replaces, `control.state_space` steps it; after a lost frame it uses the
+last signal. Device limits are not part of it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def design(controller: Controller, frame_rate: int) -> StateSpace:
-    """The matrices of a controller that is given as a `linear` law."""
+    """The matrices of a controller given as a `linear` law."""
     law = controller.law
     A, B, C, D = matrices(law, len(controller.signals), len(controller.devices))
     return from_frames(A, B, C, D) if law.dt is not None else held(A, B, C, D, frame_rate)
@@ -32,14 +32,14 @@ def design(controller: Controller, frame_rate: int) -> StateSpace:
 def held(
     A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64], frame_rate: int
 ) -> StateSpace:
-    """A continuous law, its signals held between frames."""
+    """A continuous law with signals held between frames."""
     return from_frames(*held_for(A, B, 1.0 / frame_rate), C, D)
 
 
 def from_frames(
     A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64]
 ) -> StateSpace:
-    """A law from frame to frame."""
+    """A discrete law from frame to frame."""
     (devices, signals), n, ones = D.shape, len(A), np.eye(D.shape[1])
     return StateSpace(
         A=np.block([[A, B], [np.zeros((signals, n)), ones]]),

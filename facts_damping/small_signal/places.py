@@ -1,12 +1,12 @@
-"""Where devices and PMUs act on modes: every line and bus as the place of a device, every speed and flow as a signal.
+"""Effect of device and PMU locations on modes: every line and bus for a device, every speed and flow as a signal.
 
-Of a mode with right and left eigenvectors v, w, w v = 1 and the fastest machine's speed in v one,
+For a mode with right and left eigenvectors v, w, w v = 1 and the fastest machine's speed in v equal to one,
 
     observability   F C v                a signal's swing, p.u. of it per p.u. of the fastest machine's speed
-    controllability w B exp(-lambda Td)  what a setpoint of one p.u. does, 1/s
+    controllability w B exp(-lambda Td)  the effect of a setpoint of one p.u., 1/s
 
-F washouts, Td dead times; the residue is their product (Kundur 1994, 12.3.4). Each device is installed where it is
-looked at, so that its own dynamics and its effect on the flow are in the figures.
+F washouts, Td dead times; the residue is their product (Kundur 1994, 12.3.4). Each device is installed at its location
+for the analysis, so its own dynamics and its effect on the power flow are included.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.small_signal.linearisation import Eigenmode
 
-NEW = "damper"  # name of a device that the system does not have yet
-STATCOM: dict[str, Any] = {"setpoint_max": 0.1, "rate_max": 10.0, "I_max": 1.0}  # p.u., as that of two_area
+NEW = "damper"  # name of a new device in the system
+STATCOM: dict[str, Any] = {"setpoint_max": 0.1, "rate_max": 10.0, "I_max": 1.0}  # p.u., data of the STATCOM in two_area
 SPEED: Channel = "speed_deviation"
 FLOW: Channel = "active_power"
-MOST_AREAS = 8  # between more there are too many differences to look at
-NEAR = 0.5  # of `linearisation.unlike`: beyond, a mode is another one
+MOST_AREAS = 8  # with more areas there are too many pairs
+NEAR = 0.5  # largest `linearisation.unlike` of the same mode
 
 
 class Place(NamedTuple):
-    """A device where it may stand: `at` a line, two buses, or a bus; `own`: the system has it there already."""
+    """A candidate location `at` a line, two buses, or a bus; `own`: an existing device of the system."""
 
     device: Device
     at: str
@@ -49,23 +49,23 @@ class Place(NamedTuple):
 
     @property
     def label(self) -> str:
-        """For people."""
+        """Readable name."""
         where = "at" if isinstance(self.device, Parallel) else "in"
         return f"{self.device.kind} {where} {self.at}"
 
     @property
     def names(self) -> set[str]:
-        """What it may be called by: its line, bus or buses, and one of the system's own by its name."""
+        """Accepted names: its line, bus or buses, and the name of an existing device."""
         return {self.at, self.device.name} if self.own else {self.at}
 
 
 class Tried(NamedTuple):
-    """A place as the modes see it; arrays over modes, NaN of one that is not found again with the device."""
+    """Analysis of a location; arrays over modes, NaN for a mode that is not found again with the device."""
 
     place: Place
     controllability: NDArray[np.complex128]  # (modes,), 1/s per p.u.
     observability: NDArray[np.complex128]  # (modes, signals), with the device installed
-    why_not: str = ""  # why it cannot stand there; then the arrays are NaN
+    why_not: str = ""  # reason if a device is impossible there; then the arrays are NaN
 
     @property
     def residue(self) -> NDArray[np.complex128]:
@@ -74,14 +74,14 @@ class Tried(NamedTuple):
 
     @property
     def strength(self) -> NDArray[np.float64]:
-        """What the device does with all that its setpoint may be, 1/s, (modes,)."""
+        """Effect of the device with its full setpoint, 1/s, (modes,)."""
         return np.abs(self.controllability) * float(self.place.device.setpoint_max)
 
 
 def places(system: System) -> list[Place]:
-    """The system's own devices, and a new one in each line and at each bus without a machine that has none.
+    """The system's own devices, and a new one in each line and at each bus without machine or device.
 
-    An SSSC in a line, with its default data, a STATCOM at a bus, with those of `two_area`.
+    In a line it is an SSSC with default data, at a bus a STATCOM with the data of `two_area`.
     """
     own = [Place(d, d.place, True) for d in system.devices]
     in_series = {d.line for d in system.devices if isinstance(d, Series)}
@@ -97,18 +97,18 @@ def places(system: System) -> list[Place]:
 
 
 def with_place(system: System, chosen: Place) -> System:
-    """The system with a device at its place."""
+    """The system with a device at a location."""
     if chosen.own:
         return system
     return system.model_copy(update={"devices": [*system.devices, chosen.device]})
 
 
 def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
-    """The system with more signals, and the PMUs that these need: what wide-area damping control is commonly given.
+    """The system with the usual signals for wide-area damping control, and the PMUs that they need.
 
-    For each mode the difference of the speeds of the two machines that swing most against each other (or the speed of
-    the fastest one, where none swings against it), the differences of areas' mean speeds, weighted by inertia, and the
-    active power of each line. What the system has already is not added once more.
+    For each mode it adds the speed difference of the two machines with the largest opposite swing (or the speed of the
+    fastest machine, if none is opposite). It also adds the differences of areas' mean speeds, weighted by inertia, and
+    the active power of each line. Existing signals are not duplicated.
     """
     stations = {s.machine: s.name for s in system.stations if s.machine is not None}
     taken = {s.name for s in system.stations}
@@ -136,19 +136,19 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
 
 
 def _difference(stations: Sequence[str]) -> dict[str, float]:
-    """Weights of the speed of one station, or of its difference to another one's."""
+    """Weights of the speed of one station, or of the difference of two."""
     return dict(zip(stations, (1.0, -1.0), strict=False))
 
 
 def _measured_flows(system: System) -> set[str]:
-    """The lines whose active power is a signal of its own already."""
+    """The lines whose active power is already a single signal."""
     alone = {s.name: s.branches[0] for s in system.stations if len(s.branches) == 1}
     flows = [s for s in system.signals.values() if s.channel == FLOW and len(s.weights) == 1]
     return {alone[station] for one in flows for station in one.weights if station in alone}
 
 
 def only(system: System, signals: Sequence[str], own: System) -> System:
-    """A system with these of its signals, and without PMUs that only others need, but for those of `own`."""
+    """The system with only these signals, without PMUs needed only by others, except those of `own`."""
     kept = {name: system.signals[name] for name in signals}
     used = {station for one in kept.values() for station in one.weights} | {s.name for s in own.stations}
     stations = [s for s in system.stations if s.name in used]
@@ -156,7 +156,7 @@ def only(system: System, signals: Sequence[str], own: System) -> System:
 
 
 def _free(name: str, taken: set[str]) -> str:
-    """A name that is not taken, which it is from then on."""
+    """An unused name, which is then added to `taken`."""
     while name in taken:
         name += "_"
     taken.add(name)
@@ -164,7 +164,7 @@ def _free(name: str, taken: set[str]) -> str:
 
 
 def _opposed(modes: Sequence[Eigenmode]) -> list[tuple[str, ...]]:
-    """For each mode the fastest machine, and the one that swings most against it, if one does."""
+    """For each mode the fastest machine, and the one with the largest opposite swing, if any."""
     found: dict[tuple[str, ...], None] = {}
     for mode in modes:
         first = max(mode.shape, key=lambda name: abs(mode.shape[name]))
@@ -175,7 +175,7 @@ def _opposed(modes: Sequence[Eigenmode]) -> list[tuple[str, ...]]:
 
 
 def _mean_speeds(system: System, stations: Mapping[str, str]) -> dict[str, dict[str, float]]:
-    """By area, the weights of its machines' mean speed, by inertia; nothing where there are no areas."""
+    """By area, the inertia weights of its machines' mean speed; empty without areas."""
     inertia: dict[str, dict[str, float]] = {}
     for m in system.machines:
         if m.area is not None:
@@ -189,7 +189,7 @@ def seen(system: System, modes: Sequence[Eigenmode]) -> NDArray[np.complex128]:
 
 
 class Trial(NamedTuple):
-    """What is tried: a place, with a system whose signals are looked at, and modes."""
+    """Input of an analysis: a location, the system with its signals, and the modes."""
 
     system: System
     place: Place
@@ -197,7 +197,7 @@ class Trial(NamedTuple):
 
 
 def tried(trial: Trial) -> Tried:
-    """A place as the modes see it."""
+    """Analyse a location."""
     try:
         found = _tried(with_place(trial.system, trial.place), [trial.place.device.name], trial.modes)
     except FactsDampingError as error:
@@ -209,7 +209,7 @@ def tried(trial: Trial) -> Tried:
 def _tried(
     system: System, devices: Sequence[str], modes: Sequence[Eigenmode]
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Controllability (modes, devices) and observability (modes, signals) of modes found again with devices."""
+    """Controllability (modes, devices) and observability (modes, signals) of the modes, found again with devices."""
     system = place(system)
     built = build(system, devices, [])
     model = linearisation.linear_model(built, system.signals, [s.name for s in system.stations])

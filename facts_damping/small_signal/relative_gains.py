@@ -1,4 +1,4 @@
-"""How two devices of a system interact: relative gain arrays of the linearised plant (Bristol 1966)."""
+"""Interaction of two devices of a system: relative gain arrays of the linearised plant (Bristol 1966)."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
-ALIKE = 1e9  # largest over smallest gain of signals that say the same: they have no array
-FREQUENCIES_HZ = (0.1, 0.3, 1.0, 1.5, 3.0)  # and that of the mode
+ALIKE = 1e9  # largest condition of the gains; signals that are nearly proportional have no array
+FREQUENCIES_HZ = (0.1, 0.3, 1.0, 1.5, 3.0)  # in addition to the frequency of the mode
 
 
 class Interaction(NamedTuple):
@@ -26,8 +26,8 @@ class Interaction(NamedTuple):
 
     frequency_hz: float
     signals: tuple[str, str]
-    gain: NDArray[np.complex128]  # (signals, devices), normalised: signals as they swing, devices by their limits
-    relative: NDArray[np.complex128]  # G x (G^-1)^T, element by element; does not depend on units
+    gain: NDArray[np.complex128]  # (signals, devices), normalised: signals by their swing, devices by their limits
+    relative: NDArray[np.complex128]  # G x (G^-1)^T, element by element; independent of units
 
     @property
     def condition(self) -> float:
@@ -36,7 +36,7 @@ class Interaction(NamedTuple):
 
 
 def interactions(built: Built, system: System, devices: Sequence[str]) -> list[Interaction]:
-    """Of each two signals, at the least damped mode's frequency first; none but of two devices that see a mode."""
+    """Interactions for each pair of signals, first at the least damped mode; empty unless two devices see a mode."""
     plant = residues(built, system, devices, 1) if len(devices) == 2 else None
     if plant is None:
         return []

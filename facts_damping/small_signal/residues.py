@@ -1,4 +1,4 @@
-"""How signals answer the devices' setpoints, as the linearised plant has it: what adaptation starts from."""
+"""Response of the signals to the devices' setpoints in the linearised plant: initial values for adaptation."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
-CLEAR_DEG = 60.0  # so near 0 or 180 degrees a residue has a sign
+CLEAR_DEG = 60.0  # largest distance from 0 or 180 degrees for a residue with a sign
 
 
 class Residues(NamedTuple):
-    """Residues at the least damped swing mode, the swing of the signals in it, and responses in time.
+    """Residues at the least damped swing mode, the swing of the signals in it, and time responses.
 
-    Signals and devices are those of the system and of the run, in their order; signals are behind their washouts.
+    Signals and devices are those of the system and of the run, in their order; signals are after their washouts.
     """
 
     signals: list[str]
     devices: list[str]
     eigenvalue: complex  # 1/s, of the mode
     residue: NDArray[np.complex128]  # (signals, devices), 1/s
-    mode_shape: NDArray[np.complex128]  # (signals,), each signal in the mode's right eigenvector
+    mode_shape: NDArray[np.complex128]  # (signals,), swing of each signal in the mode's right eigenvector
     frame_rate: int
     model: linearisation.LinearModel
     names: list[str]  # of the plant's states
@@ -57,9 +57,9 @@ class Residues(NamedTuple):
         return -1.0 if abs(angle) >= 180.0 - CLEAR_DEG else 0.0
 
     def response(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
-        """Signals after a setpoint of one was held for so many frames, p.u./p.u., (signals, devices).
+        """Signals after a setpoint of one is held for a number of frames, p.u./p.u., (signals, devices).
 
-        C int_0^T exp(A t) dt B + D, with the washouts' states in A; counted from where setpoints act, after dead times.
+        C int_0^T exp(A t) dt B + D, with the washouts' states in A; time counts from the end of dead times.
         """
         rows, columns = [self.signals.index(s) for s in signals], [self.devices.index(d) for d in devices]
         A, B, C, D = _with_washouts(self.model, rows)
@@ -67,22 +67,22 @@ class Residues(NamedTuple):
         return (product(C, held) + D)[:, columns]
 
     def jacobian(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
-        """The responses with the signs at the mode, where there are, (signals, devices), p.u./p.u."""
+        """The responses with the signs at the mode, if these are defined, (signals, devices), p.u./p.u."""
         found = self.response(signals, devices, frames)
         sign = np.array([[self.sign(s, d) for d in devices] for s in signals]).reshape(found.shape)
         return np.where(sign != 0.0, sign * np.abs(found), found)
 
     def ratio(self, signal: str, to: str) -> complex:
-        """How a signal swings in the mode, beside another one, p.u./p.u."""
+        """Swing of a signal in the mode relative to another one, p.u./p.u."""
         if signal == to:
-            return 1.0 + 0j  # to the last bit
+            return 1.0 + 0j  # exact
         return complex(over(self.mode_shape[self.signals.index(signal)], self.mode_shape[self.signals.index(to)]))
 
 
 def residues(
     built: Built, system: System, devices: Sequence[str], frame_rate: int, measured: Filter | None = None
 ) -> Residues | None:
-    """The residues from the installed devices to a system's signals; none without a swing mode.
+    """The residues from the installed devices to a system's signals; None without a swing mode.
 
     Residues are F (C v)(w B) exp(-lambda Td), the swing F (C v) (Kundur 1994, 12.3.4); F washouts and the PMUs' filter
     `measured`, Td dead times.
@@ -102,7 +102,7 @@ def residues(
 
 
 def _with_washouts(model: linearisation.LinearModel, signals: Sequence[int]) -> tuple[NDArray[np.float64], ...]:
-    """A, B, C, D to some signals, a state more for each washout: T dx_w/dt = y - x_w, and y - x_w in the place of y."""
+    """A, B, C, D to some signals, with a state for each washout: T dx_w/dt = y - x_w, and y - x_w instead of y."""
     A, B, C, D = model.A, model.B, model.C[signals], model.D[signals]
     rows = np.flatnonzero(model.washout[signals] > 0.0)
     if not len(rows):

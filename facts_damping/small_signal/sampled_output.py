@@ -1,4 +1,4 @@
-"""The filters of PMUs in the linearised plant: what a signal is made of, sample by sample, and from frame to frame."""
+"""PMU filters in the linearised plant: samples of a signal, and filter states from frame to frame."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 class Filtered(NamedTuple):
-    """Signals as PMUs with a filter report them: y(k) = sum_j g_j (C x + D u) at t_k - j / rate.
+    """Signals reported by PMUs with a filter: y(k) = sum_j g_j (C x + D u) at t_k - j / rate.
 
-    C and D give what is sampled: of a frequency and its rate the voltage's angle, of which `taps` make them.
+    C and D give the samples: for a frequency and its rate the voltage's angle, which `taps` differentiate.
     """
 
     C: NDArray[np.float64]  # (signals, states)
@@ -28,11 +28,11 @@ class Filtered(NamedTuple):
     taps: NDArray[np.float64]  # (signals, 1 + frames * per_frame)
     per_frame: int
     rate: float  # samples/s
-    delay: float  # s, from the instant that a frame tells of until it is there
+    delay: float  # s, from the instant of a frame until the frame is available
 
     @property
     def frames(self) -> int:
-        """How many frames back samples count."""
+        """The number of earlier frames with samples in the filter."""
         return int(self.taps.shape[1] - 1) // self.per_frame
 
     def gain(self, s: complex) -> NDArray[np.complex128]:
@@ -40,7 +40,7 @@ class Filtered(NamedTuple):
         return product(self.taps, exponentials(-s / self.rate * np.arange(self.taps.shape[1])))
 
     def of(self, signals: Sequence[int]) -> Filtered:
-        """The same of some signals."""
+        """The filter of a selection of signals."""
         rows = list(signals)
         return self._replace(C=self.C[rows], D=self.D[rows], taps=self.taps[rows])
 
@@ -48,7 +48,7 @@ class Filtered(NamedTuple):
 def filtered(
     made: Filter, channels: Sequence[str], C: NDArray[np.float64], D: NDArray[np.float64], frame_rate: int
 ) -> Filtered:
-    """The filter of a measurement on signals of some channels, of which C and D give what is sampled."""
+    """The measurement filter for signals of some channels; C and D give the samples."""
     rows = [taps(made, channel, frame_rate) for channel in channels]
     frames = -(-(max(map(len, rows)) - 1) // made.per_frame)
     padded = np.zeros((len(rows), 1 + frames * made.per_frame))
@@ -64,10 +64,10 @@ def samples(
     x: NDArray[np.float64],
     inputs: Sequence[tuple[list[int], NDArray[np.float64], NDArray[np.float64], float]],
 ) -> NDArray[np.float64]:
-    """What is sampled in a frame, at t_k + i / rate, (per_frame, signals, columns), as rows of what `x` and inputs are.
+    """Samples in a frame, at t_k + i / rate, (per_frame, signals, columns), as rows in terms of `x` and inputs.
 
-    `inputs`: columns of B, the setpoints in force at first, those that follow, and when these take effect (s). What is
-    sampled at that very instant goes with the first.
+    `inputs`: columns of B, the setpoints in force first, those that follow, and the time of the change (s). A sample at
+    exactly this time uses the first.
     """
     found = []
     for i in range(own.per_frame):
@@ -87,10 +87,10 @@ def samples(
 
 
 def remember(own: Filtered, sampled: NDArray[np.float64], memory: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What is remembered for the next frames, of a frame's samples: rows of `memory`, (frames * signals, columns).
+    """Filter memory for the next frames after a frame's samples: rows of `memory`, (frames * signals, columns).
 
     The transposed form: w_m(k+1) = w_(m+1)(k) + sum_i g_(m M - i) y(t_k + i / rate), y(k) = g_0 y(t_k) + w_1(k), with M
-    samples a frame.
+    samples per frame.
     """
     n, frames = len(own.taps), own.frames
     kept = memory.reshape(frames, n, -1)

@@ -1,4 +1,4 @@
-"""The linear plant from frame to frame, and the motions of all its rotors that nothing answers."""
+"""Discretisation of the linear plant from frame to frame, and its rigid rotor motions."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-NEAR = 1e-6  # of what cancels, and of the largest derivative: a motion that changes less changes nothing
+NEAR = 1e-6  # relative to cancelling terms and to the largest derivative: smaller changes count as zero
 
 
 def held_for(
     A: NDArray[np.float64], B: NDArray[np.float64], seconds: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Phi = exp(A t) and Gamma = int_0^t exp(A s) ds B: how states go on from themselves, and from held inputs."""
+    """Phi = exp(A t) and Gamma = int_0^t exp(A s) ds B: state transition, and effect of held inputs."""
     n, inputs = B.shape
     rows = np.block([[A, B], [np.zeros((inputs, n + inputs))]])
     whole = exponential(rows * seconds)
@@ -27,14 +27,14 @@ def held_for(
 
 
 def rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:
-    """All rotors turned alike, and all speeds raised alike, where neither the plant nor a signal answers to it.
+    """Common shifts of all rotor angles and of all speeds that have no effect on the plant or a signal.
 
-    States beside the rotors' may settle elsewhere, as washouts do. Such motions, (states, 0 to 2), orthonormal, have
-    eigenvalues of zero, which round-off takes to either side.
+    Other states may settle elsewhere, as those of washouts do. Such motions, (states, 0 to 2), orthonormal, have zero
+    eigenvalues, which round-off moves to either side.
     """
     found = np.zeros((len(A), 0))
     whole = np.vstack([A, C])
-    turning = (".delta", ".theta", ".theta_w")  # with the rotors the angles that loads know
+    turning = (".delta", ".theta", ".theta_w")  # rotor angles, and angles in load models
     beside = np.array([not name.endswith((*turning, ".omega")) for name in names])
     for end in (turning, ".omega"):
         motion = np.array([float(name.endswith(end)) for name in names])
@@ -43,7 +43,7 @@ def rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str]) 
             motion[beside] = least_squares(A[np.ix_(beside, beside)], -answer)
         motion -= product(found, found.T, motion)
         answer = product(whole, motion)
-        answer[: len(A)] -= product(found, found.T, answer[: len(A)])  # all speeds raised turn all rotors
+        answer[: len(A)] -= product(found, found.T, answer[: len(A)])  # a common speed shift turns all rotors
         cancelled = product(np.abs(whole), np.abs(motion)) + np.abs(whole).max(axis=1)
         if motion.any() and (np.abs(answer) <= NEAR * cancelled).all():
             found = np.column_stack([found, motion / np.sqrt((motion * motion).sum())])

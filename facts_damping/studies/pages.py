@@ -1,4 +1,4 @@
-"""What the pages and pictures of studies share: a row's figures, PNG files."""
+"""Helpers shared by the pages and pictures of studies: reading nested figures of a row, saving PNG files."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ DPI = 85
 
 
 def at(row: Any, path: Sequence[str]) -> Any:
-    """What stands in a row of a study at the end of a path of keys."""
+    """The value at the end of a path of keys in a row of a study."""
     for key in path:
         row = row[key]
     return row
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a picture; the same picture gives the same file. Returns where it is."""
+    """Write a picture as PNG and return its path. The same picture always gives the same file."""
     return save_picture(figure, path, dpi=DPI, metadata={"Software": None})

@@ -1,4 +1,4 @@
-"""The kinds of devices: a row each, with their compiled functions."""
+"""Table of device kinds with their compiled functions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @compiled
 def _no_more(_d: Any, _x: NDArray[np.float64], _u: float, _size: float, _blocked: bool, _out: Any) -> None:
-    """Nothing is known better than at the port."""
+    """No true values in addition to the port's."""
 
 
 @compiled
@@ -35,28 +35,28 @@ def _at_rest(_d: Any, _x: NDArray[np.float64], _u: float, _size: float, _dx: NDA
 
 
 class OtherEnd(NamedTuple):
-    """A device's port at a second bus: the same functions, of the voltage there, for the states that follow it."""
+    """A device's port at a second bus: functions of the voltage there, for its states that depend on it."""
 
     characteristic: Callable[..., tuple[complex, complex]]
     derivatives: Callable[..., None]
 
 
 class DeviceKind(NamedTuple):
-    """A kind of device: fields of its table, names of its states, where it starts, and its functions.
+    """A kind of device: fields of its table, names of its states, its initial state, and its functions.
 
-    The compiled ones take `d`, a row of DEVICE (the kind's own fields are in the field of its name), `x`, the plant's
-    states, `u`, the reference behind the response time, and `size`, the magnitude of the port's response: in series its
-    current, in parallel its bus voltage; p.u. For the power flow: `losses(device, |I|)`, the resistance (p.u.) that
-    stands for the losses in series; `drawn(device, |V|, base)`, what one in parallel draws from each of its buses at
-    rest, P + j Q (p.u. of the base, MVA).
+    Arguments of the compiled functions: `d`, a row of DEVICE (the kind's own fields are in the field of its name); `x`,
+    the plant's states; `u`, the reference after the response time; `size`, the magnitude of the port's response
+    (current in series, bus voltage in parallel); p.u. For the power flow: `losses(device, |I|)`, resistance equivalent
+    to the losses of a series device (p.u.); `drawn(device, |V|, base)`, power of a parallel device from each of its
+    buses at rest, P + j Q (p.u. of the base, MVA).
     """
 
     table: np.dtype[Any]
     states: list[str]
     start: Callable[[Any, Site], Start]
-    characteristic: Callable[..., tuple[complex, complex]]  # (d, x, u, size): what it gives, and the slope by size
+    characteristic: Callable[..., tuple[complex, complex]]  # (d, x, u, size): its source, and the derivative by size
     derivatives: Callable[..., None]  # (d, x, u, size, dx), 1/s
-    truth: Callable[..., None] = _no_more  # (d, x, u, size, blocked, out): what it knows better than its port
+    truth: Callable[..., None] = _no_more  # (d, x, u, size, blocked, out): true values in addition to the port's
     losses: Callable[[Any, float], float] | None = None
     consumed_power: Callable[[Any, Sequence[float], float], list[complex]] | None = None
     other_end: OtherEnd | None = None
@@ -87,7 +87,7 @@ KINDS = {
     ),
 }
 KINDS |= rows("device_kinds", DeviceKind, KINDS)
-CODES = {name: code for code, name in enumerate(KINDS)}  # in compiled code
+CODES = {name: code for code, name in enumerate(KINDS)}  # codes in compiled functions
 
 # A device: its ports (`other`, at a second bus; 0: none), kind and states, its dead time, the state and time constant
 # of its response (0: none), the limits of its setpoint and of the rate of its reference, its watchdog, and the row of
@@ -103,7 +103,7 @@ DEVICE = np.dtype(
 
 
 def install(row: Any, device: Device, site: Site) -> Start:
-    """Fill a row of DEVICE, but for its port, with a device at rest."""
+    """Fill a row of DEVICE, except its port, with a device at rest."""
     kind = KINDS[device.kind]
     start = kind.start(device, site)
     row["kind"], row["offset"], row["states"] = CODES[device.kind], site.offset, len(kind.states)
@@ -115,13 +115,13 @@ def install(row: Any, device: Device, site: Site) -> Start:
 
 
 def states_of(device: Device) -> list[str]:
-    """Names of a device's states, in their order: its kind's, then its reference behind its response time."""
+    """Names of a device's states: its kind's, then the reference after its response time."""
     return [*KINDS[device.kind].states, *(["reference"] if device.response_time > 0.0 else [])]
 
 
 @compiled
 def first_order_lag(z: float, reference: float, ramp: float, T: float, t: float) -> float:
-    """A lag's output t s on, p.u., where its input starts at `reference` and moves by `ramp`, p.u./s.
+    """Output of a lag after t s, p.u., for an input that starts at `reference` with slope `ramp`, p.u./s.
 
     T dz/dt = r - z with r = r0 + k t:  z(t) = z0 + (r0 - k T - z0) (1 - exp(-t/T)) + k t.
     """
@@ -130,38 +130,38 @@ def first_order_lag(z: float, reference: float, ramp: float, T: float, t: float)
 
 @compiled
 def reference_of(reference: NDArray[np.float64], d: int) -> float:
-    """Reference of device d, p.u.; 0 of those that are in service, but that nobody commands."""
+    """Reference of device d, p.u.; 0 for uncommanded devices in service."""
     return reference[d] if d < reference.size else 0.0
 
 
 @compiled
 def effective_reference(d: Any, x: NDArray[np.float64], u: float) -> float:
-    """What a device acts on, p.u.: its reference u, behind its response time if it has one."""
+    """Effective input of a device, p.u.: its reference u, after its response time if it has one."""
     return x[d.lag] if d.response_time > 0.0 else u
 
 
 @compiled
 def lag_derivative(d: Any, x: NDArray[np.float64], u: float, dx: NDArray[np.float64]) -> None:
-    """Write the derivative of the lag of a device's reference u, 1/s; also that of a blocked one moves."""
+    """Write the derivative of the lag of a device's reference u, 1/s; it also moves while the device is blocked."""
     if d.response_time > 0.0:
         dx[d.lag] = (u - x[d.lag]) / d.response_time
 
 
 def losses_of(device: Series, magnitude: float) -> float:
-    """Resistance that stands for the losses of a device in series at a current, p.u."""
+    """Resistance equivalent to the losses of a series device at a current, p.u."""
     losses = KINDS[device.kind].losses
     return losses(device, magnitude) if losses else 0.0
 
 
 def consumed_power(device: Device, voltages: Sequence[float], base_power: float) -> list[complex]:
-    """What a device in parallel draws from each of its buses at rest, P + j Q, p.u. of the base (MVA)."""
+    """Power of a parallel device from each of its buses at rest, P + j Q, p.u. of the base (MVA)."""
     drawn = KINDS[device.kind].consumed_power
     return drawn(device, voltages, base_power) if drawn else [0j] * len(voltages)
 
 
 @compiled
 def _unknown(_d: Any, _x: NDArray[np.float64], _u: float, _size: float) -> tuple[complex, complex]:
-    """No kind: no number, which ends the run."""
+    """Unknown kind: returns NaN, which ends the run."""
     return complex(math.nan, math.nan), 0j
 
 
@@ -175,7 +175,7 @@ _other_derivatives = branching([end.derivatives for end in _other_ends])
 
 @compiled
 def characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tuple[complex, complex]:
-    """What a device gives over the direction of its response, and the derivative by `size`, p.u.
+    """Source of a device relative to the direction of its response, and the derivative by `size`, p.u.
 
     In series a voltage drop, in parallel a current into the network.
     """
@@ -184,13 +184,13 @@ def characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tup
 
 @compiled
 def other_characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tuple[complex, complex]:
-    """The same at its second bus."""
+    """The same as `characteristic`, at the device's second bus."""
     return _other_characteristic(d.kind, d, x, effective_reference(d, x, u), size)  # type: ignore[no-any-return]
 
 
 @compiled
 def other_derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArray[np.float64]) -> None:
-    """Write the derivatives of the states that follow the voltage of its second bus, 1/s."""
+    """Write the derivatives of the states that depend on the voltage of the second bus, 1/s."""
     _other_derivatives(d.kind, d, x, effective_reference(d, x, u), size, dx)
 
 
@@ -202,5 +202,5 @@ def derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArr
 
 @compiled
 def truth(d: Any, x: NDArray[np.float64], u: float, size: float, blocked: bool, out: Any) -> None:
-    """Write into a row of DEVICE_TRUTH what a kind knows better than its port: see `measurement`."""
+    """Write the kind's true values into a row of DEVICE_TRUTH, in addition to the port's: see `measurement`."""
     _truth(d.kind, d, x, effective_reference(d, x, u), size, blocked, out)

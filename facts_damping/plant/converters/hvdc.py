@@ -1,7 +1,7 @@
-"""The HVDC link: power from one bus to another by order, and what is left of it at low voltage; compiled.
+"""The HVDC link: ordered power from one bus to another, reduced at low voltage; compiled.
 
-Its first port is at the inverter's bus, to which it gives power; the other one at the rectifier's. A setpoint is added
-to the power order (docs/hvdc.md).
+Its first port is at the inverter's bus, into which it feeds power; the other one is at the rectifier's. A setpoint is
+added to the power order (docs/hvdc.md).
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ STATE_NAMES = ["V_to", "V_from"]
 POWERS = ("P", "P_min", "P_max")
 FIELDS = ("loss", "R", "V_min", "T")
 
-# `q_to`, `q_from`: reactive power drawn beside the active one.
+# `q_to`, `q_from`: reactive power drawn, relative to the active power.
 HVDC = np.dtype([("offset", "i8"), *((name, "f8") for name in (*POWERS, *FIELDS, "q_to", "q_from"))])
 
 
 def beside(power_factor: float) -> float:
-    """Reactive power by active power at a power factor, tan(arccos(pf))."""
+    """Reactive over active power at a power factor, tan(arccos(pf))."""
     return math.sqrt(1.0 - power_factor * power_factor) / power_factor
 
 
 def consumed_power(device: Hvdc, _voltages: Sequence[float], base_power: float) -> list[complex]:
-    """What it draws at rest from the inverter's bus and from the rectifier's, P + j Q, p.u. of the base (MVA)."""
+    """Power drawn at rest from the inverter's bus and the rectifier's, P + j Q, p.u. of the base (MVA)."""
     P = device.P / base_power
     given = P * (1.0 - device.loss) - device.R * P * P
     return [given * complex(-1.0, beside(device.pf_to)), P * complex(1.0, beside(device.pf_from))]
 
 
 def start(device: Hvdc, site: Site) -> Start:
-    """At its order. Raises `InputError` where a voltage of the start does not bear it."""
+    """The link at its power order. Raises `InputError` if an initial voltage is too low for it."""
     for bus, voltage in zip(device.buses, (site.size, site.other), strict=True):
         if voltage < device.V_min:
             raise InputError(
@@ -59,16 +59,16 @@ def start(device: Hvdc, site: Site) -> Start:
 
 @compiled
 def power_fraction(voltage: float, V_min: float) -> float:
-    """What a bus voltage leaves of the power: all above V_min, below it (V / V_min)^2, as of an impedance."""
+    """Factor of the power at a bus voltage: one above V_min, (V / V_min)^2 below, as an impedance."""
     return 1.0 if voltage >= V_min else voltage * voltage / (V_min * V_min)
 
 
 @compiled
 def power(d: Any, x: NDArray[np.float64], u: float, voltage: float) -> tuple[float, float]:
-    """Power that an end sets at the voltage of its bus, at the rectifier, and its derivative by that voltage; p.u.
+    """Power at the rectifier by the voltage of one end's bus, and its derivative by that voltage; p.u.
 
-    P = clip(P0 + u, P_min, P_max) min(share(V), share(V_to), share(V_from)), the last two of the states: what both
-    ends know of each other by now.
+    P = clip(P0 + u, P_min, P_max) min(share(V), share(V_to), share(V_from)). V_to and V_from are states: the lagged
+    voltages known to both ends.
     """
     order = min(max(d.P + u, d.P_min), d.P_max)
     known = min(power_fraction(x[d.offset], d.V_min), power_fraction(x[d.offset + 1], d.V_min))
@@ -80,9 +80,9 @@ def power(d: Any, x: NDArray[np.float64], u: float, voltage: float) -> tuple[flo
 
 @compiled
 def to_end(device: Any, x: NDArray[np.float64], u: float, voltage: float) -> tuple[complex, complex]:
-    """Current into the inverter's bus over the direction of its voltage, and its derivative by |V|, p.u.
+    """Current into the inverter's bus relative to the direction of its voltage, and its derivative by |V|, p.u.
 
-    It gives p = P (1 - loss) - R P^2 and draws q p: conj(S) / |V| = p (1 + j q) / |V|.
+    The link feeds in p = P (1 - loss) - R P^2 and draws q p: conj(S) / |V| = p (1 + j q) / |V|.
     """
     d = device.hvdc
     P, slope = power(d, x, u, voltage)
@@ -94,7 +94,7 @@ def to_end(device: Any, x: NDArray[np.float64], u: float, voltage: float) -> tup
 
 @compiled
 def from_end(device: Any, x: NDArray[np.float64], u: float, voltage: float) -> tuple[complex, complex]:
-    """Current into the rectifier's bus, from which it draws P and q P: P (-1 + j q) / |V|, and the derivative, p.u."""
+    """Current into the rectifier's bus, where the link draws P and q P: P (-1 + j q) / |V|, and its derivative, p.u."""
     d = device.hvdc
     P, slope = power(d, x, u, voltage)
     along = complex(-1.0, d.q_from)
@@ -104,13 +104,13 @@ def from_end(device: Any, x: NDArray[np.float64], u: float, voltage: float) -> t
 
 @compiled
 def derivatives(device: Any, x: NDArray[np.float64], _u: float, voltage: float, dx: NDArray[np.float64]) -> None:
-    """Write the derivative of what is known of the inverter's voltage, 1/s: T dV_to = |V| - V_to."""
+    """Write the derivative of the lagged voltage of the inverter's bus, 1/s: T dV_to = |V| - V_to."""
     d = device.hvdc
     dx[d.offset] = (voltage - x[d.offset]) / d.T
 
 
 @compiled
 def from_derivatives(device: Any, x: NDArray[np.float64], _u: float, voltage: float, dx: NDArray[np.float64]) -> None:
-    """Write that of the rectifier's voltage, 1/s: T dV_from = |V| - V_from."""
+    """Write the derivative of the lagged voltage of the rectifier's bus, 1/s: T dV_from = |V| - V_from."""
     d = device.hvdc
     dx[d.offset + 1] = (voltage - x[d.offset + 1]) / d.T

@@ -1,7 +1,7 @@
 """The static synchronous series compensator: converter, regulators, DC link; compiled.
 
-The converter stands between two buses as a voltage drop `v = (v_p + j v_q) I / |I|` behind its
-transformer `rs + j xs`; a setpoint is capacitive positive, so the wanted drop is u = -setpoint
+The converter is a voltage drop `v = (v_p + j v_q) I / |I|` between two buses, in series with its transformer
+`rs + j xs`. A positive setpoint is capacitive, so the desired drop is u = -setpoint
 (thesis 2.42, 2.87-2.89, 2.100-2.104; docs/facts_devices.md).
 """
 
@@ -30,7 +30,7 @@ SSSC = np.dtype([("offset", "i8"), *((name, "f8") for name in FIELDS)])
 
 
 class Converter(NamedTuple):
-    """Converter voltages at a current's magnitude, their derivatives by it, and which limits act; p.u."""
+    """Converter voltages at a current's magnitude, their derivatives by it, and the active limits; p.u."""
 
     v_p: float
     v_q: float
@@ -41,11 +41,10 @@ class Converter(NamedTuple):
 
 
 def start(device: Sssc, site: Site) -> Start:
-    """At rest with no injection, at rated DC voltage and the magnitude of the current there.
+    """The device at rest without injection, at rated DC voltage and the given current.
 
-    The converter makes up for its transformer, s_q = -xs |I|, and draws what the DC link loses,
-    s_p |I| = g. With `enforce_rating` it is bypassed above I_rated. Raises `InputError` where its limits do not admit
-    the start.
+    The converter compensates its transformer, s_q = -xs |I|, and draws the losses of the DC link, s_p |I| = g. With
+    `enforce_rating` it is bypassed above I_rated. Raises `InputError` if its limits exclude this state.
     """
     magnitude = site.size
     if magnitude < device.I_min:
@@ -71,7 +70,7 @@ def start(device: Sssc, site: Site) -> Start:
 
 
 def losses(device: Sssc, magnitude: float) -> float:
-    """Resistance that draws at a current's magnitude what the DC link loses, g / |I|^2, p.u."""
+    """Resistance equivalent to the losses of the DC link at a current, g / |I|^2, p.u."""
     most = max(magnitude, device.I_min)
     return device.g / (most * most)
 
@@ -80,8 +79,8 @@ def losses(device: Sssc, magnitude: float) -> float:
 def converter(d: Any, x: NDArray[np.float64], u: float, magnitude: float) -> Converter:
     """Converter voltages at a current's magnitude.
 
-    The injected-voltage regulator feeds its own output back (e_ac = u - v_q - xs |I|), so its equation
-    s_q = u + Kp e_ac + x_ac - xs |I| is solved for s_q first; a limited s_q is what the limit says.
+    The injected-voltage regulator has algebraic feedback (e_ac = u - v_q - xs |I|), so its equation
+    s_q = u + Kp e_ac + x_ac - xs |I| is solved for s_q first; s_q is then limited.
     """
     o = d.offset
     vdc = x[o + 2]
@@ -107,7 +106,7 @@ def converter(d: Any, x: NDArray[np.float64], u: float, magnitude: float) -> Con
 
 @compiled
 def characteristic(device: Any, x: NDArray[np.float64], setpoint: float, magnitude: float) -> tuple[complex, complex]:
-    """Converter voltage over the direction of the current, v_p + j v_q, and its derivative by |I|, p.u."""
+    """Converter voltage relative to the direction of the current, v_p + j v_q, and its derivative by |I|, p.u."""
     d = device.sssc
     c = converter(d, x, -setpoint, magnitude)
     return complex(c.v_p, c.v_q), complex(c.v_p_slope, c.v_q_slope)
@@ -119,8 +118,8 @@ def derivatives(
 ) -> None:
     """Write the derivatives of the states, 1/s, at a current's magnitude, p.u.
 
-    dx_ac = Ki e_ac, dx_dc = Kdi (1 - vdc), each standing still while its output is limited;
-    dvdc = (v_p |I| - g vdc^2) / (tau vdc): what the converter draws charges the DC link or is lost.
+    dx_ac = Ki e_ac, dx_dc = Kdi (1 - vdc), each held while its output is limited;
+    dvdc = (v_p |I| - g vdc^2) / (tau vdc): the power into the converter charges the DC link or is lost.
     """
     d = device.sssc
     o, u = d.offset, -setpoint
@@ -133,7 +132,7 @@ def derivatives(
 
 @compiled
 def truth(device: Any, x: NDArray[np.float64], setpoint: float, magnitude: float, blocked: bool, out: Any) -> None:
-    """Write what DEVICE_TRUTH has of it: voltages, and the power that converter and transformer give."""
+    """Write its fields of DEVICE_TRUTH: voltages, and the power fed in by converter and transformer."""
     d = device.sssc
     c = converter(d, x, -setpoint, magnitude)
     v_p, v_q = (0.0, 0.0) if blocked else (c.v_p, c.v_q)

@@ -1,7 +1,7 @@
 """The static synchronous compensator: converter, regulators, DC link; compiled.
 
-A current i_d + j i_q flows into the network, the d axis along the voltage of the bus (ideal phase-locked
-loop); a setpoint is an offset of the voltage reference (thesis 2.90-2.92, 2.105-2.109; docs/facts_devices.md).
+A current i_d + j i_q flows into the network, the d axis along the bus voltage (ideal phase-locked loop). A setpoint
+is an offset of the voltage reference (thesis 2.90-2.92, 2.105-2.109; docs/facts_devices.md).
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ STATCOM = np.dtype(
 
 
 def losses_current(device: Statcom, voltage: float) -> float:
-    """The active current that it draws at rest, p.u.: V i - R i^2 = g, which keeps the DC voltage.
+    """Active current drawn at rest to keep the DC voltage, p.u.: V i - R i^2 = g.
 
-    Raises `InputError` where no current within I_max does.
+    Raises `InputError` if there is none within I_max.
     """
     root = voltage * voltage - 4.0 * device.R * device.g
     drawn = 2.0 * device.g / (voltage + math.sqrt(root)) if root > 0.0 else math.inf
@@ -48,12 +48,12 @@ def losses_current(device: Statcom, voltage: float) -> float:
 
 
 def consumed_power(device: Statcom, voltages: Sequence[float], _base_power: float) -> list[complex]:
-    """What it draws from its bus at rest, p.u.: V i, of which R i^2 is lost in the transformer, g in the DC link."""
+    """Power drawn from its bus at rest, p.u.: V i; R i^2 is lost in the transformer, g in the DC link."""
     return [complex(voltages[0] * losses_current(device, voltages[0]))]
 
 
 def start(device: Statcom, site: Site) -> Start:
-    """At rest: rated DC voltage, the current that makes up for its losses, and the voltage reference that holds it.
+    """The device at rest: rated DC voltage, the current that covers its losses, and the matching voltage reference.
 
     i_d = -i, c_d = V + R i_d and c_q = L i_d, so x_dc = i, x_d = R i_d, x_q = (L - Kf) i_d.
     """
@@ -71,7 +71,7 @@ def start(device: Statcom, site: Site) -> Start:
 
 @compiled
 def characteristic(device: Any, x: NDArray[np.float64], _u: float, _voltage: float) -> tuple[complex, complex]:
-    """Current over the direction of the voltage, i_d + j i_q, and its derivative by |V|, p.u."""
+    """Current relative to the direction of the voltage, i_d + j i_q, and its derivative by |V|, p.u."""
     d = device.statcom
     return complex(x[d.offset], x[d.offset + 1]), 0j
 
@@ -85,9 +85,9 @@ def derivatives(device: Any, x: NDArray[np.float64], u: float, voltage: float, d
     DC voltage: i_P* = clip(Kd (1 - vdc) + x_dc), dx_dc = Kdi (1 - vdc).
     Current: e_d = -i_P* - i_d, e_q = -i_Q* - i_q, dx_d = Kci e_d, dx_q = Kci e_q,
     c_d = vdc (V - Kf i_q + Kc e_d + x_d), c_q = vdc (Kf i_d + Kc e_q + x_q).
-    DC link: dvdc = -(c_d i_d + c_q i_q + g vdc^2) / (tau vdc). Where the rating counts for the whole current, i_Q* has
-    what i_P* leaves of it, sqrt(I_max^2 - i_P*^2): without its active current the DC link would fall. An integrator
-    stands still while its output is limited.
+    DC link: dvdc = -(c_d i_d + c_q i_q + g vdc^2) / (tau vdc). If the rating limits the total current, i_P* has
+    priority and i_Q* is limited to sqrt(I_max^2 - i_P*^2): without active current the DC voltage would collapse. An
+    integrator is held while its output is limited.
     """
     d = device.statcom
     o = d.offset
@@ -115,6 +115,6 @@ def derivatives(device: Any, x: NDArray[np.float64], u: float, voltage: float, d
 
 @compiled
 def truth(device: Any, x: NDArray[np.float64], _u: float, _voltage: float, _blocked: bool, out: Any) -> None:
-    """Write what DEVICE_TRUTH has of it beside current and power."""
+    """Write its fields of DEVICE_TRUTH, in addition to current and power."""
     d = device.statcom
     out.dc_voltage = x[d.offset + 2]

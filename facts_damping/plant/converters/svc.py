@@ -25,14 +25,14 @@ SVC = np.dtype([("offset", "i8"), ("Vref", "f8"), *((name, "f8") for name in FIE
 
 
 def start(device: Svc, site: Site) -> Start:
-    """At rest: no susceptance, and the voltage reference that holds it."""
+    """The device at rest: zero susceptance, and the matching voltage reference."""
     row = (site.offset, site.size, *(getattr(device, name) for name in FIELDS))
     return Start(row, [0.0], device.V_min)
 
 
 @compiled
 def characteristic(device: Any, x: NDArray[np.float64], _u: float, voltage: float) -> tuple[complex, complex]:
-    """Current into the network over the direction of the voltage, -j B |V|, and its derivative by |V|, p.u."""
+    """Current into the network relative to the direction of the voltage, -j B |V|, and its derivative by |V|, p.u."""
     d = device.svc
     slope = complex(0.0, -x[d.offset])
     return slope * voltage, slope

@@ -1,7 +1,7 @@
-"""Loads whose power depends on their voltage (ZIP model) and frequency, or is noisy; compiled.
+"""Loads that depend on voltage (ZIP model) or frequency, or have noise; compiled.
 
-The network holds every load as the impedance that it is at its reference voltage V0. A load that is more than that
-injects beside it what makes up the difference.
+The network contains every load as its constant impedance at the reference voltage V0. Other loads inject the
+difference.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ LOAD = np.dtype(
         ("Q_power", "f8"),
         ("V_min", "f8"),  # p.u. of V0
         ("port", "i8"),
-        ("offset", "i8"),  # of its states in the plant's; -1: it does not depend on the frequency
+        ("offset", "i8"),  # index of its states in the plant's; -1: independent of frequency
         ("kpf", "f8"),
         ("kqf", "f8"),
         ("T_f", "f8"),  # s
     ]
 )
-STATE_NAMES = ["theta", "theta_w"]  # angles of the bus voltage that run after it (rad)
-LEAST = 0.05  # p.u., voltage below which its angle tells nothing
+STATE_NAMES = ["theta", "theta_w"]  # lagged angles of the bus voltage (rad)
+LEAST = 0.05  # p.u., voltage below which its angle is not used
 TURN = 2.0 * math.pi
 
 
 def row(load: Load, base_power: float, reference_voltage: float, port: int, offset: int) -> Any:
-    """A row of LOAD; `offset`: of its states, where it depends on the frequency."""
+    """A row of LOAD; `offset`: index of its states if it depends on frequency."""
     p, q = load.P_shares, load.Q_shares
     power = load.P / base_power, load.Q / base_power
     shares = p.current, p.power, q.current, q.power
@@ -51,7 +51,7 @@ def row(load: Load, base_power: float, reference_voltage: float, port: int, offs
 
 
 def is_impedance(load: Load) -> bool:
-    """Whether a load is one of constant impedance alone."""
+    """Whether a load is a pure constant impedance."""
     return load.P_shares.impedance == load.Q_shares.impedance == 1.0 and not depends_on_frequency(load)
 
 
@@ -62,10 +62,10 @@ def depends_on_frequency(load: Load) -> bool:
 
 @compiled
 def excess(r: float, current: float, power: float, v_min: float, low: bool) -> tuple[float, float]:
-    """What a load draws beyond an impedance at r = V / V0, relative to its power at V0, and its derivative by r.
+    """Power drawn beyond the impedance at r = V / V0, relative to the power at V0, and its derivative by r.
 
-    i r + p - (i + p) r^2; below V_min the shares i and p are an impedance: (i V_min + p) (r / V_min)^2. With
-    `low` they are that at any voltage.
+    i r + p - (i + p) r^2; below V_min the shares i and p become an impedance: (i V_min + p) (r / V_min)^2. With `low`
+    they are this impedance at any voltage.
     """
     if r >= v_min and not low:
         return current * r + power - (current + power) * r * r, current - 2.0 * (current + power) * r
@@ -75,7 +75,7 @@ def excess(r: float, current: float, power: float, v_min: float, low: bool) -> t
 
 @compiled
 def frequency(d: Any, x: NDArray[np.float64], omega_0: float) -> float:
-    """Deviation of the frequency at a load's bus, p.u.: (theta - theta_w) / (T_f omega_0)."""
+    """Frequency deviation at a load's bus, p.u.: (theta - theta_w) / (T_f omega_0)."""
     return (x[d.offset] - x[d.offset + 1]) / (d.T_f * omega_0)  # type: ignore[no-any-return]
 
 
@@ -83,8 +83,8 @@ def frequency(d: Any, x: NDArray[np.float64], omega_0: float) -> float:
 def derivatives(d: Any, x: NDArray[np.float64], voltage: complex, dx: NDArray[np.float64]) -> None:
     """Write the derivatives of a load's angles, rad/s: T_f dtheta = arg V - theta, T_f dtheta_w = theta - theta_w.
 
-    So `frequency` is s arg V / (1 + s T_f)^2, a lag and a washout, as of BusFreq of ANDES. Where there is next to no
-    voltage they stand still.
+    So `frequency` is s arg V / (1 + s T_f)^2, a lag and a washout, as in BusFreq of ANDES. The angles are held while
+    the voltage is nearly zero.
     """
     o = d.offset
     if not magnitude(voltage) > LEAST:
@@ -99,10 +99,10 @@ def derivatives(d: Any, x: NDArray[np.float64], voltage: complex, dx: NDArray[np
 def characteristic(
     d: Any, magnitude: float, low: bool, active_factor: float, reactive_factor: float
 ) -> tuple[complex, complex]:
-    """Current injected beside the impedance over the direction of the bus voltage, and its derivative by |V|, p.u.
+    """Current injected beside the impedance relative to the voltage's direction, and its derivative by |V|, p.u.
 
-    -conj(dS) / |V| with dS the power drawn beyond the impedance: with the power at a voltage m times as large, m times
-    what it is beyond the impedance, and (m - 1) r^2 more.
+    It is -conj(dS) / |V| with dS the power beyond the impedance. If the power at a voltage is multiplied by m, dS is m
+    times its value plus (m - 1) r^2.
     """
     r = magnitude / d.V0
     active, active_slope = excess(r, d.P_current, d.P_power, d.V_min, low)

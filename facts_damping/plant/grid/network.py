@@ -1,7 +1,7 @@
 """The network `I = Y V`: branches, switching state, admittance matrix, islands.
 
-A `Topology` is the network's switching state: what is in service, which faults burn, how much each
-load is. Events change it; the admittance matrix is built from it anew.
+A `Topology` is the switching state: components in service, active faults, scale of each load. After an event the
+admittance matrix is built anew.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FaultPlace:
-    """Where a fault burns: at a bus, or on a line at a fraction of its length from its first bus."""
+    """Location of a fault: at a bus, or on a line at a fraction of its length from the first bus."""
 
     bus: str | None
     line: str | None
@@ -45,11 +45,11 @@ class Topology:
     machines_out: frozenset[str] = frozenset()
 
     def with_fault(self, place: FaultPlace, impedance: complex) -> Topology:
-        """The same with a fault more."""
+        """The topology with an additional fault."""
         return replace(self, faults={**self.faults, place: impedance})
 
     def without_fault(self, bus: str | None, line: str | None) -> Topology:
-        """The same without the faults at the bus or on the line."""
+        """The topology without the faults at the bus or on the line."""
         kept = {place: z for place, z in self.faults.items() if (place.bus, place.line) != (bus, line)}
         return replace(self, faults=kept)
 
@@ -72,7 +72,7 @@ def line_section(line: Line, model: str, fraction: float = 1.0) -> NDArray[np.co
     """
     series = complex(line.r, line.x) * line.length * fraction
     shunt = 1j * line.b * line.length * fraction
-    if model == "distributed" and series * shunt != 0.0:  # a vanishing charge is none
+    if model == "distributed" and series * shunt != 0.0:  # zero charging has no distributed effect
         of_series, of_shunt = line_factors(complex(times(series, shunt)))
         series, shunt = complex(times(series, of_series)), complex(times(shunt, of_shunt))
     return two_port(series, shunt / 2, shunt / 2)
@@ -88,8 +88,8 @@ def transformer_section(transformer: Transformer, base_power: float) -> NDArray[
     """Admittance two-port of a transformer, shape (2, 2), p.u. on the system base.
 
     An ideal transformer of ratio t = tap exp(j shift) at the first bus, the series impedance behind it:
-    [[y / |t|^2, -y / conj(t)], [-y / t, y]]. The magnetising branch lies at the first bus: all leakage is
-    on the other side (thesis A.2: L1 = 0).
+    [[y / |t|^2, -y / conj(t)], [-y / t, y]]. The magnetising branch is at the first bus: all leakage is on the other
+    side (thesis A.2: L1 = 0).
     """
     ratio = transformer.rating / base_power
     magnetising = 0j
@@ -104,13 +104,13 @@ def transformer_section(transformer: Transformer, base_power: float) -> NDArray[
 
 
 def device_section(device: Series, series: complex) -> Branch:
-    """A device in series as the branch of an impedance, p.u."""
+    """The branch of a series device as an impedance, p.u."""
     from_bus, to_bus = device.ends
     return Branch(device.name, from_bus, to_bus, two_port(series, 0, 0))
 
 
 def branches(system: System, topology: Topology) -> list[Branch]:
-    """Lines and transformers in service, p.u.; a line with a fault on it is two, joined at a bus `line:fault`."""
+    """Lines and transformers in service, p.u.; a faulted line is two sections, joined at a bus `line:fault`."""
     found = []
     faulted = {place.line: place for place in topology.faults if place.line is not None}
     for line in system.lines:
@@ -132,12 +132,12 @@ def branches(system: System, topology: Topology) -> list[Branch]:
 
 
 def fault_bus(line: str) -> str:
-    """Name of the bus that a fault on a line makes."""
+    """Name of the bus at a fault on a line."""
     return f"{line}:fault"
 
 
 def bus_names(system: System, topology: Topology) -> list[str]:
-    """Names of all buses, those that faults on lines make last."""
+    """Names of all buses, those at faults on lines last."""
     extra = [fault_bus(p.line) for p in topology.faults if p.line is not None and p.line not in topology.lines_out]
     return [bus.name for bus in system.buses] + extra
 
@@ -153,9 +153,9 @@ def admittance(names: list[str], present: list[Branch]) -> NDArray[np.complex128
 
 
 def shunts(system: System, topology: Topology, voltage: Mapping[str, float]) -> dict[str, complex]:
-    """Shunt admittance at each bus from loads, capacitors and faults, p.u., `voltage` the solved one.
+    """Shunt admittance at each bus from loads, capacitors and faults, p.u.; `voltage`: from the power flow.
 
-    A load counts as the impedance that it is at its reference voltage, whatever its shares.
+    A load counts as its impedance at its reference voltage, whatever its ZIP shares.
     """
     total: dict[str, complex] = {}
     for load in system.loads:
@@ -186,7 +186,7 @@ def series_devices(system: System) -> list[Series]:
 
 
 def check_islands(system: System, topology: Topology, when: str) -> None:
-    """Raise `InputError` where buses hang together with no source among them."""
+    """Raise `InputError` if an island has no source."""
     names = bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
     links = np.eye(len(names))

@@ -33,17 +33,17 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
 
 TOLERANCE = 1e-9  # p.u., largest power mismatch
-LOSS_TOLERANCE = 1e-13  # p.u., of the resistance that stands for a device's losses
+LOSS_TOLERANCE = 1e-13  # p.u., of the resistance equivalent to a device's losses
 MAX_ITERATIONS = 30
-STRAY = 1e-9  # p.u., of branches that carry nothing
+STRAY = 1e-9  # p.u., admittance of fictitious branches for the starting angles
 
 
 @dataclass(frozen=True)
 class PowerFlow:
     """Solved power flow, p.u.
 
-    Bus voltages, and generation less what loads and devices draw at them (buses,); generation by machine or infinite
-    bus, magnitude of the current by device in series; the largest mismatch of power that remains.
+    Bus voltages, and generation minus loads and devices at them (buses,); generation by machine or infinite bus,
+    current magnitude by series device; the largest remaining power mismatch.
     """
 
     names: list[str]
@@ -58,7 +58,7 @@ class PowerFlow:
         return [float(magnitudes(self.voltage[self.names.index(bus)])) for bus in buses]
 
     def buses(self, base_power: float) -> list[dict[str, Any]]:
-        """A row a bus: name, voltage (p.u., deg), generation less what loads and devices draw (MW, Mvar)."""
+        """A row per bus: name, voltage (p.u., deg), generation minus loads and devices (MW, Mvar)."""
         return [
             {
                 "name": name,
@@ -74,9 +74,9 @@ class PowerFlow:
 def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     """Solve for all bus voltages before the first event.
 
-    An installed device in series that has losses draws them from the network, as a resistance in series would; one in
-    parallel draws what it needs at rest; one that transmits carries its power, installed or not. As the first two
-    depend on |I| and |V|, which are not known before, the power flow is repeated until they are.
+    An installed series device with losses is a series resistance; a parallel device draws its power at rest; an HVDC
+    link carries its power whether installed or not. Since the first two depend on |I| and |V|, the power flow is
+    repeated until they converge.
     """
     series = series_devices(system)
     parallel = [
@@ -121,11 +121,11 @@ def demand(system: System, names: list[str], magnitude: NDArray[np.float64]) -> 
 def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, complex]]) -> PowerFlow:
     """Newton's method on the power balance of all buses, `losses` in series with the devices (p.u.).
 
-    `draws`: what devices in parallel draw from buses, p.u.
+    `draws`: power of parallel devices from buses, p.u.
 
-    Unknowns are the angles of all buses but the slack's and the infinite ones, and the magnitudes at the buses
-    without a machine; equations P_i + j Q_i = V_i conj(sum_j Y_ij V_j) (Kundur 1994, 6.4). A FACTS device in
-    series is its transformer's resistance. Raises `InputError` where Newton's method does not converge.
+    Unknowns are the angles of all buses except the slack's and the infinite ones, and the magnitudes at the buses
+    without a machine; equations P_i + j Q_i = V_i conj(sum_j Y_ij V_j) (Kundur 1994, 6.4). A series FACTS device is
+    the resistance of its transformer. Raises `InputError` if Newton's method does not converge.
     """
     names = bus_names(system, Topology())
     index = {name: i for i, name in enumerate(names)}
@@ -152,7 +152,7 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     kept = {index[source.bus] for source in held}
     free_angle = np.array([i for i in range(len(names)) if i not in turned], int)
     angle[free_angle] = _between(matrix, angle, free_angle)
-    with np.errstate(all="ignore"):  # where it diverges, the mismatch says so
+    with np.errstate(all="ignore"):  # the mismatch shows divergence
         voltage, residual = _newton(
             matrix,
             scheduled,
@@ -184,7 +184,7 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
 def _shared(
     held: Sequence[Machine | InfiniteBus], bus: str, net: complex, base_power: float
 ) -> list[tuple[str, complex]]:
-    """What the sources at a bus give: machines side by side their own P, the slack the rest, Q by their ratings."""
+    """Powers of the sources at a bus: parallel machines have their own P, the slack the rest; Q is by ratings."""
     here: list[Any] = [source for source in held if source.bus == bus]
     if len(here) == 1:
         return [(here[0].name, net)]
@@ -206,9 +206,9 @@ def _shared(
 def _between(
     matrix: NDArray[np.complex128], angle: NDArray[np.float64], free: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Angles to start from, rad: between those of the buses that are given, by the strength of the branches.
+    """Initial angles, rad: interpolated between the given angles, weighted by branch admittances.
 
-    A stray branch leads from each bus to angle zero, for those that hang on nothing that is given.
+    A fictitious branch to angle zero at each bus covers those without a connection to a given angle.
     """
     weight = magnitudes(matrix)
     np.fill_diagonal(weight, 0.0)
@@ -226,11 +226,11 @@ def _newton(
     free_angle: NDArray[np.int64],
     free_magnitude: NDArray[np.int64],
 ) -> tuple[NDArray[np.complex128], float]:
-    """Newton iterations in polar form from (magnitudes, angles); the voltages and the largest mismatch that remains."""
+    """Newton iterations in polar form from (magnitudes, angles); returns voltages and the largest final mismatch."""
     magnitude, angle = start
     voltage = polar(magnitude, angle)
     residual = float("inf")
-    enough = TOLERANCE / (1000 if len(angle) <= DENSE else 10)  # of many buses, round-off is more
+    enough = TOLERANCE / (1000 if len(angle) <= DENSE else 10)  # round-off grows with the number of buses
     for _ in range(MAX_ITERATIONS):
         current = product(matrix, voltage)
         drawn, drawn_by_magnitude = demand(magnitude)
@@ -258,7 +258,7 @@ def _jacobian(
     free_angle: NDArray[np.int64],
     free_magnitude: NDArray[np.int64],
 ) -> Any:
-    """The balances' derivatives by the free angles and magnitudes; sparse where the network is large."""
+    """Derivatives of the power balances by the free angles and magnitudes; sparse for a large network."""
     unit = over(voltage, magnitudes(voltage))
     own = times(np.conj(current), unit) + drawn_by_magnitude
     n, at = len(voltage), (np.arange(len(voltage)),) * 2

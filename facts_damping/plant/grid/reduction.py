@@ -1,4 +1,4 @@
-"""The network as the dynamics need it: reduced to machines, infinite buses, ports and stations (Kron)."""
+"""Kron reduction of the network to machines, infinite buses, ports and stations."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
 
 
-STRAY = 1e-9j  # p.u., stray susceptance of buses that hang on nothing with a path to ground
+STRAY = 1e-9j  # p.u., small susceptance at buses without a path to ground
 
 
 class Place(NamedTuple):
-    """Where a port is: in parallel at a bus (a machine's own, or a load's or device's), or a device in series."""
+    """Location of a port: in parallel at a bus (of a machine, load or device), or a series device."""
 
     bus: str = ""
     machine: str | None = None
@@ -44,11 +44,11 @@ class Place(NamedTuple):
 
 
 class ReducedNetwork(NamedTuple):
-    """A stage's network without its sources: index of each bus, all branches, voltages by unit inputs."""
+    """A stage's network without sources: index of each bus, all branches, voltages for unit inputs."""
 
     at: dict[str, int]
     present: list[Branch]
-    norton: NDArray[np.complex128]  # (machines,), admittances, 0 of those out of service
+    norton: NDArray[np.complex128]  # (machines,), admittances, 0 if out of service
     voltage: NDArray[np.complex128]  # (buses, inputs), p.u.
 
 
@@ -59,10 +59,10 @@ def reduce_network(
     topology: Topology,
     voltage: dict[str, float],
 ) -> NDArray[np.complex128]:
-    """Outputs of the network by unit inputs, shape (machines + ports + 2 stations, machines + infinite + ports), p.u.
+    """Outputs of the network for unit inputs, (machines + ports + 2 stations, machines + infinite + ports), p.u.
 
-    `norton` are the machines' admittances, `voltage` the solved magnitudes. Inputs and outputs: `model.Plant`.
-    Raises `InputError` where the network's equations are singular.
+    `norton`: admittances of the machines; `voltage`: magnitudes from the power flow. For inputs and outputs see
+    `model.Plant`. Raises `InputError` if the network equations are singular.
     """
     net = _solve(system, places, norton, topology, voltage)
     machine_rows = net.voltage[[net.at[m.bus] for m in system.machines]]
@@ -82,7 +82,7 @@ def _solve(
     topology: Topology,
     voltage: dict[str, float],
 ) -> ReducedNetwork:
-    """Voltages of all buses by unit inputs."""
+    """Voltages of all buses for unit inputs."""
     names = bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
     installed = {place.device.name: place.device for place in places if place.device}
@@ -126,7 +126,7 @@ def _solve(
 
 
 def floating(matrix: NDArray[np.complex128], fixed: set[int]) -> NDArray[np.bool_]:
-    """Which buses have no path to any shunt or bus of fixed voltage, so that their voltage is not given."""
+    """Buses without a path to a shunt or a bus of fixed voltage, whose voltage is therefore undefined."""
     label = parts(matrix != 0)
     shunt = np.abs(matrix.sum(axis=1)) > 1e-9 * np.abs(matrix).max(axis=1)  # rows of lossless parts sum to zero
     shunt[list(fixed)] = True
@@ -137,7 +137,7 @@ def floating(matrix: NDArray[np.complex128], fixed: set[int]) -> NDArray[np.bool
 def _series_current(
     system: System, net: ReducedNetwork, places: Sequence[Place], device: Series
 ) -> NDArray[np.complex128]:
-    """Row that gives the current through a device from its first bus to its second: (V1 - V2 - v) / (rs + j xs)."""
+    """Matrix row of the current through a device from its first to its second bus: (V1 - V2 - v) / (rs + j xs)."""
     first, second = device.ends
     row: NDArray[np.complex128] = net.voltage[net.at[first]] - net.voltage[net.at[second]]
     own = [place.device.name if place.device else None for place in places].index(device.name)
@@ -146,7 +146,7 @@ def _series_current(
 
 
 def _station_bus(system: System, station: Station) -> str:
-    """The bus a station stands at."""
+    """The bus of a station."""
     if station.bus is not None:
         return station.bus
     return next(m.bus for m in system.machines if m.name == station.machine)
@@ -155,7 +155,7 @@ def _station_bus(system: System, station: Station) -> str:
 def _station_current(
     system: System, station: Station, net: ReducedNetwork, places: Sequence[Place]
 ) -> NDArray[np.complex128]:
-    """Row that gives a station's current from the inputs: out of its machine, or out of its bus into its branches."""
+    """Matrix row of a station's current: out of its machine, or from its bus into its branches."""
     row = np.zeros(net.voltage.shape[1], np.complex128)
     if station.machine is not None:
         g = [m.name for m in system.machines].index(station.machine)
@@ -168,7 +168,7 @@ def _station_current(
     installed = {place.device.name: place.device for place in places if place.device}
     for branch in net.present:
         if branch.name not in station.branches or station.bus not in (branch.from_bus, branch.to_bus):
-            continue  # the far section of a line with a fault on it
+            continue  # the far section of a faulted line
         own = 0 if branch.from_bus == station.bus else 1
         if branch.name in installed:
             through = _series_current(system, net, places, installed[branch.name])

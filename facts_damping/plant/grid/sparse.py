@@ -1,12 +1,12 @@
-"""Linear equations of a network: dense ones of small systems, of large ones sparse.
+"""Linear network equations: dense for small systems, sparse for large ones.
 
-Both give the same bits on every processor (`matrices`). A network of N buses has some three branches a bus, so
-elimination in a good order takes about N steps instead of N^3: from some hundred buses on, that counts for more. The
-order is SuperLU's (T. A. Davis, J. R. Gilbert, S. I. Larimore, E. G. Ng, A Column Approximate Minimum Degree Ordering
-Algorithm, ACM Trans. Mathematical Software 30(3), 2004), which follows from where entries are and not from what they
-are; SuperLU's elimination goes through BLAS. Here it is column by column (J. R. Gilbert, T. Peierls, Sparse Partial
-Pivoting in Time Proportional to Arithmetic Operations, SIAM J. Sci. Stat. Comput. 9(5), 1988; T. A. Davis, Direct
-Methods for Sparse Linear Systems, 2006, 6.3).
+Both give the same bits on every processor (`matrices`). A network of N buses has about three branches per bus, so
+elimination in a good order takes about N steps instead of N^3, which pays off above some hundred buses. The order is
+SuperLU's (T. A. Davis, J. R. Gilbert, S. I. Larimore, E. G. Ng, A Column Approximate Minimum Degree Ordering Algorithm,
+ACM Trans. Mathematical Software 30(3), 2004), which depends only on the positions of entries. SuperLU's elimination
+uses BLAS, so elimination is done here, column by column (J. R. Gilbert, T. Peierls, Sparse Partial Pivoting in Time
+Proportional to Arithmetic Operations, SIAM J. Sci. Stat. Comput. 9(5), 1988; T. A. Davis, Direct Methods for Sparse
+Linear Systems, 2006, 6.3).
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from facts_damping.matrices import size_of_pivot, solve
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-DENSE = 400  # buses, up to which a network's equations are dense
+DENSE = 400  # largest number of buses with dense equations
 NONE = -1
-SINGULAR, FULL = -1, -2  # how an elimination ends before its end
+SINGULAR, FULL = -1, -2  # return codes of a failed elimination
 
 
 def _sparse() -> Any:
-    """SciPy's sparse matrices, of large systems alone: loading them takes longer than a run of a small one."""
+    """SciPy's sparse matrices, loaded only for large systems: loading takes longer than a run of a small one."""
     from scipy import sparse  # noqa: PLC0415
 
     return sparse
 
 
 class Entries(Struct):
-    """Entries of a matrix, column by column: where each begins, rows, values."""
+    """Entries of a matrix by columns: start of each column, rows, values."""
 
     begin: Int1
     row: Int1
@@ -43,18 +43,18 @@ class Entries(Struct):
 
 
 class ComplexEntries(Entries):
-    """Those of a complex matrix."""
+    """Entries of a complex matrix."""
 
     value: Complex1  # type: ignore[assignment]
 
 
 def as_needed(matrix: NDArray[Any], buses: int) -> Any:
-    """A matrix of a network of so many buses, sparse where that is large."""
+    """A matrix of a network, sparse if the network is large."""
     return matrix if buses <= DENSE else _sparse().csc_array(matrix)
 
 
 def filled(buses: int, at: tuple[NDArray[np.int64], NDArray[np.int64]], values: NDArray[Any]) -> Any:
-    """A square matrix of values at rows and columns, sparse where the network is large."""
+    """A square matrix with values at given rows and columns, sparse if the network is large."""
     if buses > DENSE:
         return _sparse().csc_array((values, at), (buses, buses))
     made = np.zeros((buses, buses), values.dtype)
@@ -63,14 +63,14 @@ def filled(buses: int, at: tuple[NDArray[np.int64], NDArray[np.int64]], values: 
 
 
 def joined(parts: list[list[Any]]) -> Any:
-    """Blocks of a matrix as one, dense or sparse as they are."""
+    """Assemble a block matrix, dense or sparse like its blocks."""
     if isinstance(parts[0][0], np.ndarray):
         return np.block(parts)
     return _sparse().block_array(parts, format="csc")
 
 
 def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
-    """The x of a x = b, for a vector or a matrix b, a dense or sparse. Raises `LinAlgError` where a is singular."""
+    """Solve a x = b for a vector or matrix b, a dense or sparse. Raises `LinAlgError` if a is singular."""
     if isinstance(a, np.ndarray):
         return solve(a, b)
     kind, n = np.result_type(a.dtype, b, float), a.shape[0]
@@ -100,9 +100,9 @@ def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
 
 
 def _order(a: Any) -> tuple[NDArray[np.int64], int]:
-    """The columns in the order of their elimination, and about how many entries its factors have.
+    """Elimination order of the columns, and the approximate number of entries in the factors.
 
-    SuperLU is given a matrix that has entries in the same places and is easily solved.
+    SuperLU gets a well-conditioned matrix with entries at the same positions.
     """
     from scipy.sparse.linalg import splu  # noqa: PLC0415 (of large systems alone)
 
@@ -117,9 +117,9 @@ def _order(a: Any) -> tuple[NDArray[np.int64], int]:
 
 @compiled
 def _reach(rows: NDArray[np.int64], lower: Entries, place: NDArray[np.int64], k: int, room: NDArray[np.int64]) -> int:
-    """Rows that a column has entries in after elimination so far, into room[0] from the index returned on.
+    """Rows with entries of a column after the elimination so far, into room[0] from the returned index on.
 
-    Depth first through the columns of `lower`, so that each stands before those that it changes.
+    Depth-first search through the columns of `lower`, so that each column precedes those that it changes.
     """
     found, stack, following, seen = room[0], room[1], room[2], room[3]
     begin, below = lower.begin, lower.row
@@ -161,9 +161,9 @@ def _eliminate(
     x: NDArray[Any],
     room: NDArray[np.int64],
 ) -> int:
-    """L and U of a matrix with its columns in an order, and the place of each row; SINGULAR, FULL or the columns.
+    """L and U of a matrix with ordered columns, and the place of each row; SINGULAR, FULL or the number of columns.
 
-    The first entry of a column of L, and the last one of U, is that of the pivot: the largest one.
+    The pivot, the largest entry, is the first entry of a column of L and the last of a column of U.
     """
     n = order.size
     of_lower = of_upper = 0
@@ -205,7 +205,7 @@ def _eliminate(
 
 @compiled
 def _substitute(lower: Entries, upper: Entries, x: NDArray[Any]) -> None:
-    """Solve L U x = b, b in x, which has a column for each b."""
+    """Solve L U x = b in place; x contains b, with a column for each right-hand side."""
     n = x.shape[0]
     for k in range(n):
         for p in range(lower.begin[k] + 1, lower.begin[k + 1]):

@@ -1,4 +1,4 @@
-"""Controls that are tables of blocks, made from their parameters: rows in the order of evaluation, and their start."""
+"""Block-diagram controls built from their parameters: rows in order of evaluation, and initial states."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ KINDS = {
     "source": SOURCE,
     "rectifier": RECTIFIER,
 }
-FEEDTHROUGH = {SUM, LEAD_LAG, WASHOUT, RATE, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER}  # an input acts at once
-TOLERANCE = 1e-10  # p.u., 1/s, of a control at rest
+FEEDTHROUGH = {SUM, LEAD_LAG, WASHOUT, RATE, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER}  # kinds with direct feedthrough
+TOLERANCE = 1e-10  # p.u., 1/s, residual of the steady state
 
 
 class Control(NamedTuple):
-    """A control as rows of BLOCK, the signals that they give in their order, and the names of its states."""
+    """A control as rows of BLOCK, the signals of the rows in their order, and the names of its states."""
 
     rows: NDArray[Any]
     gives: list[str]
@@ -65,9 +65,9 @@ class Control(NamedTuple):
 
 
 def control(data: Any) -> Control:
-    """The rows of a control with its parameters (`parameters.machines`); states count from 0.
+    """The rows of a control with its parameters (`parameters.machines`); state indices count from 0.
 
-    Raises `InputError` where blocks form a loop in which nothing has a state.
+    Raises `InputError` if blocks form an algebraic loop.
     """
     model = MODELS[data.model]
     own = _in_order([_plain(block, data) for block in _spread(model.blocks, data)], data)
@@ -93,7 +93,7 @@ def control(data: Any) -> Control:
 
 
 class _Plain(NamedTuple):
-    """A block with numbers in place of fields."""
+    """A block with numbers instead of parameter names."""
 
     name: str
     kind: int
@@ -107,14 +107,14 @@ class _Plain(NamedTuple):
 
 
 def _number(constant: Any, data: Any) -> float:
-    """A constant of a block: a number, a field, or what follows from fields."""
+    """A constant of a block: a number, a parameter, or a value derived from parameters."""
     if isinstance(constant, str):
         return float(getattr(data, constant))
     return float(constant(data) if callable(constant) else constant)
 
 
 def _plain(block: Block, data: Any) -> _Plain:
-    """Numbers as the kernel takes them; a block whose time constant is zero has no state."""
+    """The block in the kernel's numbers; a block with zero time constant has no state."""
     kind, c = KINDS[block.kind], [_number(one, data) for one in block.constants]
     p, states = (1.0, 0.0, 0.0, 0.0), 0
     if kind == LAG:
@@ -132,7 +132,7 @@ def _plain(block: Block, data: Any) -> _Plain:
         p, states = (c[0], c[1], c[2], c[3]), 1
     elif kind == SECOND_ORDER and c[3] > 0.0:
         p, states = (c[0], c[1], c[2], c[3]), 2
-    elif kind == SECOND_ORDER:  # of first order, or none
+    elif kind == SECOND_ORDER:  # first order, or no dynamics
         kind, states = LEAD_LAG, int(c[2] > 0.0)
         p = (1.0, c[0] / c[2] if c[2] > 0.0 else 0.0, c[2], 0.0)
     elif kind == SOURCE:
@@ -146,7 +146,7 @@ def _plain(block: Block, data: Any) -> _Plain:
 
 
 def _spread(blocks: Sequence[Block], data: Any) -> list[Block]:
-    """Ramp-tracking filters ((1 + s T8) / (1 + s T9)^M)^N as lead-lags and lags, one after the other."""
+    """Expand ramp-tracking filters ((1 + s T8) / (1 + s T9)^M)^N to lead-lags and lags in series."""
     made: list[Block] = []
     for block in blocks:
         if block.kind != "ramp_tracking":
@@ -165,7 +165,7 @@ def _spread(blocks: Sequence[Block], data: Any) -> list[Block]:
 
 
 def _inputs(text: str, data: Any) -> list[tuple[str, float]]:
-    """Signals with their weights: "Vref - K1 * VT"."""
+    """Signals and weights of an expression such as "Vref - K1 * VT"."""
     found = []
     for sign, factor, name in re.findall(r"([+-]?)\s*(?:(\w+)\s*\*\s*)?(\w+)", text):
         weight = 1.0
@@ -177,7 +177,7 @@ def _inputs(text: str, data: Any) -> list[tuple[str, float]]:
 
 
 def _in_order(blocks: Sequence[_Plain], data: Any) -> list[_Plain]:
-    """Blocks so that each one's output follows from what stands before it, and from states."""
+    """Blocks sorted so that each output depends only on earlier rows and on states."""
     done, left = list[_Plain](), list(blocks)
     known = {*SENSED, "input", "input_2"}
     while left:
@@ -194,25 +194,25 @@ def _in_order(blocks: Sequence[_Plain], data: Any) -> list[_Plain]:
 
 
 def _needs(block: _Plain, data: Any) -> set[str]:
-    """Signals that a block's output follows from at once."""
+    """Signals with direct feedthrough to a block's output."""
     limits = {block.low_of, block.high_of}
     at_once = block.kind in FEEDTHROUGH or not block.states
     return limits | {name for name, _ in _inputs(block.inputs, data)} if at_once else limits
 
 
 class LimitViolation(NamedTuple):
-    """A limit that does not admit the start: of which signal, its value, the limits; the field and what it would be."""
+    """A limit that excludes the initial state: the signal, its value, the limits; the parameter and a valid value."""
 
     control: Any
     name: str
     value: float  # p.u.
     low: float
     high: float
-    field: str | None  # none: the limit is no field of its own
-    wanted: float  # p.u., of the field
+    field: str | None  # None: the limit is no parameter
+    wanted: float  # p.u., valid value of the parameter
 
     def __str__(self) -> str:
-        """As an error says it."""
+        """Text for an error message."""
         c = self.control
         where = f"{MODELS[c.model].role}s: {c.machine}: {c.model}: {self.name}"
         limits = f"{self.low:.4g} to {self.high:.4g}"
@@ -220,7 +220,7 @@ class LimitViolation(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """A control at rest: its states, the reference that holds it there, and the limits that do not admit that."""
+    """Steady state of a control: its states, the reference, and the limits that exclude it."""
 
     states: NDArray[np.float64]
     reference: float
@@ -228,9 +228,9 @@ class Rest(NamedTuple):
 
 
 def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float | None, reference: str | None) -> Rest:
-    """States, and the value of the signal `reference`, with which a control gives `gives` and nothing moves.
+    """States and the value of the signal `reference` for which a control's output is `gives` at steady state.
 
-    By Newton's method without limits. Raises `InputError` where there is no such state.
+    It is solved by Newton's method without limits. Raises `InputError` if there is no steady state.
     """
     s = np.zeros(len(SENSED) + len(made.rows))
     for name, value in {"one": 1.0, **sensed}.items():
@@ -261,7 +261,7 @@ def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float 
 
 
 def _violations(made: Control, data: Any, s: NDArray[np.float64]) -> list[LimitViolation]:
-    """Limits beyond which the signals of a control lie that is at rest without them."""
+    """Limits violated by the signals of a control whose steady state was found without limits."""
     found, fields = list[LimitViolation](), {block.name: block for block in MODELS[data.model].blocks}
     for row, name, value in zip(made.rows, made.gives, s[len(SENSED) :], strict=True):
         low, high = row["low"] * s[row["low_of"]], row["high"] * s[row["high_of"]]

@@ -1,7 +1,7 @@
-"""Controls of machines that are tables of blocks; compiled.
+"""Block-diagram controls of machines; compiled.
 
-A control is a run of rows of BLOCK; a row gives one signal from others. Rows are ordered so that each one's inputs are
-known before it where its output depends on them at once (`block_controls` makes them).
+A control is a sequence of rows of BLOCK, each of which computes one signal from others. Rows are sorted so that direct
+feedthrough uses only signals computed before (`block_controls` makes them).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from facts_damping.elementary import magnitude
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# Signals of a machine that blocks take, p.u. of the rating; those that blocks give follow.
+# Input signals of blocks from a machine, p.u. of the rating; the blocks' own signals follow.
 SENSED = ("one", "none", "Vt", "omega", "Pe", "Pa", "Vref", "Pref", "Vs", "Ifd", "Vd", "Vq", "Id", "Iq")
 ONE, NONE, VT, OMEGA, PE, PA, VREF, PREF, VS, IFD, VD, VQ, ID, IQ = range(len(SENSED))
 
-ROLES = ("governor", "stabiliser", "exciter")  # in the order in which they act
+ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
 
 SUM, LAG, LEAD_LAG, WASHOUT, RATE, SERVO, FIELD, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER = range(11)
 MOST_INPUTS = 5
-NO_LIMIT = 1e30  # p.u.; a multiple of zero is still a number
+NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
 STATELESS = -1
 
 BLOCK = np.dtype(
@@ -33,21 +33,21 @@ BLOCK = np.dtype(
         ("kind", "i8"),
         ("state", "i8"),  # index of its (first) state in the plant's, or STATELESS
         ("inputs", "i8"),
-        ("source", "i8", (MOST_INPUTS,)),  # signals that go in
+        ("source", "i8", (MOST_INPUTS,)),  # input signals
         ("weight", "f8", (MOST_INPUTS,)),
         ("p", "f8", (4,)),
         ("low", "f8"),
         ("high", "f8"),
-        ("low_of", "i8"),  # signals that the limits are multiples of
+        ("low_of", "i8"),  # signals that multiply the limits
         ("high_of", "i8"),
     ]
 )
-# Of a machine: the rows of each control, and the signal that it gives; no rows: it has none of this sort.
+# Of a machine: the rows of each control, and its output signal; no rows: no control of this sort.
 CONTROLS = np.dtype(
     [
         *((f"{role}_{end}", "i8") for role in ROLES for end in ("first", "end", "gives")),
         ("Vref", "f8"),
-        ("power_offset", "f8"),  # p.u. of the rating, of the reference of the power beside the power asked for
+        ("power_offset", "f8"),  # p.u. of the rating, power reference minus the requested power
     ]
 )
 
@@ -84,11 +84,11 @@ def _rectified(voltage: float, current: float) -> float:
 def outputs(
     blocks: NDArray[Any], first: int, end: int, at: int, x: NDArray[np.float64], s: NDArray[np.float64]
 ) -> None:
-    """Write the signals that rows `first` to `end` give into `s`, from index `at` on; states `x`.
+    """Write the signals of rows `first` to `end` into `s`, from index `at` on, for states `x`.
 
     lag, servo, field: x within its limits; lead_lag: K (x + T1/T2 (u - x)); washout, rate: K (u - x), K/T (u - x);
     second_order: numerator over denominator in the companion form; product of two; source: |KP Vt + j (KI + KP XL) It|;
-    sum, and where a time constant is zero: K u.
+    sum, and blocks with zero time constant: K u.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -111,13 +111,13 @@ def outputs(
         elif b.kind == SECOND_ORDER:
             y = x[b.state] + b.p[0] * x[b.state + 1] + b.p[1] * _acceleration(b, u, x)
         else:
-            y = _limited(b, x[b.state], s)  # within a step the state may pass its limit
+            y = _limited(b, x[b.state], s)  # within a step the state may exceed its limit
         s[at + k - first] = y
 
 
 @compiled
 def _acceleration(b: Any, u: float, x: NDArray[np.float64]) -> float:
-    """Second derivative of a companion form, p[2] the first and p[3] the second coefficient of the denominator."""
+    """Second derivative in a companion form with denominator coefficients p[2] (first) and p[3] (second)."""
     return (u - x[b.state] - b.p[2] * x[b.state + 1]) / b.p[3]  # type: ignore[no-any-return]
 
 
@@ -125,10 +125,10 @@ def _acceleration(b: Any, u: float, x: NDArray[np.float64]) -> float:
 def derivatives(
     blocks: NDArray[Any], first: int, end: int, x: NDArray[np.float64], s: NDArray[np.float64], dx: NDArray[np.float64]
 ) -> None:
-    """Write the derivatives of the states of rows `first` to `end`, 1/s, at the signals that `outputs` has written.
+    """Write the derivatives of the states of rows `first` to `end`, 1/s, for the signals from `outputs`.
 
     lag: T dx = K u - x; lead_lag, washout, rate: T dx = u - x; servo: dx = clip((u - x) / T, rates); field:
-    TE dx = u - KE x - SE(x) x. States of lag and servo do not move beyond their limits.
+    TE dx = u - KE x - SE(x) x. States of lag and servo stop at their limits.
     """
     for k in range(first, end):
         b = blocks[k]

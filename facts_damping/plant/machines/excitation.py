@@ -1,4 +1,4 @@
-"""Excitation systems: constant field voltage, static exciter, IEEE DC1A; branches on a code."""
+"""Excitation systems: constant field voltage, static exciter, IEEE DC1A; the model is selected by a code."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ FIELDS = ("KA", "TR", "KF", "TF", "TB", "TC", "TA", "KE", "TE", "AEX", "BEX")
 EXCITER = np.dtype(
     [
         ("code", "i8"),
-        ("Vm", "i8"),  # indices of its states; ABSENT: no transducer, no rate feedback, no such model
+        ("Vm", "i8"),  # indices of its states; ABSENT: without transducer, without rate feedback, or another model
         ("xf", "i8"),
         ("xb", "i8"),  # of the transient gain reduction
         ("VR", "i8"),
         ("Efd", "i8"),
-        *((name, "f8") for name in (*FIELDS, "minimum", "maximum")),  # 0 where its model has no such field
-        ("Vref", "f8"),  # p.u., reference that keeps the start; field voltage itself where constant
+        *((name, "f8") for name in (*FIELDS, "minimum", "maximum")),  # 0 if the model has no such field
+        ("Vref", "f8"),  # p.u., reference at the initial state; the field voltage itself if constant
     ]
 )
 
 
 class ExciterStart(NamedTuple):
-    """An exciter at the start: row of EXCITER, names of its states, states."""
+    """An exciter in its initial state: row of EXCITER, names of its states, states."""
 
     row: NDArray[Any]
     names: list[str]
@@ -44,10 +44,10 @@ class ExciterStart(NamedTuple):
 
 
 def steady_state(exciter: Exciter | None, offset: int, voltage: float, field_voltage: float) -> ExciterStart:
-    """The row with the reference that holds the start at |V| and Efd (p.u.), and the states there.
+    """The row with the reference for the initial |V| and Efd (p.u.), and the initial states.
 
     static: xf = Efd, xb = Efd / KA, Vm = |V|, Vref = |V| + Efd / KA. dc: VR = (KE + SE) Efd,
-    xf = KF / TF Efd, Vref = |V| + VR / KA. Raises `InputError` where the limits do not admit that.
+    xf = KF / TF Efd, Vref = |V| + VR / KA. Raises `InputError` if the limits exclude them.
     """
     made = np.zeros((), EXCITER)
     for name in ("Vm", "xf", "xb", "VR", "Efd"):
@@ -88,8 +88,8 @@ def steady_state(exciter: Exciter | None, offset: int, voltage: float, field_vol
 def field_voltage(e: Any, x: NDArray[np.float64], voltage: float, stabiliser: float) -> float:
     """Field voltage of an exciter in state `x` at terminal voltage |V| and a stabiliser's output, p.u.
 
-    static, TA = TE = 0 (thesis 2.25-2.30): Efd = clip(KA (Vref + Vs - Vm + KF / TF xf) / (1 + KA KF / TF)). Where
-    (1 + s TC) / (1 + s TB) stands before KA (IEEE ST1A), KA acts on xb + TC / TB (error - xb).
+    static, TA = TE = 0 (thesis 2.25-2.30): Efd = clip(KA (Vref + Vs - Vm + KF / TF xf) / (1 + KA KF / TF)). With
+    (1 + s TC) / (1 + s TB) before KA (IEEE ST1A), KA acts on xb + TC / TB (error - xb).
     """
     if e.code == CONSTANT:
         return e.Vref  # type: ignore[no-any-return]
@@ -115,7 +115,7 @@ def derivatives(
 
     TR dVm = |V| - Vm; static: TF dxf = Efd - xf, TB dxb = Vref + Vs - Vm - KF / TF (Efd - xf) - xb;
     dc: TA dVR = KA (Vref + Vs - Vm - (KF / TF Efd - xf)) - VR, TF dxf = KF / TF Efd - xf,
-    TE dEfd = VR - (KE + AEX exp(BEX Efd)) Efd (thesis 2.24-2.30), VR within its limits, at which it does not wind up.
+    TE dEfd = VR - (KE + AEX exp(BEX Efd)) Efd (thesis 2.24-2.30), VR with non-windup limits.
     """
     if e.code == CONSTANT:
         return
@@ -141,5 +141,5 @@ def derivatives(
     if (regulator >= e.maximum and slope > 0.0) or (regulator <= e.minimum and slope < 0.0):
         slope = 0.0
     dx[e.VR] = slope
-    limited = min(max(regulator, e.minimum), e.maximum)  # within a step the state may pass its limit
+    limited = min(max(regulator, e.minimum), e.maximum)  # within a step the state may exceed its limit
     dx[e.Efd] = (limited - (e.KE + e.AEX * exp(e.BEX * efd)) * efd) / e.TE

@@ -28,9 +28,9 @@ def row(governor: Governor | None, offset: int) -> Any:
 
 
 def start(governor: Governor, power: float) -> NDArray[np.float64]:
-    """States at rest that give a mechanical power (p.u. of the rating): gate = flow = Pm / At + q_nl.
+    """Steady-state states for a mechanical power (p.u. of the rating): gate = flow = Pm / At + q_nl.
 
-    Raises `InputError` where the gate's limits do not admit it.
+    Raises `InputError` if the gate's limits exclude it.
     """
     gate = power / governor.At + governor.q_nl
     if not governor.gate_min <= gate <= governor.gate_max:
@@ -58,9 +58,8 @@ def power(t: Any, x: NDArray[np.float64], reference: float, omega: float) -> flo
 def derivatives(t: Any, x: NDArray[np.float64], reference: float, omega: float, dx: NDArray[np.float64]) -> None:
     """Write the derivatives of a governor's and turbine's states, 1/s, at a power reference (p.u. of the rating).
 
-    Filter: Tf de = n_ref - omega - R c - e with n_ref = R (Pref / At + q_nl). Wanted gate:
-    dc = clip((e + Tr de) / (r Tr)), which does not move c beyond its limits. Servo: Tg dg = c - g.
-    Flow: Tw dq = 1 - h.
+    Filter: Tf de = n_ref - omega - R c - e with n_ref = R (Pref / At + q_nl). Desired gate:
+    dc = clip((e + Tr de) / (r Tr)), c stops at its limits. Servo: Tg dg = c - g. Flow: Tw dq = 1 - h.
     """
     if t.offset < 0:
         return

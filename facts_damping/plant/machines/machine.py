@@ -1,12 +1,12 @@
-"""Synchronous machines: rotor circuits as data, the swing equation as code.
+"""Synchronous machines: rotor circuits as matrices, swing equation in code.
 
-All models are linear in the rotor circuits' states, the stator currents and the field voltage but for
-saturation, so a model is a row of matrices and the compiled step knows one equation:
+Except for saturation, all models are linear in the states of the rotor circuits, the stator currents and the field
+voltage. So a model is a row of matrices, and the compiled step has one equation:
 
     dz/dt = A z + B [Id, Iq, Efd] - S(|E''|) W [E''q, E''d],    [E''q, E''d] = C z + E0.
 
-E'' is the EMF behind the stator's reactances Xd'' and Xq'' (those of the circuits that the model has).
-Phasors turn with F = (Fd + j Fq) exp(j (delta - pi/2)). Powers and currents of the matrices are on the
+E'' is the EMF behind the stator's reactances Xd'' and Xq'' (transient ones if the model has no subtransient circuits).
+Phasors are F = (Fd + j Fq) exp(j (delta - pi/2)) in the network's frame. Powers and currents of the matrices are on the
 machine's own rating.
 """
 
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.machines import Machine
 
 SWING = ["delta", "omega"]
-ROOT_STEPS = 100  # of which a half or more halve
+ROOT_STEPS = 100  # largest number of iterations
 
 MACHINE = np.dtype(
     [
         ("offset", "i8"),  # index of delta; omega and the circuits follow
         ("circuits", "i8"),
-        ("column", "i8"),  # of the network's inputs, with the current that makes up for saliency; its own: none
+        ("column", "i8"),  # of the network's inputs, with the current of the transient saliency; its own column: none
         ("salient", "f8"),  # 1: there is such a current
         ("ratio", "f8"),  # rating over system base
         ("H", "f8"),  # s
         ("D", "f8"),  # p.u. of the rating
-        ("Ra", "f8"),  # p.u. of the rating, as the reactances of the stator
+        ("Ra", "f8"),  # p.u. of the rating, as the stator's reactances
         ("Xd", "f8"),
         ("Xq", "f8"),
         ("admittance", "c16"),  # 1 / (Ra + j Xd), p.u. of the system base
-        ("saliency", "f8", (2, 2)),  # current beyond that admittance from [Ed - Vd, Eq - Vq], p.u. of the system base
+        ("saliency", "f8", (2, 2)),  # current beside the admittance's from [Ed - Vd, Eq - Vq], p.u. of the system base
         ("E0", "c16"),  # constant part of Ed + j Eq, p.u.
         ("A", "f8", (4, 4)),
         ("B", "f8", (4, 3)),
@@ -67,11 +67,11 @@ class RotorCircuits(NamedTuple):
     W: NDArray[np.float64]
 
 
-# The functions below take a Machine that has what its model needs, so that none of it is None.
+# The functions below require a Machine with all data of its model, so that no value is None.
 
 
 def _circuits(m: Any, names: list[str]) -> RotorCircuits:
-    """Matrices with the terms that all models share: field, transient circuit of the q axis, saturation.
+    """Matrices with the terms common to all models: field, transient circuit of the q axis, saturation.
 
     T'd0 dE'q = Efd - E'q - (Xd - X'd) Id - S E''q      T'q0 dE'd = -E'd + (Xq - X'q) Iq - kq S E''d
     with kq = (Xq - Xl) / (Xd - Xl).
@@ -142,7 +142,7 @@ MODELS: dict[str, Callable[[Any], RotorCircuits]] = {
 
 
 def rotor_circuits(m: Machine) -> RotorCircuits:
-    """The circuits of a machine; a salient pole has none for E'd (as if X'q = Xq, where E'd stays at zero)."""
+    """The circuits of a machine; a salient-pole machine has none for E'd (equal to X'q = Xq, E'd = 0)."""
     if m.Xq1 is not None or m.model == "classical":
         return MODELS[m.model](m)
     names, A, B, C, W = MODELS[m.model](m.model_copy(update={"Xq1": m.Xq, "Tq01": 1.0}))
@@ -180,17 +180,17 @@ class MachineStart(NamedTuple):
 
 
 def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, current: complex) -> MachineStart:
-    """A machine's row, and the states that make all derivatives zero; `current` on the machine's rating.
+    """A machine's row and its steady-state states; `current` is on the machine's rating.
 
-    Without saturation the q axis lies along V + (Ra + j Xq) I (Kundur 1994, 3.6.5); with it, where the q-axis
-    circuits rest. Raises `InputError` where no such angle is found.
+    Without saturation the q axis is along V + (Ra + j Xq) I (Kundur 1994, 3.6.5); with saturation it is where the
+    q-axis circuits are in steady state. Raises `InputError` if no such angle is found.
     """
     c = rotor_circuits(m)
     row = _row(m, c, base_power, offset)
     xq = m.Xd1 if m.model == "classical" else m.Xq
     delta = phase(complex(voltage + times(complex(m.Ra, float(xq or 0.0)), current)))
     if row["saturation_B"] > 0:
-        low, high = delta - 0.5, delta + 0.5  # rad, far more than saturation turns the axis
+        low, high = delta - 0.5, delta + 0.5  # rad, far more than saturation shifts the axis
         ends = [_at(row, c, angle, voltage, current).mismatch for angle in (low, high)]
         if ends[0] * ends[1] > 0:
             raise InputError(f"machines: {m.name}: S10, S12: {m.S10:g}, {m.S12:g} given; allowed: a steady state")
@@ -200,7 +200,7 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
         row["E0"] = s.emf
         field_voltage, z = magnitude(s.emf), s.z
     else:
-        unit = -solve(c.A, c.B[:, 2])  # states that one p.u. of field voltage holds
+        unit = -solve(c.A, c.B[:, 2])  # steady states for one p.u. of field voltage
         field_voltage = float((s.emf.imag - product(c.C[0], s.z)) / product(c.C[0], unit))
         z = s.z + field_voltage * unit
     power = (
@@ -212,7 +212,7 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
 
 
 def _root(f: Callable[[float], float], low: float, high: float) -> float:
-    """Where f is zero between two points at which it has other signs, by regula falsi (Illinois) and halving."""
+    """Zero of f between two points with opposite signs, by regula falsi (Illinois) and bisection."""
     below, above, side = f(low), f(high), 0
     best = min((abs(below), low), (abs(above), high))
     for k in range(ROOT_STEPS):
@@ -233,7 +233,7 @@ def _root(f: Callable[[float], float], low: float, high: float) -> float:
 
 
 class _Trial(NamedTuple):
-    """A machine at a trial angle: EMF, current in the rotor's frame, circuits at rest without field, mismatch of Ed."""
+    """A machine at a trial angle: EMF, current in the rotor's frame, steady circuits without field, mismatch of Ed."""
 
     emf: complex
     current: complex
@@ -242,7 +242,7 @@ class _Trial(NamedTuple):
 
 
 def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, current: complex) -> _Trial:
-    """A machine at an angle: what its stator asks for, and what its circuits give."""
+    """A machine at a rotor angle: the EMF required by its stator, and that of its circuits."""
     v, i = (complex(one) for one in times([voltage, current], rect(1.0, math.pi / 2 - delta)))
     emf = complex(v + float(row["Ra"]) * i + complex(-row["Xq"] * i.imag, row["Xd"] * i.real))
     psi = magnitude(emf)
@@ -254,7 +254,7 @@ def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, cur
 
 
 def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArray[Any]:
-    """A row of MACHINE; `column` and `salient` are the caller's to fill in."""
+    """A row of MACHINE; the caller sets `column` and `salient`."""
     made = np.zeros((), MACHINE)
     n, ratio = len(c.names), m.rating / base_power
     d, q = stator_reactances(m)

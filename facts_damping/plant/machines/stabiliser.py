@@ -1,4 +1,4 @@
-"""Power system stabilisers: washout and two lead-lag sections at the speed (thesis 2.31-2.34); compiled."""
+"""Power system stabilisers: washout and two lead-lag sections with speed input (thesis 2.31-2.34); compiled."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STABILISER = np.dtype([("offset", "i8"), *((name, "f8") for name in FIELDS)])  #
 
 
 def row(stabiliser: Stabiliser | None, offset: int) -> Any:
-    """A row of STABILISER; at rest all states are zero."""
+    """A row of STABILISER; all states are zero in steady state."""
     if stabiliser is None:
         return (-1, *(1.0 for _ in FIELDS))
     return (offset, *(getattr(stabiliser, name) for name in FIELDS))
@@ -28,7 +28,7 @@ def row(stabiliser: Stabiliser | None, offset: int) -> Any:
 
 @compiled
 def output(s: Any, x: NDArray[np.float64], omega: float) -> float:
-    """Output of a stabiliser at a speed deviation, p.u.; zero without one.
+    """Output of a stabiliser at a speed deviation, p.u.; zero if absent.
 
     With the washout's state w and the lags' l1, l2: v1 = K omega - w; v2 = l1 + T1/T2 (v1 - l1);
     v3 = l2 + T3/T4 (v2 - l2), limited.

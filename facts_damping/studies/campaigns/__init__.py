@@ -1,1 +1,1 @@
-"""Fault campaigns: faults drawn, rules that must hold."""
+"""Fault campaigns: random faults, and invariants that must hold."""

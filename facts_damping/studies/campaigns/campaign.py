@@ -1,4 +1,4 @@
-"""A fault campaign carried out: each draw in process, with what must hold for it; any draw runs again by itself."""
+"""Execution of a fault campaign: simulate each draw and check its invariants; any draw can be repeated alone."""
 
 from __future__ import annotations
 
@@ -39,25 +39,25 @@ if TYPE_CHECKING:
     from facts_damping.terminal import Progress
 
 JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
-GRAPH_AFTER_S = 3.0  # a graph's fault begins at least so long before its end
+GRAPH_AFTER_S = 3.0  # s, shortest time from a graph's fault to its end
 UNCONTROLLED: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None}
 
 _uncontrolled: dict[str, Record] = {}
 
 
 class Plan(NamedTuple):
-    """A campaign that has been read, with the contents of its runs."""
+    """A campaign after reading, with the contents of its runs."""
 
     name: str
     text: str  # as YAML
     campaign: Campaign
-    contents: dict[str, tuple[dict[str, Any], str]]  # of the base runs: content of the run, and what it is from
-    set: dict[str, Any]  # of all runs
+    contents: dict[str, tuple[dict[str, Any], str]]  # of the base runs: content of the run, and its origin
+    set: dict[str, Any]  # in all runs
     fingerprint: str
 
 
 class Draw(NamedTuple):
-    """A draw: its number, the run's content, its source and what it changes, the fault, and what was chosen."""
+    """A draw: its number, the run's content, origin and changes, the fault, and the random choices."""
 
     number: int
     base_run: str
@@ -68,7 +68,7 @@ class Draw(NamedTuple):
 
 
 def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: int | None = None) -> Plan:
-    """Read a campaign by name or path, with `--set` applied to its runs. Raises `InputError`, also for first runs."""
+    """Read a campaign by name or path, with `--set` applied to its runs. Raises `InputError`, also for base runs."""
     path = find("campaigns", name)
     campaign = check(Campaign, read_table(path), str(path))
     asked = {"draws": draws, "graphs": graphs}
@@ -89,7 +89,7 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
 
 
 def _check(made: Plan, base_run: str) -> None:
-    """Raise `InputError` where a base run cannot be made with any of its choices beside the first of all others."""
+    """Raise `InputError` if a base run is impossible with any single choice, with the first of all other lists."""
     lists = made.campaign.base_runs[base_run].choose
     first = {name: next(iter(choices)) for name, choices in lists.items()}
     for chosen in [first, *(first | {name: label} for name, choices in lists.items() for label in choices)]:
@@ -107,14 +107,14 @@ def _case(made: Plan, base_run: str, changes: dict[str, Any]) -> Case:
 
 
 def _chosen(base_run: BaseRun, labels: dict[str, str]) -> dict[str, Any]:
-    """What labels set in a run, one of each list."""
+    """Fields that labels set in a run, one label of each list."""
     return {path: value for name, choices in base_run.choose.items() for path, value in choices[labels[name]].items()}
 
 
 def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
-    """How often each fault is drawn.
+    """Probability weight of each fault.
 
-    For `real` graphs those that are done to nodes as often as all others together; some are drawn for graphs alone.
+    For `real` graphs, faults applied to nodes are as likely as all others together; some apply to graphs only.
     """
     given = campaign.faults or {name: 1.0 for name in FAULTS if name != NOTHING}
     found = {name: weight for name, weight in given.items() if real or name not in ONLY_REAL}
@@ -129,7 +129,7 @@ def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
 
 
 def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
-    """A draw of a campaign by its number; the same whenever it is asked for."""
+    """A draw of a campaign by its number; always the same for the same number."""
     campaign = made.campaign
     random = np.random.default_rng((campaign.seed, number))
     base_run = list(campaign.base_runs)[int(random.integers(len(campaign.base_runs)))]
@@ -153,14 +153,14 @@ def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
 
 
 def healthy(made: Plan, drawn: Draw) -> Draw:
-    """A draw without its fault: that is done to the nodes of a graph."""
+    """A draw without its fault, which is applied to the nodes of a graph instead."""
     drawn_too: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
     chosen = _chosen(made.campaign.base_runs[drawn.base_run], drawn.chosen)
     return drawn._replace(changes={**made.set, **chosen, **drawn_too})
 
 
 def case_of(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:
-    """The case of a draw, perhaps with changes on top."""
+    """The case of a draw, with optional further changes."""
     return _case(made, drawn.base_run, {**drawn.changes, **(more or {})})
 
 
@@ -172,7 +172,7 @@ def run_file(made: Plan, drawn: Draw) -> str:
 
 
 def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
-    """Key and row of a draw; one that fails is a row too, with the reason in `error`."""
+    """Key and row of a draw; a failed draw has a row too, with the reason in `error`."""
     row: dict[str, Any] = {"number": number, "error": None}
     try:
         drawn = draw(made, number)
@@ -193,7 +193,7 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
 
 
 def without_supervision(record: Record, reference: Record) -> dict[str, Any]:
-    """Figures of a draw without supervision, beside no control; whether it is damped, and not worse for control."""
+    """Figures of a draw without supervision relative to no control: whether it is damped, and not worse."""
     told = invariants.beside(record, reference)
     found = {f"unsupervised_{name}": told[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
     better = told["ratio"] is None or told["ratio"] <= 1.0
@@ -201,7 +201,7 @@ def without_supervision(record: Record, reference: Record) -> dict[str, Any]:
 
 
 def identity(drawn: Draw) -> dict[str, Any]:
-    """What tells draws apart."""
+    """Columns that identify a draw."""
     own = FAULTS[drawn.fault]
     found = {
         "base_run": drawn.base_run,
@@ -214,9 +214,9 @@ def identity(drawn: Draw) -> dict[str, Any]:
 
 
 def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int = 0) -> dict[str, Any]:
-    """What a supervisor did in a run, whether all holds that must, and the figures beside no control.
+    """Actions of the supervisor, invariants, and figures relative to no control.
 
-    `late`: ticks that setpoints may have acted too late (`invariants.late_ticks`).
+    `late`: largest number of ticks by which setpoints acted too late (`invariants.late_ticks`).
     """
     row = invariants.doings(record, drawn.start) | invariants.beside(record, reference)
     row["released"] = bool(record.devices["released"].any())
@@ -224,7 +224,7 @@ def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int
 
 
 def uncontrolled(made: Plan, drawn: Draw) -> Record:
-    """The same without control: the plant and its events count, no measurement, link or controller."""
+    """The same run without control: only the plant and its events matter."""
     plain = {path: value for path, value in drawn.changes.items() if _of_plant(path)}
     key = json.dumps([drawn.base_run, plain], default=str, sort_keys=True)
     changes = {"link": "ideal", "measurement": "ideal", **plain, **UNCONTROLLED}
@@ -232,15 +232,15 @@ def uncontrolled(made: Plan, drawn: Draw) -> Record:
 
 
 def _of_plant(path: str) -> bool:
-    """Whether a field of a run counts where nothing controls; the seed does for the noise of loads alone."""
+    """Whether a field of a run matters without control; the seed does only through the noise of loads."""
     return path.partition(".")[0] in ("system", "scenario", "devices", "duration", "frame_rate", "load_noise")
 
 
 def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:
-    """The rows of all draws; only those that the folder does not hold yet are made.
+    """The rows of all draws; only those missing in the folder are made.
 
-    Draws for which something does not hold are written as run files. Raises `InputError` where the folder is another
-    campaign's, `RunError` where the draws cannot go on.
+    Draws that violate an invariant are written as run files. Raises `InputError` if the folder belongs to another
+    campaign, `RunError` if the draws cannot continue.
     """
     campaign = made.campaign
     with workers(jobs, scheduler) as each, Journal(new_folder(folder) / JOURNAL, made.fingerprint) as journal:
@@ -260,5 +260,5 @@ def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Pr
 
 
 def holds(row: dict[str, Any], names: Sequence[str] = invariants.INVARIANTS) -> bool:
-    """Whether all holds for a draw that must; what does not apply to it is None."""
+    """Whether all applicable invariants hold for a draw (None: not applicable)."""
     return row["error"] is None and all(row.get(name) is not False for name in names)

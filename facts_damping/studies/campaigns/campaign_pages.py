@@ -1,4 +1,4 @@
-"""What came out of a fault campaign, as tables: what holds, what a supervisor did, what the grid saw, what it costs."""
+"""Tables of a fault campaign: invariants, actions of the supervisor, effects on the grid, cost of supervision."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ WORDS = {
     "nothing_forged_acts": "no forged message has an effect",
 }
 CYCLING, FREQUENT = "limit cycle at the control rate", MONITORS["reversals"].limit
-LISTED = 4  # places that are named where something does not hold
+LISTED = 4  # number of places listed for a violated invariant
 
 
 def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> list[str]:
-    """What must hold: of how many draws it does, and of which faults, systems and scenarios it does not."""
+    """Invariants: number of draws in which each holds; faults, systems and scenarios in which it does not."""
     lines = []
     for name in names:
         asked = [row for row in rows if row.get(name) is not None]
@@ -50,7 +50,7 @@ def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> list[str]:
 
 
 def fault_table(rows: Rows) -> list[str]:
-    """By fault: of armed draws how many fell back and tripped, how soon, and why most of them."""
+    """By fault: armed draws, how many fell back and tripped, how soon, and the most frequent cause."""
     lines = []
     for fault in FAULTS:
         own = [row for row in rows if row["fault"] == fault and row["armed_s"] is not None and not row["early"]]
@@ -64,7 +64,7 @@ def fault_table(rows: Rows) -> list[str]:
 
 
 def grid_table(rows: Rows) -> list[str]:
-    """What the grid saw of faults that make control wrong: supervised, and not."""
+    """Effects on the grid of faults that make control wrong, with and without supervision."""
     lines = []
     groups: dict[str, Callable[[dict[str, Any]], bool]] = {
         fault: (lambda row, fault=fault: row["fault"] == fault)  # type: ignore[misc]
@@ -86,7 +86,7 @@ def grid_table(rows: Rows) -> list[str]:
 
 
 def place_table(rows: Rows) -> list[str]:
-    """By system and scenario: how often ITAE is above that without control, and before or without any fault."""
+    """By system and scenario: how often ITAE exceeds that without control, and how often before or without a fault."""
     lines = []
     for place in sorted({(row["base_run"], row.get("scenario", "")) for row in rows}):
         own = [row for row in rows if (row["base_run"], row.get("scenario", "")) == place]
@@ -108,7 +108,7 @@ def place_table(rows: Rows) -> list[str]:
 
 
 def cost_table(rows: Rows) -> list[str]:
-    """What supervision costs where nothing fails: false trips, and damping."""
+    """Cost of supervision without faults: false trips, and loss of damping."""
     healthy = [row for row in rows if row["fault"] == NOTHING]
     sound = [row for row in healthy if row.get("sound")]
     false = [row for row in sound if row["tripped_s"] is not None or row["fallback_s"] is not None]
@@ -127,7 +127,7 @@ def cost_table(rows: Rows) -> list[str]:
 
 
 def controller_table(rows: Rows) -> list[str]:
-    """By controller: how often it was armed, tripped where nothing failed, and did harm."""
+    """By controller: how often it was armed, tripped without a fault, and did harm."""
     lines = []
     for name in dict.fromkeys((row["controller"], row["scheme"]) for row in rows):
         own = [row for row in rows if (row["controller"], row["scheme"]) == name]
@@ -178,7 +178,7 @@ GENERIC = """# {name}
 
 
 def page(made: Plan, rows: Rows, graphs: Rows, command: str) -> str:
-    """The page of a campaign: the text that lies beside its file, or a plain one, with the tables in their places."""
+    """The page of a campaign: the text beside its file, or a default one, with the tables inserted."""
     own = share_folder() / "config" / "campaigns" / f"{made.name}.md"
     plain = GENERIC.format(name=made.name, description=made.campaign.description)
     text = own.read_text(encoding="utf-8") if own.is_file() else plain
@@ -189,12 +189,12 @@ def page(made: Plan, rows: Rows, graphs: Rows, command: str) -> str:
 
 
 def holds(row: dict[str, Any]) -> bool:
-    """Whether all holds for a draw, or a graph, that must."""
+    """Whether all invariants hold for a draw or a graph."""
     return study.holds(row, tuple(WORDS))
 
 
 def overview(rows: Rows, graphs: Rows) -> list[str]:
-    """What is told on a terminal."""
+    """Summary for a terminal."""
     found = sections(rows, graphs)
     shown = [counts(rows), *found["invariants"], "", *found["cost"]]
     return shown + (["", f"{len(graphs)} graphs", *found["graphs"]] if graphs else [])
@@ -219,7 +219,7 @@ def sections(rows: Rows, graphs: Rows) -> dict[str, list[str]]:
 
 
 def counts(rows: Rows) -> str:
-    """How many cases there were, in words."""
+    """The numbers of cases as a sentence."""
     errors = sum(row["error"] is not None for row in rows)
     kinds = len({row["fault"] for row in rows if row["error"] is None} - {NOTHING})
     told = {0: "without a fault", 1: "with one fault"}.get(kinds, f"with {kinds} faults")

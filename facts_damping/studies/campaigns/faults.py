@@ -1,4 +1,4 @@
-"""What may fail in a deployment, a row each: what it changes in a run, drawn at random."""
+"""Table of possible faults in a deployment: what each changes in a run, with random parameters."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
 
-UNITS = {"frequency": 60.0, "active_power": 50.0}  # what counts as much as 1 p.u. of speed: Hz, p.u. of power
+UNITS = {"frequency": 60.0, "active_power": 50.0}  # equivalent of 1 p.u. of speed: Hz, p.u. of power
 
 
 @dataclass(frozen=True)
 class Chance:
-    """A draw under way: random numbers, when the fault begins, how long it lasts (None: to the end), of which run."""
+    """Random numbers for a draw, start and duration of the fault (None: to the end), and the base run."""
 
     random: np.random.Generator
     start: float  # s
@@ -25,46 +25,46 @@ class Chance:
     case: Case
 
     def between(self, low: float, high: float) -> float:
-        """A number, by powers of ten."""
+        """A log-uniform random number."""
         return round(float(low * (high / low) ** self.random.random()), 9)
 
     def one_of(self, choices: Sequence[Any]) -> Any:
-        """One of several, each as likely as the others."""
+        """One of several choices with equal probability."""
         return choices[int(self.random.integers(len(choices)))]
 
     @property
     def span(self) -> dict[str, Any]:
-        """When, as stages, bad data and faults have it."""
+        """Start and duration in the form used by stages, bad data and faults."""
         return {"start": self.start, "duration": self.duration}
 
     @property
     def channel(self) -> str:
-        """What the controller's first signal is made of."""
+        """Channel of the controller's first signal."""
         return self.case.system.signals[self.case.controllers[0].signals[0]].channel
 
     @property
     def limit(self) -> float:
-        """Of the controller's first device, p.u."""
+        """Limit of the controller's first device, p.u."""
         return float(self.case.system.device(self.case.controllers[0].devices[0]).setpoint_max)
 
     def station(self) -> str:
-        """One of the stations that the controller's signals are made of."""
+        """One of the stations used by the controller's signals."""
         signals = [self.case.system.signals[name] for name in self.case.controllers[0].signals]
         return str(self.one_of(sorted({name for signal in signals for name in signal.weights})))
 
 
 Change = dict[str, Any]  # path in the run: value
-Drawn = Any  # a value, or what draws it of a `Chance`
+Drawn = Any  # a value, or a function that draws it from a `Chance`
 
 
 class Fault(NamedTuple):
-    """A row: of what, whether control itself is wrong while it lasts, what happens, how it is drawn."""
+    """A fault: its group, whether control is wrong while it lasts, its description, its random changes."""
 
     group: str  # path, station, controller, supervisor or none
     wrong: bool
     description: str
     draw: Callable[[Chance], Change]
-    real: str = ""  # how it is done to a real graph, in the place of what is drawn (nodes/launching/fault_injection.py)
+    real: str = ""  # method for real graphs, instead of the random changes (nodes/launching/fault_injection.py)
 
 
 def _between(low: float, high: float) -> Callable[[Chance], float]:
@@ -72,12 +72,12 @@ def _between(low: float, high: float) -> Callable[[Chance], float]:
 
 
 def _either(low: float, high: float) -> Callable[[Chance], float]:
-    """Of either sign."""
+    """A random size with a random sign."""
     return lambda chance: float(chance.one_of((-1.0, 1.0))) * chance.between(low, high)
 
 
 def _of_channel(size: Callable[[Chance], float]) -> Callable[[Chance], float]:
-    """In the unit of what the controller's signal is made of; `size`: p.u. of speed."""
+    """A random size in the unit of the controller's signal; `size`: p.u. of speed."""
     return lambda chance: size(chance) * UNITS.get(chance.channel, 1.0)
 
 
@@ -86,7 +86,7 @@ def _of_limit(size: Callable[[Chance], float]) -> Callable[[Chance], float]:
 
 
 def _before(chance: Chance) -> float:
-    """A window of 1 to 2 s that has been by then."""
+    """A window of 1 to 2 s, s, at most the time before the fault."""
     return round(min(chance.between(1.0, 2.0), chance.start), 9)
 
 
@@ -103,7 +103,7 @@ def _made(fields: dict[str, Drawn], chance: Chance) -> dict[str, Any]:
 
 
 def _path(way: str, *stages: dict[str, Drawn]) -> Callable[[Chance], Change]:
-    """Stages more at the end of a link's way, or of both."""
+    """Append stages to one way of a link, or to both."""
 
     def draw(chance: Chance) -> Change:
         link = chance.case.link.model_dump()
@@ -115,7 +115,7 @@ def _path(way: str, *stages: dict[str, Drawn]) -> Callable[[Chance], Change]:
 
 
 def _one_path(way: str, *stages: dict[str, Drawn]) -> Callable[[Chance], Change]:
-    """One of several stages."""
+    """Append one of several stages."""
     return lambda chance: _path(way, chance.one_of(stages))(chance)
 
 
@@ -144,7 +144,7 @@ _CUT = {"model": "bernoulli", "loss": 1.0}
 _FLIP = {"model": "flip", "probability": _between(0.001, 0.2)}
 _ONE = {"measurement": _channel, "channels": _station}
 
-NOTHING = "none"  # the fault that is none
+NOTHING = "none"  # name of the case without a fault
 
 FAULTS = {
     NOTHING: Fault("none", False, "nothing fails", _nothing),
@@ -187,7 +187,7 @@ FAULTS = {
                       _one_path("down", {"model": "scale", "factor": -1.0}, {"model": "freeze"},
                                 {"model": "bias", "bias": _of_limit(_either(0.05, 1.0))},
                                 {"model": "noise", "std": _of_limit(_between(0.05, 0.5))})),
-    # At a station.
+    # At a station:
     "stuck": Fault("station", True, "a station repeats its values", _bad_data(kind="stuck")),
     "spikes": Fault("station", True, "a station's values are half as large again, one in twenty",
                     _bad_data(kind="spike", probability=0.05)),
@@ -198,7 +198,7 @@ FAULTS = {
                          _clock(lost=lambda chance: chance.start, drift=_either(1e-5, 1e-3))),
     "clock_offset": Fault("station", True, "a station's clock is wrong by 10 us to 0.5 s from the beginning",
                           _clock(offset=_either(1e-5, 0.5))),
-    # In the controller, and in the supervisor.
+    # In the controller and the supervisor:
     "wrong_sign": Fault("controller", True, "its setpoints turned round", _controller(kind="wrong_sign")),
     "gain": Fault("controller", True, "its setpoints times 2 to 50",
                   _controller(kind="gain", size=_between(2.0, 50.0))),
@@ -213,7 +213,7 @@ FAULTS = {
     "supervisor_hung": Fault("supervisor", False, "it hangs for a while", _supervisor("hung"), "stop supervisor"),
     "supervisor_dead": Fault("supervisor", False, "it dies, and is started again", _supervisor("dead"),
                              "kill supervisor"),
-    # By somebody else in the ROS domain: refused before all that is simulated, so only done to real graphs.
+    # From another participant in the ROS domain: refused before the simulated part, so only applied to real graphs.
     "forged": Fault("path", False, "somebody else says what would act", _nothing, "forge"),
     "forged_with_key": Fault("path", False, "the same, signed with the graph's key", _nothing, "forge signed"),
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""What must hold for every draw of a fault campaign, and what a supervisor did, from the records."""
+"""Invariants that must hold for every draw of a fault campaign, and the actions of a supervisor, from the records."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
-TOLERANCE = 1e-9  # p.u., of a reference that is zero, or at its limit
-SETTLED_S = 1.0  # after a trip's ramp: what is under way has arrived, and the device has followed
-HARM = 1.05  # ITAE beside that of no control
+TOLERANCE = 1e-9  # p.u., for a reference at zero or at its limit
+SETTLED_S = 1.0  # after the ramp of a trip: pending setpoints have arrived, and the device has followed
+HARM = 1.05  # ITAE relative to no control
 
 
 def limits(case: Case, record: Record, _late: int = 0) -> bool:
-    """What is said stays within the device's limit and the authority, what the device does within limit and rate."""
+    """Setpoints stay within the device's limit and the authority, references within limit and rate."""
     share = case.supervision.authority.share if case.supervision else 1.0
     for d, name in enumerate(case.run.devices):
         device = case.system.device(name)
@@ -43,16 +43,16 @@ def limits(case: Case, record: Record, _late: int = 0) -> bool:
 
 
 def late_ticks(record: Record, deadline_misses: int) -> int:
-    """How many ticks a setpoint may have acted after its `effective`, at most, in a graph that ran in real time.
+    """Upper bound of the ticks by which a setpoint acted after its `effective` time, in a graph in real time.
 
-    A tick in which what a link says is not there is a deadline miss; those after a link's end make nothing late.
+    A tick without the link's output is a deadline miss; misses after the last delivery delay nothing.
     """
     answered = int(record.delivered["tick"].max(initial=0))
     return max(0, deadline_misses - (int(record.ticks[-1]) - answered))
 
 
 def lets_go(case: Case, record: Record, late: int = 0) -> bool:
-    """The device is at zero within the time-out and the ramp after the last setpoint that it accepted."""
+    """The reference is zero within the time-out and the ramp after the last accepted setpoint."""
     watchdog = case.run.watchdog
     if watchdog is None:
         return True
@@ -70,7 +70,7 @@ def lets_go(case: Case, record: Record, late: int = 0) -> bool:
 
 
 def _accepted(record: Record, d: int, setpoint_max: float, max_age: float) -> NDArray[np.int64]:
-    """Times at which the watchdog of a device may have accepted a setpoint, ns: `plant.watchdog` in other words."""
+    """Times at which a device's watchdog may have accepted a setpoint, ns; an independent form of `plant.watchdog`."""
     rows = record.applied[record.applied["device"] == d]
     age = (rows["effective_ns"] - rows["measured_ns"]) / NANOSECONDS
     frame = 1.0 / record.frame_rate
@@ -79,19 +79,19 @@ def _accepted(record: Record, d: int, setpoint_max: float, max_age: float) -> ND
 
 
 def _first_trips(record: Record) -> dict[int, int]:
-    """By supervised controller that was tripped: the tick from which it is."""
+    """First tick of the trip of each supervised controller that was tripped."""
     tripped = record.supervision[record.supervision["state"] == TRIPPED]
     controllers, first = np.unique(tripped["controller"], return_index=True)
     return dict(zip(controllers.tolist(), tripped["tick"][first].tolist(), strict=True))
 
 
 def _ramp(case: Case) -> float:
-    """How long a trip takes, s."""
+    """Duration of the ramp of a trip, s."""
     return case.supervision.arming.trip_ramp if case.supervision else 0.0
 
 
 def zero_after_trip(case: Case, record: Record, _late: int = 0) -> bool:
-    """Once tripped, and its ramp over, a supervisor says zero to the end of the run, also if it has begun again."""
+    """After a trip and its ramp, the supervisor sends zero until the end of the run, even after a restart."""
     told, said = record.supervision, record.supervised
     for c, tick in _first_trips(record).items():
         after = (tick / record.frame_rate + _ramp(case)) * NANOSECONDS + 2 * NANOSECONDS / record.frame_rate
@@ -103,7 +103,7 @@ def zero_after_trip(case: Case, record: Record, _late: int = 0) -> bool:
 
 
 def device_at_zero(case: Case, record: Record, late: int = 0) -> bool:
-    """Once tripped the device itself is at zero, when what was under way has arrived."""
+    """After a trip, and after pending setpoints have arrived, the device's reference is zero."""
     for c, tick in _first_trips(record).items():
         after = record.time_s > (tick + late) / record.frame_rate + _ramp(case) + SETTLED_S
         for name in case.controllers[c].devices:
@@ -113,16 +113,16 @@ def device_at_zero(case: Case, record: Record, late: int = 0) -> bool:
 
 
 def causes(_case: Case, record: Record, _late: int = 0) -> bool:
-    """Every trip has its cause recorded."""
+    """Every trip has a recorded cause."""
     return bool(np.all(record.supervision["cause"][record.supervision["state"] == TRIPPED] >= 0))
 
 
 def alone(case: Case, record: Record, late: int = 0) -> dict[str, bool]:
-    """What a record by itself must show, by column; `late`: ticks that setpoints may have acted too late."""
+    """Invariants of a single record by column; `late`: ticks by which setpoints may have acted too late."""
     return {name: holds(case, record, late) for name, holds in ALONE.items()}
 
 
-# By column of the table: what each record by itself must show.
+# Invariants of a single record, by column of the table.
 ALONE: dict[str, Callable[[Case, Record, int], bool]] = {
     "within_limits": limits,
     "lets_go": lets_go,
@@ -130,25 +130,25 @@ ALONE: dict[str, Callable[[Case, Record, int], bool]] = {
     "device_at_zero": device_at_zero,
     "cause_recorded": causes,
 }
-BESIDE = ("keeps_synchronism", "does_no_harm")  # beside a run without control
+BESIDE = ("keeps_synchronism", "does_no_harm")  # relative to a run without control
 INVARIANTS = (*ALONE, *BESIDE)
 
 
 def itae(record: Record) -> float | None:
-    """ITAE of a run in synchronism to its end, p.u. s^2."""
+    """ITAE of a run, p.u. s^2; None if it loses synchronism."""
     if is_stable(record) is not True:
         return None
     return performance_indices(record.time_s, columns(speed_differences(record)))["ITAE"]
 
 
 def lost_s(record: Record) -> float | None:
-    """When synchronism was lost, s."""
+    """Time of the loss of synchronism, s; or None."""
     lost = np.flatnonzero(~record.in_synchronism)
     return float(record.time_s[lost[0]]) if len(lost) else None
 
 
 def beside(record: Record, uncontrolled: Record) -> dict[str, Any]:
-    """Figures of a run beside the same without control; a ratio is there where both stay in synchronism."""
+    """Figures of a run relative to the same without control; a ratio exists if both stay in synchronism."""
     own, none = itae(record), itae(uncontrolled)
     ratio = own / none if own is not None and none else None
     lost, none_lost = lost_s(record), lost_s(uncontrolled)
@@ -164,9 +164,9 @@ def beside(record: Record, uncontrolled: Record) -> dict[str, Any]:
 
 
 def doings(record: Record, start_s: float) -> dict[str, Any]:
-    """What a supervisor did: when it was armed, tripped and fell back, why; how long after a fault's start."""
+    """Actions of a supervisor: when it was armed, tripped and fell back, why, and how long after a fault's start."""
     own = record.supervision[record.supervision["controller"] == 0]
-    time_s = (own["tick"] + 1) / record.frame_rate  # a verdict is there at a tick's end
+    time_s = (own["tick"] + 1) / record.frame_rate  # a verdict is available at the end of a tick
     first = {state: _first(own["state"] == state, time_s) for state in (ARMED, FALLBACK, TRIPPED)}
     tripped = own[own["state"] == TRIPPED]
     left = [t for t in (first[FALLBACK], first[TRIPPED]) if t is not None]

@@ -1,7 +1,7 @@
-"""A damping controller for a system that has none: which mode, where the device, which signal, which lead-lag.
+"""Design a damping controller for a system without one: the mode, the device's place, the signal and the lead-lag.
 
-The residues of all places and signals (`small_signal.places`) rank them for each mode; among the best for one mode a
-pair is passed over that moves another mode to the right. The lead-lag is for a damping ratio and a delay (`lead_lag`).
+The residues of all places and signals (`small_signal.places`) rank the pairs for each mode. A pair is skipped if it
+moves another mode to the right. The lead-lag is tuned for a damping ratio and a delay (`lead_lag`).
 """
 
 from __future__ import annotations
@@ -30,60 +30,60 @@ if TYPE_CHECKING:
 
     Tell = Callable[[str, str], Callable[[int, int], None]]  # what is done, in what: shows progress
 
-BAND_HZ = (0.1, 2.0)  # swings of machines against each other
-NEARBY = 0.1  # of a frequency: a mode that was asked for lies so near
-MODES, PLACES, SIGNALS, PAIRS = 4, 5, 5, 8  # shown, and looked at for the pair, of each mode
-CONFLICT = 0.25  # of what the mode gains in damping ratio: so much another one may lose at most
+BAND_HZ = (0.1, 2.0)  # band of electromechanical swing modes
+NEARBY = 0.1  # relative frequency error within which a mode matches the requested one
+MODES, PLACES, SIGNALS, PAIRS = 4, 5, 5, 8  # numbers shown per mode, and numbers of candidates for a pair
+CONFLICT = 0.25  # largest loss of another mode's damping ratio, relative to the gain of the target mode's
 FRAME_RATE = 60
-LONGEST_S = 1.0  # delay up to which the margin is looked for
+LONGEST_S = 1.0  # longest delay in the search for the margin
 
 
 class Task(NamedTuple):
-    """What is asked for."""
+    """Specification of a design."""
 
     system: str
     sets: list[str]
     damping: float  # wanted damping ratio
     delay: float  # s, from measurement to device
-    mode_hz: float | None = None  # of the mode; none: the least damped interarea mode, or of all
-    place: str | None = None  # a line, a bus, or a device of the system; none: the best
-    signal: str | None = None  # none: the best difference of speeds
+    mode_hz: float | None = None  # of the mode; None: the least damped interarea mode, if any, or of all modes
+    place: str | None = None  # a line, a bus, or a device of the system; None: the best
+    signal: str | None = None  # None: the best difference of speeds
 
 
 class Pair(NamedTuple):
-    """A device at a place, and a signal, for the mode that is to be damped."""
+    """A device at a place and a signal, as a candidate for damping the target mode."""
 
     tried: int  # index of the place
     signal: str
     residue: complex  # 1/s
     law: lead_lag.LeadLag
-    others: list[float]  # by mode: change of its damping ratio for one of the mode's own; NaN: it is not found again
+    others: list[float]  # by mode: change of its damping ratio over the target's; NaN: the mode is not found again
 
     def conflicts(self) -> bool:
-        """Whether another mode loses too much."""
+        """Whether another mode loses more damping than `CONFLICT` allows."""
         return any(value < -CONFLICT for value in self.others)
 
 
 class Design(NamedTuple):
-    """What was found."""
+    """Result of a design."""
 
     task: Task
-    system: System  # with all signals that were looked at
-    modes: list[Eigenmode]  # those in the band, the least damped first
-    target: int  # which is to be damped
+    system: System  # with all signals that were considered
+    modes: list[Eigenmode]  # modes in the band, the least damped first
+    target: int  # index of the mode to be damped
     observability: np.ndarray[Any, np.dtype[np.complex128]]  # (modes, signals of the system)
     tried: list[Tried]
     pairs: list[Pair]  # the largest residue first
     chosen: Pair
-    content: dict[str, Any]  # of the system's file, with device, signal and its PMUs
-    run: dict[str, Any]  # of the run's file, but for system and scenario
+    content: dict[str, Any]  # content of the system's file, with device, signal and its PMUs
+    run: dict[str, Any]  # content of the run's file, without system and scenario
     tuned: Tuned
-    stable: Around | None  # delays in which the loop is stable; none: not even with its own
+    stable: Around | None  # interval of delays in which the loop is stable; None: unstable even at its own delay
     scenarios: dict[str, dict[str, Any]]
 
 
 def design(task: Task, jobs: int, tell: Tell) -> Design:
-    """Rank, choose, tune. Raises `InputError` where there is nothing to damp, or what was named is not there."""
+    """Rank, choose and tune. Raises `InputError` if there is no mode to damp, or for unknown names."""
     own = read_system(task.system, task.sets)
     modes, target = listed_modes(task, own)
     system = places.with_signals(own, modes)
@@ -126,9 +126,9 @@ def design(task: Task, jobs: int, tell: Tell) -> Design:
 
 
 def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
-    """The least damped swing modes in the band without devices, and which of them is to be damped.
+    """The least damped swing modes in the band without devices, and the index of the mode to be damped.
 
-    The one that was asked for is among them, else the least damped interarea mode, if there is one.
+    The target is the requested mode, else the least damped interarea mode if there is one.
     """
     placed = place(system)
     built = build(placed, [], [])
@@ -151,7 +151,7 @@ def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
 
 
 def _wanted(task: Task, swings: Sequence[Eigenmode]) -> Eigenmode:
-    """The mode that is to be damped, of those in the band, the least damped first."""
+    """The target mode among the modes in the band, which are sorted by damping, the least damped first."""
     hertz = task.mode_hz
     if hertz is None:
         return next((m for m in swings if m.label == "interarea"), swings[0])
@@ -163,7 +163,7 @@ def _wanted(task: Task, swings: Sequence[Eigenmode]) -> Eigenmode:
 
 
 def _worth_a_look(task: Task, system: System, observability: np.ndarray[Any, Any]) -> list[str]:
-    """The signals in which the modes show most, of speeds and of flows, and the one that was asked for."""
+    """The speed and flow signals with the highest observability of the modes, and the requested signal."""
     names = list(system.signals)
     if task.signal is not None:
         check_known("--signal", task.signal, names)
@@ -175,14 +175,14 @@ def _worth_a_look(task: Task, system: System, observability: np.ndarray[Any, Any
 
 
 def most(names: Sequence[str], values: Any, channel: str, system: System) -> list[str]:
-    """Signals of a channel, the largest value first."""
+    """Signals of a channel, sorted by value, the largest first."""
     own = [(float(value), name) for name, value in zip(names, values, strict=True)]
     own = [one for one in own if system.signals[one[1]].channel == channel]
     return [name for _, name in sorted(own, key=lambda one: -one[0])]
 
 
 def _nothing(task: Task, tried: Sequence[Tried]) -> str:
-    """Why there is no pair."""
+    """The reason why there is no pair."""
     reasons = {one.why_not for one in tried if one.why_not}
     why = f" ({next(iter(reasons))})" if reasons else ""
     return (
@@ -191,7 +191,7 @@ def _nothing(task: Task, tried: Sequence[Tried]) -> str:
 
 
 def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[Eigenmode], target: int) -> list[Pair]:
-    """The pairs with the largest residues for the mode, of a device's whole setpoint; those asked for alone."""
+    """The pairs with the largest residue times device limit for the mode, at the requested place or signal if named."""
     names = list(system.signals)
     wanted = (
         [task.signal] if task.signal is not None else [n for n in names if system.signals[n].channel == places.SPEED]
@@ -210,7 +210,7 @@ def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[E
 def _pair(
     task: Task, tried: Tried, index: int, signal: int, name: str, modes: Sequence[Eigenmode], target: int
 ) -> Pair:
-    """A pair with its lead-lag, and what that does to other modes."""
+    """A pair with its lead-lag and the effect of this on the other modes."""
     residues = tried.residue[:, signal]
     at = modes[target].eigenvalue
     law = lead_lag.lead_lag(complex(residues[target]), at, task.delay, FRAME_RATE)
@@ -226,7 +226,7 @@ def _pair(
 def _written(
     task: Task, system: System, own: System, tried: Tried, chosen: Pair
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The content of the system's file with the device and the signal, and of the run's."""
+    """Content of the system's file with the device and the signal, and content of the run's file."""
     device = tried.place.device.name
     wide = places.only(system, list(dict.fromkeys([*own.signals, chosen.signal])), own)
     content = places.with_place(wide, tried.place).model_dump(by_alias=True, exclude_defaults=True)

@@ -1,4 +1,4 @@
-"""What a design shows: lines for the terminal, JSON, a picture, and the files of a run."""
+"""Output of a design: lines for the terminal, JSON, a picture, and the files of a run."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ if TYPE_CHECKING:
 SHOWN_MACHINES = 4
 LOAD_LEVEL = {"distribution": "uniform", "low": 0.98, "high": 1.02}
 FILES = ("system", "fault", "line_out", "run", "training_cases")
-MOVED = 0.05  # of its damping ratio: a mode that changes by less is not listed
-TRAINING = "fault"  # the scenario of `scenario_generation` on which `search` chooses
+MOVED = 0.05  # relative change of damping ratio below which a mode is not listed
+TRAINING = "fault"  # the scenario of `scenario_generation` that `search` trains on
 
 
 def mode_name(mode: Eigenmode) -> str:
-    """A mode, for people."""
+    """Readable name of a mode."""
     return f"{mode.frequency_hz:.3f} Hz"
 
 
 def strongest(found: Design, mode: int) -> list[tuple[str, float]]:
-    """Places by what their device does to a mode with its whole setpoint, 1/s, the strongest first."""
+    """Places sorted by how far their device moves a mode with its full setpoint, 1/s, the strongest first."""
     own = [(one.place.label, float(one.strength[mode])) for one in found.tried if np.isfinite(one.strength[mode])]
     return sorted(own, key=lambda one: -one[1])[:PLACES]
 
 
 def clearest(found: Design, mode: int, channel: str) -> list[tuple[str, float]]:
-    """Signals of a channel by how far they swing in a mode, the farthest first."""
+    """Signals of a channel sorted by their amplitude in a mode, the largest first."""
     names, values = list(found.system.signals), np.abs(found.observability[mode])
     by_name = dict(zip(names, values.tolist(), strict=True))
     return [(name, by_name[name]) for name in most(names, values, channel, found.system)[:SIGNALS]]
@@ -80,7 +80,7 @@ def text(found: Design) -> Iterator[str]:
 
 
 def _rankings(found: Design) -> Iterator[tuple[str, list[list[str]]]]:
-    """Titles and rows of what is ranked for each mode."""
+    """Titles and rows of the rankings for each mode."""
     modes = range(len(found.modes))
     columns = [strongest(found, m) for m in modes]
     yield "places: controllability times the setpoint's limit, 1/s", _side(columns, ".4f")
@@ -105,7 +105,7 @@ def _indented(lines: list[str]) -> Iterator[str]:
 
 
 def _machines(mode: Eigenmode, side: float) -> list[str]:
-    """The machines that swing most with the fastest (1), or against it (-1)."""
+    """The machines that swing most in phase (1) or in antiphase (-1) with the machine of largest amplitude."""
     first = max(mode.shape.values(), key=abs)
     own = {name: side * (value / first).real for name, value in mode.shape.items()}
     ranked = sorted((name for name in own if own[name] > 0.0), key=lambda name: -own[name])
@@ -127,7 +127,7 @@ def _pair(found: Design, pair: Pair) -> list[str]:
 
 
 def _chosen(found: Design) -> Iterator[str]:
-    """The pair that was taken, its lead-lag, the modes with it, the margin."""
+    """The chosen pair, its lead-lag, the modes with it, and the delay margin."""
     chosen, tuned, task = found.chosen, found.tuned, found.task
     where = found.tried[chosen.tried].place.label
     yield f"\ntaken: {where}, {chosen.signal}{_why(found)}"
@@ -162,7 +162,7 @@ def _chosen(found: Design) -> Iterator[str]:
 
 
 def _stable(around: Around | None) -> str:
-    """For which delays the loop is stable, about its own."""
+    """The range of delays in which the loop is stable."""
     if around is None:
         return "not with this delay"
     low = f"delays from {1e3 * around.low:.4g} ms"
@@ -172,7 +172,7 @@ def _stable(around: Around | None) -> str:
 
 
 def _why(found: Design) -> str:
-    """Why it was this pair, where it is not the first."""
+    """The reason for choosing this pair, if it is not the first."""
     if found.chosen.conflicts():
         return ", though it takes damping from another mode, as every pair of the table does"
     passed = found.pairs.index(found.chosen)
@@ -219,7 +219,7 @@ def document(found: Design) -> dict[str, Any]:
 
 
 def draw(found: Design, path: Path) -> Path:
-    """A column for each mode: the strongest places, and the clearest speeds."""
+    """A picture with a column per mode: the strongest places and the clearest speed signals."""
     modes = len(found.modes)
     figure = Figure(figsize=(1.0 + 3.2 * modes, 5.0), layout="constrained")
     axes: Any = figure.subplots(2, modes, squeeze=False)
@@ -239,7 +239,7 @@ def draw(found: Design, path: Path) -> Path:
 
 
 def write(found: Design, folder: Path) -> list[Path]:
-    """The files of the system with the device, of scenarios, of a run, and of training cases; no others of these."""
+    """Write the files of system, scenarios, run and training cases; delete scenario files left by an earlier design."""
     where = {name: folder / f"{name}.yaml" for name in ("system", *found.scenarios, "run", "training_cases")}
     head = f"# {found.system.name} with {found.tried[found.chosen.tried].place.label}, by facts-damping design\n"
     first = next(iter(found.scenarios), None)
@@ -250,14 +250,14 @@ def write(found: Design, folder: Path) -> list[Path]:
         texts["training_cases"] = dump(_training_cases(found, run))
     for name in FILES:
         if name not in texts:
-            (folder / f"{name}.yaml").unlink(missing_ok=True)  # of an earlier design
+            (folder / f"{name}.yaml").unlink(missing_ok=True)  # left by an earlier design
     for name, content in texts.items():
         write_whole(where[name], content)
     return [where[name] for name in texts]
 
 
 def _training_cases(found: Design, run: dict[str, Any]) -> dict[str, Any]:
-    """A study on which `search` chooses: the fault from half a cycle on, at other loads."""
+    """A study that `search` trains on: the fault, starting half a cycle late or later, at other loads."""
     rows = enumerate(found.content.get("loads", []))
     loads = {f"system.loads.{i}.{part}": load[part] for i, load in rows for part in ("P", "Q") if load.get(part)}
     longest = found.scenarios[TRAINING]["events"][0]["duration"] * found.content.get("frequency", 60.0)

@@ -1,14 +1,14 @@
-"""A lead-lag controller for a mode, a damping ratio and a delay, by the residue, and its gain on the closed loop.
+"""Lead-lag design by the residue for a mode, a damping ratio and a delay; the gain is tuned on the closed loop.
 
-At the eigenvalue lambda of the mode the controller gain K, washout and two equal sections turn what the residue R, the
-delay T and half a frame of hold make of a setpoint to the left:
+At the eigenvalue lambda of the mode, the controller (gain K, washout, two equal sections) compensates the phase of the
+residue R, the delay T and half a frame of hold, so that the mode moves to the left:
 
     arg(K s Tw/(1 + s Tw) ((1 + s T1)/(1 + s T2))^2 R exp(-s (T + 1/(2 f)))) = 180 deg   at s = lambda
 
-with T1 = 1/(w sqrt(a)), T2 = a T1, w = |lambda|, and a such that the phase is this at lambda; for an undamped mode a
-lead phi of both sections has a = (1 - sin(phi/2))/(1 + sin(phi/2)) (Kundur 1994, 12.5). The gain is raised from zero on
-the sampled closed loop, with its delay and hold, its modes followed, until the mode has the ratio; at a gain that makes
-another mode worse it ends.
+with T1 = 1/(w sqrt(a)), T2 = a T1, w = |lambda|; a is found so that this phase holds at lambda. For an undamped mode
+and a lead phi of both sections, a = (1 - sin(phi/2))/(1 + sin(phi/2)) (Kundur 1994, 12.5). The gain is raised from zero
+on the sampled closed loop, with its delay and hold, and the modes are followed. Tuning stops when the mode has the
+wanted ratio, or before a gain that makes another mode worse than allowed.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ if TYPE_CHECKING:
     from facts_damping.studies.margins.linear_closed_loop import DelayedLoop
 
 WASHOUT = 10.0  # s
-STEPS, BEYOND = 32, 4.0  # gains looked at, up to so many times the one that the residue asks for
-WORSE = 0.1  # share of its damping ratio that another mode may lose, if it is below the wanted one then
-FIGURES = 4  # of parameters
+STEPS, BEYOND = 32, 4.0  # number of gains tried, up to this multiple of the gain given by the residue
+WORSE = 0.1  # share of its damping ratio that another mode may lose, if it then is below the wanted ratio
+FIGURES = 4  # significant figures of parameters
 MOST_SPREAD = 6.0  # ln of T2 / T1: more than 90 degrees of both sections, at any damping
 MOST_GAIN = LEAD_LAG_PARAMETERS["gain"].high
 
 
 class LeadLag(NamedTuple):
-    """Parameters of `LLC` but for the gain's size: u = K y with a gain of this sign."""
+    """Parameters of `LLC` except the size of the gain: u = K y with a gain of this sign."""
 
     sign: int
     lead_deg: float  # of both sections together
@@ -48,33 +48,33 @@ class LeadLag(NamedTuple):
     T2: float
 
     def response(self, s: complex) -> complex:
-        """K at a complex frequency (1/s) with a gain of size one."""
+        """K at a complex frequency (1/s) for a gain of size one."""
         return self.sign * s * WASHOUT / (1.0 + s * WASHOUT) * ((1.0 + s * self.T1) / (1.0 + s * self.T2)) ** 2
 
     def parameters(self, gain: float) -> dict[str, float]:
-        """Of `LLC`, with a gain of a size."""
+        """Parameters of `LLC` for a gain of this size."""
         return {"gain": self.sign * gain, "Tw": WASHOUT, "T1": self.T1, "T2": self.T2, "T3": self.T1, "T4": self.T2}
 
 
 class Tuned(NamedTuple):
-    """The gain of a lead-lag, and the swing modes without it and with it, as they are followed."""
+    """The tuned gain, and the swing modes without and with it, matched by following them."""
 
     gain: float
-    reached: bool  # the wanted ratio
+    reached: bool  # whether the target mode has the wanted ratio
     before: list[Eigenmode]
-    after: list[Eigenmode | None]  # none: lost on the way
-    target: int  # which of them was asked for
-    growing: Eigenmode | None  # a mode beside the target that grows without control, too
-    limit: Eigenmode | None  # the oscillation that the next higher gain would make worse than allowed; none: none does
+    after: list[Eigenmode | None]  # None: lost on the way
+    target: int  # index of the target mode
+    growing: Eigenmode | None  # a mode other than the target that is unstable without control as well
+    limit: Eigenmode | None  # the oscillation that the next higher gain would make worse than allowed; or None
 
 
 def rounded(value: float) -> float:
-    """A number with few figures."""
+    """A number rounded to `FIGURES` significant figures."""
     return float(f"{value:.{FIGURES}g}")
 
 
 def late(eigenvalue: complex, delay: float, frame_rate: int) -> complex:
-    """What delay (s) and hold make of a signal at an eigenvalue."""
+    """Factor of delay (s) and hold on a signal at an eigenvalue."""
     return complex(np.exp(-eigenvalue * (delay + 0.5 / frame_rate)))
 
 
@@ -86,7 +86,7 @@ def lead_lag(residue: complex, eigenvalue: complex, delay: float, frame_rate: in
     w = abs(eigenvalue)
 
     def beyond(exponent: float) -> float:
-        """Lead of sections with a = e^exponent at the eigenvalue, deg, beyond the wanted one."""
+        """Lead of sections with a = e^exponent at the eigenvalue minus the wanted lead, deg."""
         T1 = np.exp(-0.5 * exponent) / w
         section = (1.0 + eigenvalue * T1) / (1.0 + eigenvalue * T1 * np.exp(exponent))
         return 2.0 * float(np.rad2deg(np.angle(section))) - lead
@@ -105,9 +105,9 @@ def tune(
     delay: float,
     progress: Callable[[int, int], None],
 ) -> Tuned:
-    """The gain with which a mode has a damping ratio, or as much of it as others allow.
+    """The gain that gives a mode the wanted damping ratio, or the highest ratio that the other modes allow.
 
-    `run`: a run of `LLC` as the content of its file, `residue` from its device to its signal, `delay` (s) of its link.
+    `run`: content of a run file with `LLC`. `residue`: from its device to its signal. `delay` (s): of its link.
     """
     first = _first_gain(law, residue, mode, wanted, delay, int(run["frame_rate"]))
     gains = [0.0, *(np.linspace(BEYOND / STEPS, BEYOND, STEPS) * min(first, MOST_GAIN / BEYOND)).tolist()]
@@ -141,48 +141,48 @@ def tune(
 
 
 def _next(mode: Eigenmode | None, modes: Sequence[Eigenmode]) -> Eigenmode | None:
-    """What becomes of a mode among those of another gain; none: it is lost, or was before."""
+    """The continuation of a mode among the modes at another gain; None: it is lost, or was lost before."""
     return None if mode is None else followed([mode], [modes])[0][0]
 
 
 def _up(gain: float) -> float:
-    """A gain with few figures, not smaller."""
+    """A gain rounded up to few figures."""
     near = rounded(gain)
     return near if near >= gain else rounded(gain * (1.0 + 0.6 * 10.0 ** (1 - FIGURES)))
 
 
 def _first_gain(law: LeadLag, residue: complex, mode: Eigenmode, wanted: float, delay: float, frame_rate: int) -> float:
-    """The gain that the residue asks for: d lambda = R K exp(-lambda (T + 1/(2 f)))."""
+    """First estimate of the gain from the residue: d lambda = R K exp(-lambda (T + 1/(2 f)))."""
     moved = abs(residue * law.response(mode.eigenvalue) * late(mode.eigenvalue, delay, frame_rate))
     return (wanted - mode.damping_ratio) * abs(mode.eigenvalue) / moved
 
 
 def _with(run: dict[str, Any], parameters: dict[str, float]) -> dict[str, Any]:
-    """A run whose controller has parameters."""
+    """The run with these parameters of its controller."""
     return {**run, "controllers": [{**run["controllers"][0], "parameters": parameters}]}
 
 
 def _oscillations(loop: DelayedLoop, gain: float, delay: float, case: Case) -> list[Eigenmode]:
-    """The oscillations of a loop with its controller's gain, which is one, times `gain`."""
+    """The oscillations of the closed loop; the controller's gain, which is one, is multiplied by `gain`."""
     c = loop.controllers[0]
     scaled = loop._replace(controllers=[c._replace(C=gain * c.C, D=gain * c.D)])
     return oscillations(scaled, eigen(scaled, sampled(scaled, delay)), case)
 
 
 def _ratio(mode: Eigenmode | None) -> float:
-    """Damping ratio of a mode that is followed; of one that was lost, as bad as can be."""
+    """Damping ratio of a followed mode; the worst possible value for a lost mode."""
     return -1.0 if mode is None else mode.damping_ratio
 
 
 def _floor(ratio: float, wanted: float) -> float:
-    """The least ratio that another mode, which had `ratio`, may have."""
+    """The lowest damping ratio allowed for another mode that had `ratio`."""
     return min(ratio, wanted) - WORSE * abs(min(ratio, wanted))
 
 
 def _harmless(
     listed: Sequence[Sequence[Eigenmode]], tracks: Sequence[Sequence[Eigenmode | None]], target: int, wanted: float
 ) -> tuple[int, Eigenmode | None]:
-    """With how many gains, from the first on, no other oscillation is worse than it may be, and which one then is."""
+    """The number of gains, from the first, at which no other oscillation is too bad, and the first one that then is."""
     floors = [_floor(_ratio(track[0]), wanted) for track in tracks]
     least = None
     for k, modes in enumerate(listed):

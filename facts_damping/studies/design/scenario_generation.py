@@ -1,7 +1,8 @@
-"""Scenarios for a system that has none: what disturbs a mode most, by the controllability of places.
+"""Scenarios for a system without any, chosen by the controllability of the mode at each place.
 
-A short fault at the bus at which a device moves the mode most, and one on the line in which a device moves it
-most, which then trips. Each is the first of its kind after which the machines stay in synchronism without control.
+One is a short fault at the bus where a device moves the mode most. The other is a fault on the line where a device
+moves it most, cleared by tripping the line. Each is the first candidate after which the machines stay in synchronism
+without control.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.places import Place, Tried
 
 AT_S, CLEARED_S, DURATION_S = 1.0, 0.1, 20.0
-TRIED = 6  # places of each kind
+TRIED = 6  # candidates of each kind
 
 
 def training_cases(
     run: dict[str, Any], tried: Sequence[Tried], taken: Place, mode: int, progress: Callable[[int, int], None]
 ) -> dict[str, dict[str, Any]]:
-    """The content of scenario files by name: `fault` and `line_out`, those that were found.
+    """The content of scenario files by name: `fault` and `line_out`, as far as they were found.
 
-    `run`: the content of a run of the system, `taken`: the place of its device, whose line does not trip, `mode`: index
-    among those of which the places know.
+    `run`: content of a run of the system. `taken`: place of its device, whose line does not trip. `mode`: index of the
+    mode in the places' strengths.
     """
     order = np.argsort([-t.strength[mode] for t in tried])  # NaN last
     places = [tried[i].place for i in order.tolist() if not tried[i].why_not]
@@ -51,7 +52,7 @@ def training_cases(
 
 
 def fault(bus: str) -> dict[str, Any]:
-    """A bolted fault at a bus that goes by itself."""
+    """A self-clearing bolted fault at a bus."""
     events = [{"time": AT_S, "kind": "fault", "bus": bus, "duration": CLEARED_S}]
     return {
         "description": f"a bolted fault at {bus} for {1e3 * CLEARED_S:.0f} ms",
@@ -61,7 +62,7 @@ def fault(bus: str) -> dict[str, Any]:
 
 
 def trip(line: str) -> dict[str, Any]:
-    """A bolted fault in the middle of a line, cleared by its trip; it stays out."""
+    """A bolted fault in the middle of a line, cleared by tripping the line for good."""
     events = [
         {"time": AT_S, "kind": "fault", "line": line, "location": 0.5},
         {"time": AT_S + CLEARED_S, "kind": "line_out", "line": line},
@@ -75,5 +76,5 @@ def _survived(run: dict[str, Any], events: list[dict[str, Any]]) -> bool:
     try:
         case = make_case({**run, "scenario": events, "controllers": [], "duration": DURATION_S}, "design")
         return bool(loop.run(case).in_synchronism.all())
-    except FactsDampingError:  # it would part the network
+    except FactsDampingError:  # the trip would split the network
         return False

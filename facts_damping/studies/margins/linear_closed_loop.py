@@ -1,13 +1,13 @@
-"""The linearised closed loop of controllers with delay: exact with sampling and hold, or continuous with a Pade term.
+"""The linearised closed loop with delay: exact with sampling and hold, or continuous with a Pade approximation.
 
 From frame to frame, T apart, with a delay of n frames and a rest `part` < T between measurement and device
 (K. J. Astrom, B. Wittenmark, Computer-Controlled Systems, 3rd ed. 1997, 2.3):
 
     x(k+1) = Phi(T) x(k) + Phi(T - part) Gamma(part) u(k-n-1) + Gamma(T - part) u(k-n)
 
-with Phi(t) = exp(A t), Gamma(t) = int_0^t exp(A s) ds B. What is measured at t_k goes with the setpoints in force until
-then. How the delay is divided between both ways does not matter, for a controller acts at once on what arrives. A
-device's dead time is delay, too; each device has its own n and `part`.
+with Phi(t) = exp(A t), Gamma(t) = int_0^t exp(A s) ds B. The measurement at t_k is taken with the setpoints in force
+before t_k. Only the sum of the delays of both ways matters, since a controller acts at once on what arrives. The dead
+time of a device is part of its delay; each device has its own n and `part`.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ if TYPE_CHECKING:
 
     Matrices = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
-FADED = 1e-6  # in a frame: what shrinks faster is no mode, but the memory of a difference equation
+FADED = 1e-6  # per frame: faster decay is no mode, but the memory of a difference equation
 
 
 class Discrete(NamedTuple):
-    """A controller from frame to frame: z(k+1) = A z(k) + B y(k), u(k) = C z(k) + D y(k), p.u."""
+    """A controller as difference equations: z(k+1) = A z(k) + B y(k), u(k) = C z(k) + D y(k), p.u."""
 
     A: NDArray[np.float64]  # (states, states)
     B: NDArray[np.float64]  # (states, signals)
@@ -59,43 +59,43 @@ class Discrete(NamedTuple):
     D: NDArray[np.float64]  # (devices, signals)
     signals: list[int]  # indices among the plant's
     devices: list[int]  # indices among the plant's
-    extra_delay: float = 0.0  # s, by which its delay is longer than the shortest one
-    dead_time: tuple[float, ...] = ()  # s, of each of its devices; none given: 0
+    extra_delay: float = 0.0  # s, excess of its delay over that of the shortest link
+    dead_time: tuple[float, ...] = ()  # s, of each of its devices; empty: 0
 
     def delays(self, delay: float) -> list[float]:
-        """How late its setpoints act at each of its devices with a total delay of the shortest link, s."""
+        """The delay at each of its devices for a total delay of the shortest link, s."""
         return [delay + self.extra_delay + dead for dead in self.dead_time or [0.0] * len(self.devices)]
 
 
 class DelayedLoop(NamedTuple):
-    """A linear plant and its controllers, as deviations from the start."""
+    """A linear plant and its controllers, in deviations from the equilibrium."""
 
-    model: linearisation.LinearModel  # the controllers have the signals' washouts within them
+    model: linearisation.LinearModel  # without the signals' washouts, which are part of the controllers
     controllers: list[Discrete]
     frame_rate: int  # frames/s
     names: list[str]  # of the plant's states, then of the controllers'
-    rigid: NDArray[np.float64]  # (plant's states, 0 to 2), orthonormal: motions of all rotors that nothing answers
-    held: Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]]  # `held_for` the plant, for so many s
+    rigid: NDArray[np.float64]  # (plant's states, 0 to 2), orthonormal: common rotor motions without response
+    held: Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]]  # `held_for` of the plant over a time, s
 
 
 class Eigen(NamedTuple):
-    """Eigenvalues of a closed loop as 1/s, by falling real part, without those of the rigid motions."""
+    """Eigenvalues of a closed loop, 1/s, sorted by falling real part, without those of the rigid motions."""
 
     values: NDArray[np.complex128]  # (modes,)
     right: NDArray[np.complex128]  # (plant's and controllers' states, modes)
-    left: NDArray[np.complex128]  # the same, as in w A = lambda w
+    left: NDArray[np.complex128]  # left eigenvectors, w A = lambda w, same shape
 
     @property
     def growth(self) -> float:
-        """Largest real part, 1/s: the loop is unstable where that is above zero."""
+        """Largest real part, 1/s: the loop is unstable if it is positive."""
         return float(self.values[0].real)
 
 
 def delayed_loop(case: Case) -> DelayedLoop:
-    """The closed loop of a run about its equilibrium, supervisors and fallbacks left out.
+    """The closed loop of a run about its equilibrium, without supervisors and fallbacks.
 
-    Its links count by how much longer one is than the shortest. Raises `InputError` for controllers that have no
-    linear model, and links whose delay is not constant.
+    Each link has the excess of its delay over the shortest link's. Raises `InputError` for controllers without a linear
+    model and for links whose delay is not constant.
     """
     case = unsupervised(case)
     if not case.controllers:
@@ -133,7 +133,7 @@ def delayed_loop(case: Case) -> DelayedLoop:
 
 
 def holding(model: linearisation.LinearModel) -> Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """`held_for` a plant, each time computed once: many delays have the same rest of a frame."""
+    """`held_for` of a plant with a cache: many delays leave the same rest of a frame."""
 
     @cache
     def held(seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -143,7 +143,7 @@ def holding(model: linearisation.LinearModel) -> Callable[[float], tuple[NDArray
 
 
 def link_delays(case: Case) -> list[float]:
-    """Delay of each of a run's links, both ways, s. Raises `InputError` where it is not constant."""
+    """Total delay of each link of a run, both ways, s. Raises `InputError` if it is not constant."""
     stages = [[*link.up, *link.down] for link in case.links]
     for stage in (stage for link in stages for stage in link):
         if MODELS[stage.model].code != CONSTANT:
@@ -156,14 +156,14 @@ def link_delays(case: Case) -> list[float]:
 
 
 def with_delay(case: Case, delay: float) -> Case:
-    """The same run with a total delay (s) of its shortest link; longer ones stay longer by as much as they are."""
+    """The same run with a total delay (s) of its shortest link; the excess of longer links is kept."""
     own = link_delays(case)
     links = [Link(up=[Constant(delay=delay + length - min(own))]) for length in own]
     return replace(case, links=links)
 
 
 def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
-    """A, B, C, D of controller c: what the bank's own step makes of unit states and a unit signal, before limits."""
+    """A, B, C, D of controller c, from the bank's own step with unit states and a unit signal, before limits."""
     inputs, held = made.inputs, state.held
     base = inputs.offset[c, 0] / inputs.weight[c, 0].sum() if inputs.offset[c, 0] else 0.0
     devices = int(np.sum(made.device[c] >= 0))
@@ -197,9 +197,9 @@ def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
 
 
 def _observer(made: Bank, c: int) -> Matrices:
-    """A, B, C, D of an observer with state feedback, its washouts before it, as long as no setpoint meets a limit.
+    """A, B, C, D of an observer with state feedback, including washouts, while no setpoint is limited.
 
-    z is the estimate x(k|k), of which A x - B K x is the next prediction.
+    z is the estimate x(k|k); the next prediction is A x - B K x.
     """
     signals, devices = int(made.inputs.signals[c]), int(np.sum(made.device[c] >= 0))
     p = made.optimal
@@ -211,10 +211,10 @@ def _observer(made: Bank, c: int) -> Matrices:
 
 
 def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
-    """The loop from frame to frame with a total delay (s): states of plant and controllers, setpoints sent, filters.
+    """The state matrix from frame to frame with a total delay (s): states of plant and controllers, setpoints, filters.
 
-    Of each controller these are u(k-1) to u(k-n-1), n of its latest device; delays are taken to the nanosecond. What
-    filters of PMUs have to remember comes last; their latency counts beside the delay.
+    The setpoints of each controller are u(k-1) to u(k-n-1), with n of its latest device; delays are rounded to
+    nanoseconds. The memory of the PMUs' filters comes last; their latency adds to the delay.
     """
     model, period = loop.model, 1.0 / loop.frame_rate
     ways = [[divmod(to_ns(late) * loop.frame_rate, NANOSECONDS) for late in c.delays(delay)] for c in loop.controllers]
@@ -223,7 +223,7 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
     used = sorted({signal for c in loop.controllers for signal in c.signals})
     filters = None if model.filtered is None else model.filtered.of(used)
     sizes.append(0 if filters is None else filters.frames * len(used))
-    plant, *others = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])  # rows that pick each part
+    plant, *others = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])  # rows that select each part
     memories, sent = others[: len(loop.controllers)], others[len(loop.controllers) :]
     sent, kept = sent[:-1], sent[-1]
     C, D = model.seen
@@ -254,15 +254,15 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
 
 
 def _of_frames(setpoints: NDArray[np.float64], frames: list[int]) -> NDArray[np.float64]:
-    """Of setpoints of all devices, the newest frame's first, each device's own of so many frames before."""
+    """Setpoints of all devices, each delayed by its own number of frames; `setpoints` has the newest frame first."""
     return setpoints[[n * len(frames) + i for i, n in enumerate(frames)]]
 
 
 def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDArray[np.float64]:
-    """The loop in continuous time, 1/s, with a Pade term of an order for each total delay and the hold (s).
+    """The state matrix in continuous time, 1/s, with a Pade approximation of each total delay and of the hold (s).
 
-    A hold over a frame is taken for half a frame of delay, a filter of PMUs for its latency. States are the plant's,
-    then each controller's with those of its term.
+    A hold over a frame counts as half a frame of delay, a PMU filter as its latency. The states are the plant's, then
+    each controller's with those of its Pade term.
     """
     model, ways = loop.model, []
     hold += 0.0 if model.filtered is None else model.filtered.delay
@@ -274,7 +274,7 @@ def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDA
     given = [signal for c in loop.controllers for signal in c.signals]
     sent = [device for c in loop.controllers for device in c.devices]
     b, c_, d = model.B[:, sent], model.C[given], model.D[np.ix_(given, sent)]
-    within = np.linalg.inv(np.eye(len(sent)) - D @ d)  # setpoints and what signals have of them at once
+    within = np.linalg.inv(np.eye(len(sent)) - D @ d)  # algebraic loop of setpoints and signals
     seen = d @ within
     return np.block(
         [
@@ -285,7 +285,7 @@ def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDA
 
 
 def _series(first: Matrices, second: Matrices) -> Matrices:
-    """One system whose outputs go into another."""
+    """Series connection: the outputs of the first system are the inputs of the second."""
     A, B, C, D = first
     a, b, c, d = second
     wide = np.block([[A, np.zeros((len(A), len(a)))], [b @ C, a]])
@@ -293,7 +293,7 @@ def _series(first: Matrices, second: Matrices) -> Matrices:
 
 
 def _continuous(c: Discrete, period: float) -> Matrices:
-    """A controller in continuous time: the bilinear transform, by which its step was made, undone."""
+    """A controller in continuous time, by the inverse of the bilinear transform that discretised it."""
     inverse = np.linalg.inv(np.eye(len(c.A)) + c.A)
     scale = 2.0 / np.sqrt(period)
     A = 2.0 / period * inverse @ (c.A - np.eye(len(c.A)))
@@ -302,9 +302,9 @@ def _continuous(c: Discrete, period: float) -> Matrices:
 
 
 def pade(delay: float, order: int) -> Matrices:
-    """The diagonal Pade term of exp(-s delay) in states: sum (-1)^k c_k (s delay)^k over sum c_k (s delay)^k.
+    """State-space form of the diagonal Pade term of exp(-s delay).
 
-    c_k = (2N - k)! / (k! (N - k)!); without delay, 1.
+    It is sum (-1)^k c_k (s delay)^k over sum c_k (s delay)^k with c_k = (2N - k)! / (k! (N - k)!); 1 for zero delay.
     """
     if delay <= 0.0:
         return np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))
@@ -316,13 +316,13 @@ def pade(delay: float, order: int) -> Matrices:
 
 
 def eigen(loop: DelayedLoop, matrix: NDArray[np.float64], *, discrete: bool = True) -> Eigen:
-    """Eigenvalues and eigenvectors of a closed loop, its rigid motions left out: s = f ln z where it is discrete.
+    """Eigenvalues and eigenvectors of a closed loop without its rigid motions; s = f ln z for a discrete loop.
 
-    Rigid motions are the eigenvectors that lie nearest to `loop.rigid`.
+    Rigid motions are the eigenvectors closest to `loop.rigid`.
     """
     values, left, right = eig(matrix, left=True, right=True)
     n, plant = len(loop.names), len(loop.rigid)
-    beside = right.copy()  # of length one
+    beside = right.copy()  # normalised
     beside[:plant] -= loop.rigid @ (loop.rigid.T @ right[:plant])
     kept = np.argsort(np.linalg.norm(beside, axis=0))[loop.rigid.shape[1] :]
     if discrete:

@@ -1,4 +1,4 @@
-"""How much delay a loop of lead-lags bears: its modes against delay, and where it is no longer stable."""
+"""Delay margin of a linear control loop: its modes against delay, and the delays at which it is stable."""
 
 from __future__ import annotations
 
@@ -26,38 +26,38 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.studies.margins.linear_closed_loop import DelayedLoop, Eigen
 
-STEP = 0.005  # s, between the delays that are looked at, beside those of whole frames; what is narrower may be missed
-EXACT = 1e-6  # s, of a margin
-STILL = 1e-6  # 1/s: what grows more slowly counts as standing still, such as an integrator without feedback
-FASTEST = 2.0 * np.pi * 10.0  # 1/s: beyond 10 Hz modes are not followed
-LOST = 0.5  # change of eigenvalue, relative, and of shape between two delays: more, and it is another mode
+STEP = 0.005  # s, spacing of the delays, in addition to whole frames; narrower unstable intervals may be missed
+EXACT = 1e-6  # s, accuracy of a margin
+STILL = 1e-6  # 1/s: slower growth counts as zero, such as that of an integrator without feedback
+FASTEST = 2.0 * np.pi * 10.0  # 1/s: modes above 10 Hz are not followed
+LOST = 0.5  # largest relative change of eigenvalue, and of shape, between two delays for the same mode
 
 
 class Track(NamedTuple):
-    """A mode followed from delay to delay: what it is where it begins, and the mode at each delay; none: not there."""
+    """A mode followed over the delays: its kind at the start, and the mode at each delay; None where it is absent."""
 
     label: str
     modes: list[linearisation.Eigenmode | None]
 
 
 class Margin(NamedTuple):
-    """The closed loop of a run against delay."""
+    """Stability of the closed loop of a run against delay."""
 
     case: Case
-    own: list[float]  # s, delays of the run's links, in whose place the delays stand
+    own: list[float]  # s, delays of the run's own links, which the swept delays replace
     delays: NDArray[np.float64]  # s
-    worst: NDArray[np.complex128]  # 1/s, eigenvalue with the largest real part at each, imag >= 0
+    worst: NDArray[np.complex128]  # 1/s, eigenvalue with the largest real part at each delay, imag >= 0
     tracks: list[Track]  # electromechanical modes, then others that become unstable
     stable: list[tuple[float, float]]  # s, intervals in which the loop is stable
-    margin: float | None  # s, smallest delay at which it is not; none: stable at all delays looked at
-    critical: linearisation.Eigenmode | None  # the mode that is at the limit there
-    pade: dict[str, float | None]  # s, the margin of the loop in continuous time with a Pade term; empty: not asked for
+    margin: float | None  # s, smallest delay with an unstable loop; None: stable at all delays considered
+    critical: linearisation.Eigenmode | None  # the mode at the stability limit
+    pade: dict[str, float | None]  # s, margin in continuous time with a Pade approximation; empty: not requested
 
 
 def margin(case: Case, longest: float, order: int | None, progress: Callable[[int, int], None]) -> Margin:
-    """Modes from no delay to the longest (s), and the margin; with an order also by Pade terms of that order.
+    """Modes from zero delay to the longest (s), and the margin; with an order also by Pade terms of that order.
 
-    Raises `InputError` where the loop has no linear model.
+    Raises `InputError` if the loop has no linear model.
     """
     case = unsupervised(case)
     loop = delayed_loop(case)
@@ -82,15 +82,15 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
 
 
 class Around(NamedTuple):
-    """In which delays a loop is stable, about one delay."""
+    """The interval of stable delays around one delay."""
 
-    low: float  # s; 0: from none on
-    high: float | None  # s; none: as far as was looked
-    critical: linearisation.Eigenmode  # the mode that is at the upper limit, or that has the largest real part there
+    low: float  # s; 0: stable from zero delay on
+    high: float | None  # s; None: stable up to the longest delay considered
+    critical: linearisation.Eigenmode  # the mode at the upper limit, or the one with the largest real part there
 
 
 def stable_around(case: Case, delay: float, longest: float, progress: Callable[[int, int], None]) -> Around | None:
-    """The interval of delays (s) in which the loop is stable, about one; none: there it is not stable itself."""
+    """The interval of delays (s) around `delay` in which the loop is stable; None if it is unstable at `delay`."""
     case = unsupervised(case)
     loop = delayed_loop(case)
     looked = looks(longest, case.run.frame_rate)
@@ -100,7 +100,7 @@ def stable_around(case: Case, delay: float, longest: float, progress: Callable[[
         return eigen(loop, sampled(loop, float(at))).growth - STILL
 
     def end(delays: NDArray[np.float64]) -> float | None:
-        """Where the loop is no longer stable, on the way over these delays; none: nowhere."""
+        """The first delay of the sequence at which the loop is unstable, refined; None if there is none."""
         nonlocal done
         for before, at in pairwise([delay, *delays]):
             done += 1
@@ -116,14 +116,14 @@ def stable_around(case: Case, delay: float, longest: float, progress: Callable[[
 
 
 def looks(longest: float, frame_rate: int) -> NDArray[np.float64]:
-    """Delays from none to the longest, s: every 5 ms, and whole frames, where a fast controller may swing by itself."""
+    """Delays from zero to the longest, s: every 5 ms, and whole frames, where a fast controller may oscillate."""
     steps = np.arange(0.0, longest, STEP)
     frames = np.arange(0.0, longest, 1.0 / frame_rate) if STEP * frame_rate < 1.0 else steps
     return np.unique(np.round([*steps, *frames, longest], 9))
 
 
 def oscillations(loop: DelayedLoop, found: Eigen, case: Case) -> list[linearisation.Eigenmode]:
-    """The modes up to 10 Hz that oscillate, or grow."""
+    """The modes up to 10 Hz that oscillate or grow."""
     shown = (found.values.imag > 0.0) | ((found.values.imag == 0.0) & (found.values.real > STILL))
     return [
         linearisation.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)
@@ -141,7 +141,7 @@ def _critical(loop: DelayedLoop, delay: float, case: Case) -> linearisation.Eige
 def intervals(
     growth: Callable[[float], float], delays: NDArray[np.float64], values: NDArray[np.float64]
 ) -> list[tuple[float, float]]:
-    """Where growth (1/s) is not above zero: `values` at some delays (s), the limits between them by Brent's method."""
+    """Intervals in which growth (1/s) is at most zero: from `values` at given delays (s), limits by Brent's method."""
     below = values <= STILL
     limits = [
         float(brentq(lambda delay: growth(delay) - STILL, delays[i], delays[i + 1], xtol=EXACT))
@@ -152,7 +152,7 @@ def intervals(
 
 
 def first_limit(stable: Sequence[tuple[float, float]], longest: float) -> float | None:
-    """The smallest delay (s) at which a loop is not stable; none up to the longest."""
+    """The smallest delay (s) at which a loop is unstable; None if it is stable up to the longest."""
     if not stable or stable[0][0] > 0.0:
         return 0.0
     return stable[0][1] if stable[0][1] < longest else None
@@ -173,7 +173,7 @@ def _pade_margin(loop: DelayedLoop, delays: NDArray[np.float64], order: int, hol
 
 
 def follow(listed: Sequence[Sequence[linearisation.Eigenmode]]) -> list[Track]:
-    """Modes at each delay (s) as tracks: the electromechanical ones of no delay, then others that become unstable."""
+    """Tracks of modes over the delays (s): electromechanical modes at zero delay, then others that become unstable."""
     swings = [mode for mode in listed[0] if mode.swings]
     columns = followed(swings, listed[1:])
     tracks = [Track(mode.label, [mode, *column]) for mode, column in zip(swings, columns, strict=True)]
@@ -188,7 +188,7 @@ def follow(listed: Sequence[Sequence[linearisation.Eigenmode]]) -> list[Track]:
 def followed(
     first: Sequence[linearisation.Eigenmode], listed: Sequence[Sequence[linearisation.Eigenmode]]
 ) -> list[list[linearisation.Eigenmode | None]]:
-    """What becomes of each of some modes in the lists that follow, each taken once; none from where it is lost."""
+    """The continuation of each first mode in the following lists, each mode used once; None after it is lost."""
     columns: list[list[linearisation.Eigenmode | None]] = [[] for _ in first]
     now: list[linearisation.Eigenmode | None] = list(first)
     for modes in listed:

@@ -1,4 +1,4 @@
-"""What the study of delay shows: lines for the terminal, JSON, a picture."""
+"""Output of the delay study: lines for the terminal, JSON, a picture."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ if TYPE_CHECKING:
     from facts_damping.studies.margins.linear_margin_runs import Beside
 
 ROW = 0.02  # s, between the rows of the table
-BEYOND = 0.1  # s, that table and picture go beyond the margin
+BEYOND = 0.1  # s, range of table and picture beyond the margin
 DPI = 130
-MOST = 7  # modes that terminal and picture show
+MOST = 7  # largest number of modes in terminal and picture
 
 
 def names(found: Margin) -> list[str]:
-    """Names of the modes that are followed: their kind, and a number where several are of one kind."""
+    """Names of the followed modes: their kind, numbered where several are of one kind."""
     kinds = [track.label for track in found.tracks]
     return [kind if kinds.count(kind) == 1 else f"{kind} {kinds[: i + 1].count(kind)}" for i, kind in enumerate(kinds)]
 
 
 def rows(found: Margin) -> list[int]:
-    """Indices of the delays that the table shows: every 20 ms."""
+    """Indices of the delays in the table: every 20 ms."""
     return [i for i, delay in enumerate(found.delays) if abs(delay / ROW - round(delay / ROW)) < 1e-6]
 
 
 def shown_to(found: Margin) -> float:
-    """Delay up to which the terminal and the picture show modes, s: somewhat beyond the last limit."""
+    """Upper limit of delay in the terminal's table and the picture, s: somewhat beyond the last stability limit."""
     limits = [end for ends in found.stable for end in ends if end < found.delays[-1]]
     return min(float(found.delays[-1]), max(limits, default=float(found.delays[-1])) + BEYOND)
 
 
 def shown(found: Margin) -> list[tuple[str, Track]]:
-    """The modes that are shown, with their names: all, or of many those whose damping ratio the delay moves most."""
+    """The displayed modes with their names: all, or if there are many, those whose damping depends most on delay."""
     named = list(zip(names(found), found.tracks, strict=True))
     if len(named) <= MOST:
         return named
@@ -92,7 +92,7 @@ PADE = {"held": "delay and half a frame", "continuous": "delay alone"}
 
 
 def _meaning(own: Sequence[float]) -> Iterator[str]:
-    """What delay means here."""
+    """Explanation of the term delay for this run."""
     if max(own) - min(own) <= 0.0:
         yield f"delay: from measurement to device, in place of the link's {_ms(own[0])}"
         return
@@ -113,7 +113,7 @@ def _cell(mode: linearisation.Eigenmode | None) -> str:
 
 
 def _runs(found: Margin, beside: Beside) -> Iterator[str]:
-    """Lines of what runs say."""
+    """Lines about the nonlinear runs."""
     near = "not near the linear margin" if beside.pulse is None else _ms(beside.pulse)
     yield f"time domain, a pulse of 0.01 %              {near}"
     for one in beside.scenario:
@@ -127,7 +127,7 @@ def _runs(found: Margin, beside: Beside) -> Iterator[str]:
 
 
 def nearest(found: Margin, delay: float, hertz: float) -> linearisation.Eigenmode | None:
-    """The linear mode, of those that are followed, whose frequency is nearest."""
+    """The followed linear mode with the nearest frequency."""
     i = int(np.argmin(np.abs(found.delays - delay)))
     there = [track.modes[i] for track in found.tracks]
     return min((m for m in there if m is not None), key=lambda m: abs(m.frequency_hz - hertz), default=None)
@@ -176,7 +176,7 @@ def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
 
 
 def draw_loops(found: Margin, path: Path) -> Path:
-    """The system with the controllers' ways over their links, and the mode at the margin, as PNG."""
+    """The one-line diagram with the paths of the control loops, and the mode at the margin, as PNG."""
     from facts_damping.small_signal import one_line  # noqa: PLC0415 (its library takes a while to be loaded)
 
     case = found.case
@@ -191,7 +191,7 @@ def draw_loops(found: Margin, path: Path) -> Path:
 
 
 def draw(found: Margin, beside: Beside | None, path: Path) -> Path:
-    """Damping ratio and frequency of the modes against delay, the margin marked, as PNG."""
+    """Damping ratio and frequency of the modes against delay, with the margin marked, as PNG."""
     figure = Figure(figsize=(7.5, 6.5), layout="constrained")
     damping, frequency = figure.subplots(2, 1, sharex=True, height_ratios=[1.4, 1.0])
     end = shown_to(found)
@@ -239,6 +239,6 @@ def draw(found: Margin, beside: Beside | None, path: Path) -> Path:
 
 
 def _gaps(stable: Sequence[tuple[float, float]], end: float) -> list[tuple[float, float]]:
-    """Where a loop is not stable, up to a delay (s)."""
+    """Intervals of delay (s) in which a loop is unstable, up to `end`."""
     ends = [0.0, *(limit for span in stable for limit in span), end]
     return [(a, min(b, end)) for a, b in zip(ends[::2], ends[1::2], strict=True) if min(b, end) > a]

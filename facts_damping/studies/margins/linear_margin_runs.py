@@ -1,4 +1,4 @@
-"""The delay margin by runs of the nonlinear loop: a small pulse about the equilibrium, and the run's own scenario."""
+"""The delay margin by simulation of the nonlinear loop: after a small pulse at the equilibrium, and in a scenario."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
     from facts_damping.studies.margins.linear_margin import Margin
 
-PULSE = 1e-4  # of a load, or of a mechanical power
+PULSE = 1e-4  # p.u. of a load or of a mechanical power
 BEGIN, END = 1.0, 1.5  # s, of the pulse
-LENGTH = 40.0  # s, of a run after the pulse
-REACH = 0.04  # s, to both sides of the linear margin: where that of the pulse is looked for
-FINE = 5e-4  # s, of the margin of the pulse
+LENGTH = 40.0  # s, duration of a run after the pulse
+REACH = 0.04  # s, search range for the pulse's margin on both sides of the linear margin
+FINE = 5e-4  # s, resolution of the pulse's margin
 HORIZONS = (20.0, 40.0)  # s, from the start of a run of a scenario
 CRITERIA = ("in synchronism", "damped")
-LOOKS = 6  # delays at which a ringdown is looked at
-RUNS = 90  # about so many, for the line of progress
-COARSE, CLOSE = 0.005, 1e-3  # s, of the search over a scenario: steps, then halved; a narrower pocket may be missed
+LOOKS = 6  # number of delays at which the ringdown is analysed
+RUNS = 90  # approximate number of runs, for the progress line
+COARSE, CLOSE = 0.005, 1e-3  # s, steps, then bisection in a scenario; narrower unstable intervals may be missed
 
 
 class Bound(NamedTuple):
-    """The smallest delay that a run does not bear over a horizon, s: it bears `low` and does not bear `high`.
+    """The delay at which a run first fails a criterion over a horizon: it holds at `low` and fails at `high`, s.
 
-    Either is none where no delay looked at is like that.
+    Either is None if no simulated delay is of that kind.
     """
 
     criterion: str  # in synchronism, or damped
@@ -51,17 +51,17 @@ class Bound(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """What runs of the nonlinear loop say of delay."""
+    """Results of nonlinear simulations with delay."""
 
     ringdown: list[tuple[float, list[RingdownMode]]]  # delay, s, and the modes after a pulse, the strongest first
-    pulse: float | None  # s, the margin for a pulse; none: not near the linear one
+    pulse: float | None  # s, the margin for a pulse; None: not near the linear margin
     scenario: list[Bound]  # of the run's own scenario
 
 
 def pulsed(case: Case, delay: float, length: float = LENGTH) -> Case:
-    """The run with a delay (s) and nothing but a pulse: 0.01 % more of its first load for half a second.
+    """The run with a delay (s) and one event: a pulse of 0.01 % of the first load for half a second.
 
-    Of the first machine's mechanical power where there is no load.
+    Without loads, the pulse is in the first machine's mechanical power.
     """
     if case.system.loads:
         kind = {"kind": "load_step", "load": case.system.loads[0].name}
@@ -83,9 +83,9 @@ def ringdown(case: Case, delay: float) -> list[RingdownMode]:
 
 
 def growth(record: Record) -> float:
-    """Rate at which the oscillation grows over the second half of a run, 1/s: slope of the envelope's logarithm.
+    """Growth rate of the oscillation over the second half of a run, 1/s: slope of the logarithm of the envelope.
 
-    That of the speed difference that swings most at the end, over windows of 5 s.
+    It uses the speed difference with the largest swing at the end, in windows of 5 s.
     """
     signals, t = columns(speed_differences(record)), record.time_s
     starts = np.arange(t[-1] / 2.0, t[-1] - WINDOW + 1e-6, WINDOW)
@@ -94,7 +94,7 @@ def growth(record: Record) -> float:
 
 
 def pulse_margin(case: Case, linear: float, looked: Callable[[], None] = lambda: None) -> float | None:
-    """The delay at which a pulse neither grows nor dies, near the linear margin (s); none where it is not near."""
+    """The delay (s) at which a pulse neither grows nor decays; None if it is not near the linear margin."""
 
     def rate(delay: float) -> float:
         found = growth(loop.run(pulsed(case, delay)))
@@ -108,7 +108,7 @@ def pulse_margin(case: Case, linear: float, looked: Callable[[], None] = lambda:
 
 
 def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
-    """What a run of the case's scenario meets with a delay (s), by criterion and horizon (s)."""
+    """Whether a run of the scenario with a delay (s) meets each criterion over each horizon (s)."""
     record = loop.run(with_delay(_lasting(case, max(HORIZONS)), delay))
     t, signals, last = record.time_s, columns(speed_differences(record)), (event_times(record) or [0.0])[-1]
     lost = np.inf if record.in_synchronism.all() else t[-1]
@@ -122,7 +122,7 @@ def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
 
 
 def bounds(case: Case, longest: float, looked: Callable[[], None]) -> list[Bound]:
-    """Where the run's scenario no longer meets each criterion over each horizon: in steps, then halved.
+    """The bounds of delay for each criterion and horizon in the run's scenario, by steps and then bisection.
 
     `looked` is called after each run.
     """
@@ -142,7 +142,7 @@ def bounds(case: Case, longest: float, looked: Callable[[], None]) -> list[Bound
 
 
 def beside(found: Margin, progress: Callable[[int, int], None]) -> Beside:
-    """Runs beside a linear margin: ringdown at some delays, the margin of a pulse, and that of the run's scenario."""
+    """Simulations to compare with a linear margin: ringdowns at some delays, margins of a pulse and of the scenario."""
     done = 0
 
     def looked() -> None:

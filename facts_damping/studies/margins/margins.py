@@ -1,7 +1,7 @@
-"""The search of a margin: which values still have to be run, and what those that were run say.
+"""Search of a margin: the values to run next, and the result of those that were run.
 
-On a coarse grid first, so that a run that fails at some value and not at a larger one is noticed; then bisection of the
-first change. Knows nothing of runs: only whether a value failed.
+A coarse grid comes first, so that a failure at one value is noticed even if larger values hold. Then the first change
+is bisected. The search sees only whether a value failed.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ RESAMPLES = 2000
 
 
 class Bracket(NamedTuple):
-    """Where a margin lies: it holds at `low`, it fails at `high`.
+    """Bracket of a margin: the criterion holds at `low` and fails at `high`.
 
-    `low` None: it fails at the lowest value; `high` None: at none. `again`: values above at which it holds again.
+    `low` None: it fails at the lowest value; `high` None: it never fails. `again`: higher values that hold again.
     """
 
     low: float | None
@@ -38,7 +38,7 @@ def grid(margin: Margin) -> list[float]:
 
 
 def bracket(failed: Mapping[float, bool | None]) -> Bracket:
-    """The bracket of the first failure; values that say nothing (None) are left out."""
+    """The bracket of the first failure; undecided values (None) are ignored."""
     known = sorted(value for value, fails in failed.items() if fails is not None)
     first = next((i for i, value in enumerate(known) if failed[value]), None)
     if first is None:
@@ -48,7 +48,7 @@ def bracket(failed: Mapping[float, bool | None]) -> Bracket:
 
 
 def wanted(margin: Margin, failed: Mapping[float, bool | None]) -> list[float]:
-    """Values that have to be run next; none: the search has ended."""
+    """Values to run next; empty when the search has ended."""
     missing = [value for value in grid(margin) if value not in failed]
     if missing:
         return missing
@@ -60,7 +60,7 @@ def wanted(margin: Margin, failed: Mapping[float, bool | None]) -> list[float]:
 
 
 def held(margin: Margin, searches: Sequence[Mapping[float, bool | None]]) -> float | None:
-    """Share of the coarse grid's values at which runs hold, over all searches; None where none could be run."""
+    """Share of the coarse grid's values at which the criterion holds, over all searches; None without any run."""
     known = [not failed[value] for failed in searches for value in grid(margin) if failed.get(value) is not None]
     return float(np.mean(known)) if known else None
 
@@ -68,10 +68,10 @@ def held(margin: Margin, searches: Sequence[Mapping[float, bool | None]]) -> flo
 def edge(
     met: Callable[[float], Mapping[Any, bool]], what: Any, grid: Sequence[float], tolerance: float
 ) -> tuple[float | None, float | None]:
-    """Where a criterion, among those that values meet, is first not met: on the grid, then halved to the tolerance.
+    """The first failure of a criterion, by the grid and then bisection to the tolerance.
 
-    It is met at the first of the two, not at the second. The first is none where the grid's first value does not meet
-    it, the second where all do.
+    Returns the last value that holds and the first that fails. The first is None if the grid's first value fails, the
+    second if all hold. `met` gives the criteria met at a value.
     """
     high = next((value for value in grid if not met(value)[what]), None)
     low = max((value for value in grid if high is None or value < high), default=None)
@@ -82,16 +82,16 @@ def edge(
 
 
 def most_runs(margin: Margin) -> int:
-    """So many runs a search takes at most, of each criterion."""
+    """Largest number of runs of a search, per criterion."""
     step = (margin.high - margin.low) / (margin.coarse - 1)
     return margin.coarse + len(margin.criteria) * max(0, int(np.ceil(np.log2(step / margin.tolerance) - 1e-9)))
 
 
 def over_seeds(found: Sequence[Bracket], margin: Margin, seed: int) -> dict[str, Any]:
-    """The median margin of several seeds, with an interval: None where it lies beyond the values that were run.
+    """The median margin over seeds with an interval; None where it lies beyond the values that were run.
 
-    From the middles of the brackets; `low_s` and `high_s` are the ends of the bootstrap's 95 % interval of the median
-    of the lower and of the upper ends. So of one seed they are the bracket itself.
+    The median is of the middles of the brackets; `low_s` and `high_s` are the ends of the bootstrap 95 % intervals of
+    the medians of the lower and upper ends. For one seed they equal its bracket.
     """
     lows = np.array([-np.inf if one.low is None else one.low for one in found])
     highs = np.array([np.inf if one.high is None else one.high for one in found])
@@ -116,12 +116,12 @@ def _middle(one: Bracket) -> float:
 
 
 def _end(values: np.ndarray[Any, Any], end: int, seed: int) -> float:
-    """An end of the interval of the median; of one value the value."""
+    """An end of the interval of the median; for one value the value itself."""
     if np.all(values == values[0]):
         return float(values[0])
     resampled = np.random.default_rng(seed).choice(values, (RESAMPLES, len(values)))
     tail = (1 - CONFIDENCE) / 2
-    # An order statistic, not an interpolation: some values may be infinite.
+    # An order statistic without interpolation, as some values may be infinite.
     method = "lower" if end == 0 else "higher"
     return float(np.quantile(np.median(resampled, axis=1), 1 - tail if end else tail, method=method))  # type: ignore[call-overload]
 

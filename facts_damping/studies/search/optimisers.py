@@ -1,4 +1,4 @@
-"""Searches of the least in the unit cube, from a population: published ones, as libraries have them."""
+"""Population-based minimisation in the unit cube, by published methods from libraries."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 
     Objective = Callable[[NDArray[np.float64]], float]
 
-WIDEST = 0.15  # at most, standard deviation of the first generation of CMA-ES about its mean
+WIDEST = 0.15  # largest standard deviation of the first generation of CMA-ES around its mean
 
 
 class Found(NamedTuple):
-    """The best point of a search, and the points that another search may go on with."""
+    """The best point of a search, and its population, from which another search may continue."""
 
     best: NDArray[np.float64]  # (coordinates,)
-    value: float  # of the objective, there
-    population: NDArray[np.float64]  # (points, coordinates); the best is one of them
+    value: float  # objective at the best point
+    population: NDArray[np.float64]  # (points, coordinates); includes the best
 
 
 def differential_evolution(
@@ -45,9 +45,9 @@ def differential_evolution(
 def cma_es(
     objective: Objective, population: NDArray[np.float64], generations: int, random: np.random.Generator
 ) -> Found:
-    """Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, from the best of the population on.
+    """Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, started at the best of the population.
 
-    The first generation is as wide about it as the population is, `WIDEST` at most.
+    The first standard deviation equals that of the population around the best, at most `WIDEST`.
     """
     count, size = population.shape
     values = np.array([objective(at) for at in population])

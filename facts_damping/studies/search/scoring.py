@@ -1,15 +1,15 @@
-"""How good a controller is on draws of a training ensemble, beside a reference on the same draws.
+"""Score of a controller on draws of a training ensemble, relative to a reference on the same draws.
 
     score = max_i mean_d log(I_id / I_id of the reference)      i: ITAE, IAE, ITSE, ISE (4.108); d: draws, or the worst
             + UNDAMPED (share of draws whose oscillation grows, or is a limit cycle)
             + PRICE max(0, mean_d(effort - effort of the reference)),  effort = mean |u| / u_max
 
-The reference is LLC-tuned, or no control. 0 is as good as it, and below 0 all four indices are better, as geometric
-means over the draws. With a share of the draws the first mean is over the worst of each index alone (conditional value
-at risk, Rockafellar and Uryasev 2000): much that is gained in a few draws makes up for nothing in others. By medians
-the first term is instead the largest median of any index in any group of draws; a group has the same value of every
-axis of the study that is not drawn. A run that loses synchronism counts LOST and more, the earlier the more; then no
-further draw is run.
+The reference is LLC-tuned, or no control. A score of 0 equals the reference; below 0 all four indices are better, as
+geometric means over the draws. If only a share of the draws counts, the first mean is over the worst draws of each
+index (conditional value at risk, Rockafellar and Uryasev 2000), so that large gains in a few draws do not compensate
+losses in others. With medians, the first term is the largest median of any index in any group of draws; the draws of
+a group have equal values on all axes of the study that are not random. A run that loses synchronism scores LOST or
+more, the earlier the loss the more, and no further draw is run.
 """
 
 from __future__ import annotations
@@ -43,36 +43,36 @@ if TYPE_CHECKING:
 
 LOST, UNDAMPED, PRICE = 10.0, 1.0, 0.1
 REFERENCE = "LLC-tuned"
-INLINE = "custom"  # the scenario of draws that have events of their own
+INLINE = "custom"  # scenario name of draws with inline events
 
 
 class Figures(NamedTuple):
-    """What is judged of a run."""
+    """Figures of a run that the score uses."""
 
     lasted: float  # share of its duration in synchronism
     indices: dict[str, float]
-    effort: float  # mean share of the devices' limits
-    damped: bool  # it neither grows nor is it a limit cycle
+    effort: float  # mean setpoint relative to the devices' limits
+    damped: bool  # neither growing nor a limit cycle
 
 
 class Draw(NamedTuple):
-    """A run of the ensemble without controllers, everything inline, and the figures of the reference in it."""
+    """A run of the ensemble without controllers, all content inline, and the reference's figures in it."""
 
     content: dict[str, Any]
     reference: Figures
-    group: tuple[Any, ...] = ()  # the values of the study's axes that are not drawn; the nominal run has none
+    group: tuple[Any, ...] = ()  # values of the study's axes that are not random; empty for the nominal run
 
 
 class Score(NamedTuple):
-    """A score and what it is made of; of a controller that loses synchronism the score alone."""
+    """A score and its parts; for a controller that loses synchronism the score alone."""
 
     value: float
-    ratios: dict[str, float]  # geometric mean of an index over that of the reference
+    ratios: dict[str, float]  # geometric mean of each index relative to the reference
     undamped: float  # share of draws
 
 
 def figures(record: Record) -> Figures:
-    """Figures of a run; of one that loses synchronism only how long it lasted."""
+    """Figures of a run; for a run that loses synchronism only how long it lasted."""
     if not record.in_synchronism.all():
         duration = float(record.configuration["duration"])
         return Figures(min(float(record.time_s[-1]) / duration, 1.0 - 1e-9), {}, 0.0, damped=False)
@@ -80,7 +80,7 @@ def figures(record: Record) -> Figures:
     limits = setpoint_limits(record.configuration)
     share = np.abs(record.devices["setpoint"]) / np.array([limits[name] for name in record.device_names])
     verdict = judge(t, deviations, (event_times(record) or [0.0])[-1]).verdict
-    dies = verdict not in (GROWING, LIMIT_CYCLE)  # what is undecided is nobody's fault: the last event was late
+    dies = verdict not in (GROWING, LIMIT_CYCLE)  # an undecided verdict is no failure: the last event was late
     return Figures(1.0, performance_indices(t, deviations), float(share.mean()), dies)
 
 
@@ -92,11 +92,11 @@ def draws(
     profile: str = DEFAULT_PROFILE,
     reference: str = REFERENCE,
 ) -> list[Draw]:
-    """The first draws of an ensemble; where its scenario is `training`, the run of that as it is before them.
+    """The first draws of an ensemble; if its scenario is `training`, preceded by the nominal run.
 
-    Draws in which the reference loses synchronism, or that have no power flow, are left out: there is nothing to count
-    from. `link`: instead of the ensemble's. Raises `InputError` where the system has no such ensemble, the reference is
-    not tuned, or there are too few draws.
+    Draws in which the reference loses synchronism, or without a power flow solution, are left out, as they give no
+    reference. `link` replaces the ensemble's link. Raises `InputError` if the system has no such ensemble, if the
+    reference is not tuned, or if there are too few draws.
     """
     made = ensemble(system, study, profile)
     if reference == REFERENCE and (REFERENCE, None) not in tuned(system, ["speed"], ["sssc"]):
@@ -126,9 +126,9 @@ def draws(
 
 
 def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFILE) -> sweep.Plan:
-    """The draws of a system in a profile; of a shipped one all have the scenario of training, or events of their own.
+    """The draws of a system in a profile; for a shipped system all have the training scenario or their own events.
 
-    `study`: whose they are; none: `search_SYSTEM` in the profile thesis, in another one `search_SYSTEM_PROFILE`.
+    `study`: the ensemble; None: `search_SYSTEM` in the profile thesis, `search_SYSTEM_PROFILE` in other profiles.
     """
     end, systems = "" if profile == DEFAULT_PROFILE else f"_{profile}", shipped("systems")
     if study is None:
@@ -152,7 +152,7 @@ def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFI
 
 
 def trained_on(system: str, study: str | None, profile: str) -> Any:
-    """The scenario of training: the name, or what the study of a user's own system has."""
+    """The training scenario: its name, or the scenario in the study of a user's own system."""
     if study is None or system in shipped("systems"):
         return SCENARIO
     base = ensemble(system, study, profile).base
@@ -160,7 +160,7 @@ def trained_on(system: str, study: str | None, profile: str) -> Any:
 
 
 def _draw(case: Case, reference: str, group: tuple[Any, ...] = ()) -> Draw:
-    """A draw from its case. Raises `InputError` where the reference loses synchronism in it."""
+    """A draw made from its case. Raises `InputError` if the reference loses synchronism."""
     content = {**case.document(), "asked": None}
     found = run(content, None if reference == NONE else Controller(name=reference))
     if found.lasted < 1.0:
@@ -169,7 +169,7 @@ def _draw(case: Case, reference: str, group: tuple[Any, ...] = ()) -> Draw:
 
 
 def run(content: Mapping[str, Any], controller: Controller | None) -> Figures:
-    """The figures of a controller in a draw, its devices those installed; none: of no control."""
+    """The figures of a controller in a draw with its devices installed; None: without control."""
     own: dict[str, Any] = {"controllers": []}
     if controller is not None:
         own = {"devices": controller.devices, "controllers": [controller.model_dump()]}
@@ -179,7 +179,7 @@ def run(content: Mapping[str, Any], controller: Controller | None) -> Figures:
 def score(controller: Controller, against: Sequence[Draw], worst: int = 100, *, medians: bool = False) -> Score:
     """The score of a controller on draws.
 
-    `worst`: how many of them count, %: of each index the worst. `medians`: those of the groups count, instead of means.
+    `worst`: percentage of draws that count, the worst for each index. `medians`: use medians of groups, not means.
     """
     found: list[Figures] = []
     for draw in against:

@@ -1,10 +1,10 @@
-"""The search of a controller: successive halving over structures, an evolutionary search of each one's parameters.
+"""Search of a controller: successive halving over structures, and an evolutionary search of each one's parameters.
 
-With n structures and a budget of B closed loops there are floor(log4 n) rungs, each with an equal share of B, divided
-among the structures that are left; the best quarter goes on (Jamieson and Talwalkar 2016, there half). In a rung every
+For n structures and a budget of B closed-loop runs there are floor(log4 n) rungs. Each has an equal share of B, divided
+among the remaining structures; the best quarter goes on (Jamieson and Talwalkar 2016 keep half). In a rung each
 structure is searched by differential evolution or CMA-ES (optimisers.py), on twice as many draws of the training
-ensemble as in the rung before, and it goes on with its population. LLC-tuned is kept to the end. Of the last rung the
-best on draws that no rung has used, twice as many again, is chosen.
+ensemble as in the rung before, and it keeps its population. LLC-tuned stays to the end. The structures of the last rung
+are compared on draws that no rung has used, again twice as many, and the best is chosen.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
     from facts_damping.studies.sweeps.enumerated_axes import Scheme
 
-KEPT = 4  # of so many structures one goes on
+KEPT = 4  # one of this many structures goes on
 POPULATION = 16
-GROWTH = 2  # how many times the draws of a rung the next one has
+GROWTH = 2  # ratio of the draws of a rung to those of the rung before
 
 
-RUNGS = 3  # where no structure is dropped
-# What may be done about delay: whatever is best, where there is a link with delay; nothing; something.
+RUNGS = 3  # if no structure is dropped
+# Compensation of delay: free choice if a link has delay; none; always some.
 CHOICES = {
     "free": (*COMPENSATIONS, *OF_IDENTIFIERS),
     "none": (),
@@ -66,29 +66,29 @@ FLAGS = ("medians", "keep_all")
 
 
 class SearchTask(NamedTuple):
-    """What is searched for, with which budget of closed loops."""
+    """Specification of a search, with its budget of closed-loop runs."""
 
     system: str
     link: str | None
-    devices: tuple[str, ...]  # none: with all that the system has
+    devices: tuple[str, ...]  # none: all of the system's
     budget: int
     seed: int
-    cases: int = 1  # training cases of the first rung
-    study: str | None = None  # whose draws they are; none: search_<system>
-    worst: int = 100  # how many of the draws count, %: of each index the worst
-    medians: bool = False  # of groups of draws count, instead of means
-    start: str = "hypercube"  # the first points of each structure; tuned: where `tune` ended, or a run, among them
-    deviation: float | None = None  # of the other first points from those; none: they are of the hypercube
-    method: str = "differential-evolution"  # of METHODS
-    scheme: Scheme = None  # networks only in this one; none: in both
+    cases: int = 1  # training cases in the first rung
+    study: str | None = None  # study that the draws are of; None: search_<system>
+    worst: int = 100  # percentage of draws that count: the worst for each index
+    medians: bool = False  # use medians over groups of draws instead of means
+    start: str = "hypercube"  # first points of each structure; tuned: the result of `tune`, or of a run, is among them
+    deviation: float | None = None  # standard deviation of the other first points around those; None: a Latin hypercube
+    method: str = "differential-evolution"  # one of METHODS
+    scheme: Scheme = None  # scheme of the networks; None: both
     profile: str = DEFAULT_PROFILE
-    against: str = REFERENCE  # what scores count from: LLC-tuned as shipped, or `none`: no control
-    compensation: str = "free"  # of CHOICES
-    keep_all: bool = False  # no structure is dropped: all have the same budget
-    signals: tuple[str, ...] = ()  # with devices that are not of `structures.PORTS`
+    against: str = REFERENCE  # reference of the scores: LLC-tuned as shipped, or `none` for no control
+    compensation: str = "free"  # one of CHOICES
+    keep_all: bool = False  # no structure is dropped; all have the same budget
+    signals: tuple[str, ...] = ()  # for devices not in `structures.PORTS`
 
     def command(self, names: Sequence[str]) -> str:
-        """The command that searches for it."""
+        """The command that repeats this search."""
         asked = {**self._asdict(), "devices": ",".join(self.devices) or None}
         asked["signals"] = ",".join(self.signals) or None
         more = [
@@ -100,7 +100,7 @@ class SearchTask(NamedTuple):
 
 
 class Rung(NamedTuple):
-    """A rung: its number from 0, its draws, generations of each structure."""
+    """A rung: its number from 0, its draws, and the generations of each structure."""
 
     number: int
     draws: list[Draw]
@@ -108,21 +108,21 @@ class Rung(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """How far the search of a structure is."""
+    """State of the search of one structure."""
 
     structure: Structure
     population: NDArray[np.float64] | None = None  # (points, coordinates)
     controller: Controller | None = None
-    scores: tuple[Score, ...] = ()  # in each rung; after the last rung also on fresh draws
+    scores: tuple[Score, ...] = ()  # one per rung; after the last rung also the score on fresh draws
 
     @property
     def rank(self) -> tuple[int, float]:
-        """What it is sorted by: how many rungs it climbed, then the score of the last one."""
+        """Sorting key: the number of rungs completed, then the score in the last one."""
         return -len(self.scores), self.scores[-1].value
 
 
 def rungs(count: int) -> int:
-    """How many rungs so many structures take."""
+    """The number of rungs for this many structures."""
     return max(1, int(math.log(count, KEPT) + 1e-9))
 
 
@@ -132,13 +132,13 @@ def _choice(structure: Structure, system: str, compensations: tuple[str, ...]) -
 
 
 def compensations(task: SearchTask) -> tuple[str, ...]:
-    """The compensations that a search chooses among; none: there is no choice."""
+    """The compensations that a search chooses from; empty: no choice."""
     delayed = task.link is not None or task.profile != DEFAULT_PROFILE
     return CHOICES[task.compensation] if delayed else ()
 
 
 def climb(task: SearchTask, rung: Rung, entry: Entry) -> Entry:
-    """A structure after a rung."""
+    """Search a structure through one rung and return its new state."""
     choice = _choice(entry.structure, task.system, compensations(task))
     random = np.random.default_rng([task.seed, rung.number])
     start = _first(task, choice, random) if entry.population is None else entry.population
@@ -153,7 +153,7 @@ def climb(task: SearchTask, rung: Rung, entry: Entry) -> Entry:
 
 
 def _first(task: SearchTask, choice: Choice, random: np.random.Generator) -> NDArray[np.float64]:
-    """The first points of a structure."""
+    """The first points of a structure's search."""
     known = choice.starts(task.start)[:POPULATION]
     made: NDArray[np.float64] = qmc.LatinHypercube(choice.size, rng=random).random(POPULATION)
     if known and task.deviation is not None:
@@ -168,13 +168,13 @@ def _score(task: SearchTask, controller: Controller, against: Sequence[Draw]) ->
 
 
 def judge(task: SearchTask, against: Sequence[Draw], entry: Entry) -> Entry:
-    """A structure's best on draws that no rung has used."""
+    """Score a structure's best controller on draws that no rung has used."""
     assert entry.controller is not None  # noqa: S101 (for the types: it has climbed)
     return entry._replace(scores=(*entry.scores, _score(task, entry.controller, against)))
 
 
 def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
-    """All structures, the best first."""
+    """Search all structures and return them, the best first."""
     ensemble(task.system, task.study, task.profile)  # whose message says which systems there are
     asked = structures(load_system(task.system), names, task.devices, task.scheme, task.profile, task.signals)
     if task.compensation == "some":
@@ -187,7 +187,7 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
     counts = [len(left)]
     for _ in range(most - 1):
         counts.append(counts[-1] if task.keep_all else _going_on(counts[-1], left))
-    counts.append(counts[-1])  # once more, on fresh draws
+    counts.append(counts[-1])  # the last count again, for the fresh draws
     climbed = [_rung(task, known, number, counts) for number in range(most)]
     _say_what_is_made(task, climbed, counts)
     for rung in climbed:
@@ -199,14 +199,14 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
 
 
 def _rung(task: SearchTask, known: list[Draw], number: int, counts: Sequence[int]) -> Rung:
-    """A rung of the search; `counts`: how many structures climb each, and how many are judged."""
+    """A rung of the search; `counts`: number of structures in each rung, then the number judged at the end."""
     own = known[: task.cases * GROWTH**number]
     loops = task.budget / ((len(counts) - 1) * counts[number] * len(own))
     return Rung(number, own, max(1, round(loops / POPULATION)))
 
 
 def _say_what_is_made(task: SearchTask, climbed: Sequence[Rung], counts: Sequence[int]) -> None:
-    """That a budget is too small for more than the first points, where it is: each rung has a generation at least."""
+    """Warn if the budget is too small for more than the first points: each rung has at least one generation."""
     if all(rung.generations == 1 for rung in climbed):
         least = [POPULATION * count * len(rung.draws) for rung, count in zip(climbed, counts, strict=False)]
         text = f"of {counts[0]} structures only the {POPULATION} first points are tried: {sum(least)} closed loops"
@@ -215,7 +215,7 @@ def _say_what_is_made(task: SearchTask, climbed: Sequence[Rung], counts: Sequenc
 
 
 def _check_start(task: SearchTask, asked: Sequence[Structure]) -> None:
-    """Raises `InputError` where what is to be started from has nothing for any structure."""
+    """Raise `InputError` if the source of starting points has none for any structure."""
     if task.start == "hypercube":
         if task.deviation is not None:
             given = f"{task.deviation} given with --start hypercube"
@@ -228,11 +228,11 @@ def _check_start(task: SearchTask, asked: Sequence[Structure]) -> None:
 
 
 def _part(progress: Callable[[int, int], None], counts: Sequence[int], number: int) -> Callable[[int, int], None]:
-    """Progress of a rung as progress of the whole."""
+    """Converts the progress of a rung to progress of the whole search."""
     return lambda done, _: progress(sum(counts[:number]) + done, sum(counts))
 
 
 def _going_on(count: int, entries: Sequence[Entry]) -> int:
-    """How many of so many structures go on: a quarter of the networks, and LLC-tuned."""
+    """The number of structures that go on: a quarter of the networks, plus LLC-tuned."""
     opponents = sum(entry.structure.is_reference for entry in entries)
     return math.ceil((count - opponents) / KEPT) + opponents

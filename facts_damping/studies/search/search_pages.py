@@ -1,4 +1,4 @@
-"""What a search tells: the run of its winner, its ranking as rows, a table, JSON."""
+"""Output of a search: the winner's run file, and the ranking as rows, a table and JSON."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REFERENCES = {REFERENCE: "LLC-tuned as shipped", NONE: "no control"}
 
 
 def run_file(task: SearchTask, command: str, entry: Entry) -> str:
-    """A run of an entry on the scenario of training, with the command and what it reached on top."""
+    """A run file of an entry on the training scenario, with the command and the scores as a heading."""
     own = ("name", "scheme", "devices", "signals", "compensation", "parameters")
     given = entry.controller.model_dump() if entry.controller else {}
     link = task.link or ("ideal" if task.profile == DEFAULT_PROFILE else None)
@@ -48,7 +48,7 @@ def run_file(task: SearchTask, command: str, entry: Entry) -> str:
 
 
 def tuned(task: SearchTask, command: str, found: Sequence[Entry]) -> Tuned:
-    """All that were searched to the end, the best first, as a file of parameters; they command the same devices."""
+    """All structures searched to the end, the best first, as a parameter file; all command the same devices."""
     most = max(len(entry.scores) for entry in found)
     last = [(e.structure, e.controller, e.scores[-1]) for e in found if e.controller and len(e.scores) == most]
     signals = max((structure.signals for structure, _, _ in last), key=len)
@@ -97,7 +97,7 @@ def rows(found: Sequence[Entry]) -> list[dict[str, Any]]:
 
 
 def search_table(found: Sequence[Entry]) -> list[str]:
-    """The ranking in Markdown; the last column is on fresh draws."""
+    """The ranking in Markdown; the last column is the score on fresh draws."""
     most = max(len(entry.scores) for entry in found)
     titles = ["controller", "scheme", "devices", "compensation", *(f"rung {i}" for i in range(most - 1)), "fresh"]
     cells = []

@@ -1,4 +1,4 @@
-"""What the search of parameters may choose, and how a point of it becomes parameters of a controller."""
+"""The search space of parameters, and the mapping between its points and controller parameters."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
 
 
-SHARE = Range(0.1, 10.0, logarithmic=True)  # scales of the second signal and on, by how they swing beside the first
-HORIZON = Range(1.0, 24.0)  # frames, where there are several signals or devices
-RATES = ("fixed", "lyapunov")  # searched too: a place below and above one half
-GUARDS = {  # of `search`, beside those of the profile
+SHARE = Range(0.1, 10.0, logarithmic=True)  # scales of further signals, relative to their swing beside the first signal
+HORIZON = Range(1.0, 24.0)  # frames, if there are several signals or devices
+RATES = ("fixed", "lyapunov")  # searched as well: below and above one half
+GUARDS = {  # of `search`, in addition to the profile's
     "dead_zone": Range(1e-4, 0.1, logarithmic=True),
     "clip": Range(0.02, 2.0, logarithmic=True),
 }
 
 
 class Space(NamedTuple):
-    """The search for a kind of controller and a scheme, of some signals and devices."""
+    """The search space of a controller kind and scheme, for given signals and devices."""
 
     row: ControllerKind
     scheme: str | None
@@ -37,10 +37,10 @@ class Space(NamedTuple):
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """A coordinate for each parameter, `name.i` for that of device or signal i; of networks the last is the rate.
+        """A coordinate for each parameter, `name.i` for that of device or signal i; for networks the last is the rate.
 
-        Parameters that a list may give are searched for each device; scales for the first signal, with a share for
-        each of the others.
+        Parameters that may be a list are searched for each device. Scales are searched for the first signal, with a
+        ratio for each of the others.
         """
         own = {name: one.search for name, one in self.row.parameters.items() if one.search is not None}
         if self.row.network is None:
@@ -56,7 +56,7 @@ class Space(NamedTuple):
         return {**made, "rate": Range(0.0, 1.0)}
 
     def _each(self, ranges: dict[str, Range]) -> dict[str, Range]:
-        """Those of what may be a list once for each device; of what has no network also for each signal."""
+        """Repeat the ranges of list parameters for each device; without a network also for each signal."""
         counts = {"device": len(self.devices), "signal": len(self.signals) if self.row.network is None else 1}
         made: dict[str, Range] = {}
         for name, one in ranges.items():
@@ -65,7 +65,7 @@ class Space(NamedTuple):
         return made
 
     def parameters(self, at: NDArray[np.float64], plant: Residues, limit: float) -> dict[str, Value]:
-        """Parameters at a point, each coordinate from 0 to 1; `limit`: of the first device, p.u."""
+        """Parameters at a point, coordinates from 0 to 1; `limit`: of the first device, p.u."""
         found: dict[str, list[float]] = {}
         for (place, one), v in zip(self.ranges.items(), at, strict=True):
             found.setdefault(place.partition(".")[0], []).append(one.value(float(v)))
@@ -86,7 +86,7 @@ class Space(NamedTuple):
         return {**_plain(found), "rate": rate}
 
     def place(self, values: Mapping[str, Value], plant: Residues, limit: float) -> NDArray[np.float64]:
-        """The point of parameters, the inverse of `parameters`; what they do not name is in the middle of its range."""
+        """The point of these parameters, the inverse of `parameters`; missing ones are in the middle of their range."""
         numbers = {name: some for name, some in values.items() if not isinstance(some, str)}
         found = {name: [float(one) for one in np.atleast_1d(some)] for name, some in numbers.items()}
         rate = str(values.get("rate", RATES[0]))
@@ -105,9 +105,9 @@ class Space(NamedTuple):
         return np.array(at)
 
     def _units(self, plant: Residues) -> dict[str, float]:
-        """Factors of what has the first signal's unit: ranges are those of `speed`, others' as they swing beside it.
+        """Factors that convert ranges given for `speed` to the first signal's unit, by its swing beside the speed.
 
-        A gain also has the sign that damps.
+        The factor of a gain also has the sign that damps.
         """
         by = abs(plant.ratio(self.signals[0], "speed")) if "speed" in plant.signals else 1.0
         if self.row.network is not None:
@@ -115,15 +115,15 @@ class Space(NamedTuple):
         return {"gain": self._sign(plant) / by} if "gain" in self.row.parameters else {}
 
     def _sign(self, plant: Residues) -> float:
-        """The sign of a gain that damps: against the residue of the first signal and device."""
+        """The sign of a gain that damps: opposite to the residue of the first signal and device."""
         return 1.0 if abs(plant.angle_deg(self.signals[0], self.devices[0])) >= 90.0 else -1.0
 
     def _multiples(
         self, found: Mapping[str, list[float]], plant: Residues, limit: float, rate: str
     ) -> dict[str, float]:
-        """What learning rate and penalties where the Jacobian is 1 are multiplied by, in the indirect scheme.
+        """Factors of learning rate and penalties in the indirect scheme, relative to a Jacobian of 1.
 
-        Its Jacobian is what the first device's limit does to the first signal over the identifier's horizon.
+        The Jacobian is the effect of the first device's limit on the first signal over the identifier's horizon.
         """
         horizon = int(found.get("identifier_horizon", [1.0])[0])
         answer = plant.jacobian(self.signals[:1], self.devices[:1], horizon)[0, 0]
@@ -132,5 +132,5 @@ class Space(NamedTuple):
 
 
 def _plain(found: dict[str, list[float]]) -> dict[str, Value]:
-    """Lists of one as numbers."""
+    """Replace lists of one element by the number."""
     return {name: values[0] if len(values) == 1 else values for name, values in found.items()}

@@ -1,4 +1,4 @@
-"""The controllers that `search` chooses among, and what it may choose of each."""
+"""The controller structures that `search` chooses from, and their free parameters."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Run
     from facts_damping.studies.sweeps.enumerated_axes import Scheme
 
-# What a network is given with these devices; a lead-lag takes the first.
+# Signals of a network by devices; a lead-lag takes the first.
 PORTS: dict[tuple[str, ...], list[str]] = {("sssc",): ["speed"], ("sssc", "statcom"): ["speed", "power"]}
 
 
 class Structure(NamedTuple):
-    """What a controller is, before its parameters."""
+    """A controller without its parameters."""
 
-    name: str  # a row of the table of controllers, or antecedent+consequent
+    name: str  # name of a row in the table of controllers, or antecedent+consequent
     scheme: Scheme
     devices: tuple[str, ...]
     profile: str = DEFAULT_PROFILE
-    given: tuple[str, ...] = ()  # signals; none: those of PORTS
+    given: tuple[str, ...] = ()  # signals; empty: those of PORTS
 
     @property
     def signals(self) -> list[str]:
-        """The signals that it is given: what the profile has in the place of these."""
+        """The controller's signals, replaced by their equivalents in the profile."""
         given = list(self.given) or PORTS[self.devices]
         return read_profile(self.profile).given(given[: kind(self.name).signals])
 
     @property
     def is_reference(self) -> bool:
-        """Whether it is the lead-lag that all are held against."""
+        """Whether it is the reference lead-lag."""
         return self.name == REFERENCE
 
 
@@ -66,8 +66,8 @@ def structures(
 ) -> list[Structure]:
     """LLC-tuned and every pair of antecedent and consequent (or those named), in both schemes, with all devices.
 
-    `devices`: only with these; none: with each row of `PORTS` that the system has. `scheme`: networks only in this one.
-    `profile`: what they are given, and what they were tuned in. `signals`: what they are given with other devices.
+    `devices`: only these; empty: each row of `PORTS` that the system has. `scheme`: that of the networks; None: both.
+    `profile`: sets the signals and the tuned parameters. `signals`: used with devices not in `PORTS`.
     """
     have = [device.name for device in system.devices]
     for device in devices:
@@ -98,10 +98,10 @@ def _ports() -> str:
 
 
 def started(start: str, system: str, structure: Structure) -> list[dict[str, Value]]:
-    """Parameters that a structure may start from: none (`hypercube`), those that `tune` chose, or a run's.
+    """Parameters that a structure may start from: none (`hypercube`), those from `tune`, or those of a run.
 
-    They are of controllers of its scheme, signals and devices; a lead-lag's are its own. Raises `InputError` where
-    there is no such run, or it is of another system.
+    They must match its scheme, signals and devices; a lead-lag takes only its own. Raises `InputError` if there is no
+    such run, or if it is of another system.
     """
     if start == "hypercube":
         return []
@@ -129,10 +129,10 @@ def _run(name: str, system: str) -> Run:
 
 
 class Choice:
-    """What is chosen of a structure: a coordinate from 0 to 1 for each parameter, guard and word."""
+    """The search space of a structure: a coordinate from 0 to 1 for each parameter, guard and word."""
 
     def __init__(self, structure: Structure, system: str, compensations: Sequence[str] = ()) -> None:
-        """Linearise the plant once. `compensations`: of which one is chosen, where it can have them."""
+        """Linearise the plant once. `compensations`: those to choose from, if the structure can have them."""
         self.structure, self.system = structure, system
         content = {"system": system, "profile": structure.profile, "scenario": [], "devices": list(structure.devices)}
         case = changed_case({}, "search", {**content, "controllers": []})
@@ -149,15 +149,15 @@ class Choice:
 
     @property
     def size(self) -> int:
-        """How many coordinates."""
+        """The number of coordinates."""
         return len(self.space.ranges) + len(self.guards) + len(self.words)
 
     def starts(self, start: str) -> list[NDArray[np.float64]]:
-        """The points of what there is to start from."""
+        """The available starting points."""
         return [self._place(values) for values in started(start, self.system, self.structure)]
 
     def _place(self, values: Mapping[str, Value]) -> NDArray[np.float64]:
-        """The point of parameters; guards that they do not name are as in `deployed`, compensation is none."""
+        """The point of these parameters; guards not named are as in `deployed`, compensation is none."""
         usual = {name: one.deployed for name, one in self.space.row.parameters.items()} | dict(values)
         guards = [one.place(float(str(usual[name] or 0.0))) for name, one in self.guards.items()]
         words = [(some.index(str(usual.get(name, some[0]))) + 0.5) / len(some) for name, some in self.words.items()]

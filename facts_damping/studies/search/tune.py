@@ -1,11 +1,11 @@
-"""The search of parameters: one procedure and one budget for every controller, on a training scenario alone.
+"""Search of controller parameters: the same procedure and budget for every controller, on one training scenario.
 
-Differential evolution (Storn and Price 1997, as SciPy has it) makes small
+Differential evolution (Storn and Price 1997, as implemented in SciPy) minimises
 
     objective = int t (sum_i |dw_i| + rho |u| / u_max) dt                                       p.u. s^2
 
-the ITAE (4.108) with a price on effort, so that neither a limit cycle nor an offset is free. A run that loses
-synchronism counts 1000 less the time that it lasted.
+the ITAE (4.108) plus a cost of control effort, which also penalises limit cycles and offsets. A run that loses
+synchronism has the objective 1000 minus the time that it lasted.
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
 
 POPULATION = 24
-RHO = 1e-4  # p.u. of speed that the device's limit costs
+RHO = 1e-4  # p.u. of speed, the cost of the device at its limit
 LOST = 1000.0  # objective of a run that loses synchronism at once
 
 
 class TuningTask(NamedTuple):
-    """What controllers are tuned for: a system, the devices installed and commanded, signals, profile, measurement."""
+    """Conditions of tuning: system, devices installed and commanded, signals, profile, measurement."""
 
     system: str
     devices: list[str]
     signals: list[str]
     budget: int
     seed: int
-    measurement: str | None = None  # none: the profile's
+    measurement: str | None = None  # None: the profile's
     profile: str = DEFAULT_PROFILE
-    scenario: str = SCENARIO  # a name of the system's, or a file
+    scenario: str = SCENARIO  # name of one of the system's scenarios, or a file
 
 
 class Job(NamedTuple):
@@ -65,7 +65,7 @@ class Job(NamedTuple):
 
 
 def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
-    """Controllers and schemes to be tuned; no names: all that have parameters to choose."""
+    """Controllers and schemes to be tuned; without names, all that have tunable parameters."""
     tunable = [name for name, row in CONTROLLERS.items() if row.tuned]
     for name in names:
         if not kind(name, "CONTROLLER").tuned:
@@ -74,7 +74,7 @@ def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
 
 
 class Trainer:
-    """The training scenario of a task, ready to be run with a controller at any point of the search."""
+    """The training scenario of a task, evaluated for a controller at any point of the search space."""
 
     def __init__(self, job: Job) -> None:
         """Build the plant once."""
@@ -90,7 +90,7 @@ class Trainer:
         self.space = Space(self.row, self.scheme, self.signals, task.devices)
 
     def parameters(self, at: NDArray[np.float64]) -> dict[str, Value]:
-        """Parameters at a point of the search, each coordinate from 0 to 1."""
+        """Parameters at a point of the search space, coordinates from 0 to 1."""
         limit = self.case.system.device(self.space.devices[0]).setpoint_max
         return self.space.parameters(at, self.residues, limit)
 
@@ -107,16 +107,16 @@ class Trainer:
         return make_case(content, f"tune {self.case.system.name}")
 
     def check(self) -> None:
-        """Raise `InputError` where the controller cannot have these signals and devices."""
+        """Raise `InputError` if the controller does not fit these signals and devices."""
         build_control(self.with_parameters(self.parameters(np.full(len(self.space.ranges), 0.5))), self.residues)
 
     def objective(self, at: NDArray[np.float64]) -> float:
-        """The objective at a point of the search."""
+        """The objective at a point of the search space."""
         return objective(self.with_parameters(self.parameters(at)), self.residues)
 
 
 def objective(case: Case, plant: Residues) -> float:
-    """ITAE with a price on effort; of a run that loses synchronism 1000 less its duration."""
+    """ITAE plus cost of effort; for a run that loses synchronism, 1000 minus its duration."""
     record = loop.finish(case, loop.build_loop(case, plant))
     t = record.time_s
     if not record.in_synchronism.all():
@@ -128,7 +128,7 @@ def objective(case: Case, plant: Residues) -> float:
 
 
 def search(job: Job) -> TunedController:
-    """The best of a budget of runs, by differential evolution from a Latin hypercube."""
+    """The best parameters within the budget of runs, by differential evolution from a Latin hypercube."""
     trainer = Trainer(job)
     start = _population(len(trainer.space.ranges), job.task.seed)
     generations = max(1, job.task.budget // POPULATION)
@@ -146,7 +146,7 @@ def _population(size: int, seed: int) -> NDArray[np.float64]:
 
 
 def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> Tuned:
-    """Search for every controller, several at a time."""
+    """Search the parameters of every controller, several controllers in parallel."""
     asked = [Job(task, name, scheme) for name, scheme in rows(names)]
     trainers = [Trainer(job) for job in asked]
     for trainer in trainers:
@@ -172,5 +172,5 @@ def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[
 
 
 def document(tuned: Tuned) -> dict[str, Any]:
-    """The file under config/controllers."""
+    """The content of the file under config/controllers."""
     return tuned.model_dump(exclude_defaults=True)

@@ -1,4 +1,4 @@
-"""From the axes of a study to its points: what each sets in the run, and the columns of its row."""
+"""Conversion of a study's axes to its points: the fields that each sets in the run, and the columns of its row."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.study import Axis, Range, Study, Target, Variable
 
 MOST_POINTS = 1_000_000
-DIGITS = 12  # significant, to which values are rounded: 3 * 0.1 is 0.3
+DIGITS = 12  # significant digits to which values are rounded: 3 * 0.1 is 0.3
 
 
 class Point(NamedTuple):
@@ -29,7 +29,7 @@ class Point(NamedTuple):
     changes: dict[str, Any]  # of the run: path: value
 
 
-# Quantile functions of the distributions, before they are cut off.
+# Quantile functions of the distributions before truncation.
 DISTRIBUTIONS = {
     "uniform": lambda v: stats.uniform(v.low, v.high - v.low),
     "loguniform": lambda v: stats.loguniform(v.low, v.high),
@@ -39,7 +39,7 @@ DISTRIBUTIONS = {
 
 
 def points(study: Study) -> list[Point]:
-    """All points of a study, the last axis fastest. Raises `InputError` where axes do not fit."""
+    """All points of a study, with the last axis varying fastest. Raises `InputError` if axes conflict."""
     random = np.random.default_rng(study.seed)
     expanded = [expand(axis, random, f"sweep.{i}") for i, axis in enumerate(study.sweep)]
     count = int(np.prod([len(one) for one in expanded], dtype=np.float64))
@@ -57,7 +57,7 @@ def points(study: Study) -> list[Point]:
 
 
 def chosen(points: list[Point], only: Sequence[str]) -> list[Point]:
-    """The points whose columns have the values asked for: texts such as `kind=LLC*,HBsWC direct`, of patterns."""
+    """The points whose columns match the given texts of value patterns, such as `kind=LLC*,HBsWC direct`."""
     for text in only:
         name, _, patterns = text.partition("=")
         check_known(f"--only {text}", name, points[0].columns)
@@ -73,7 +73,7 @@ def chosen(points: list[Point], only: Sequence[str]) -> list[Point]:
 
 
 def expand(axis: Axis, random: np.random.Generator, where: str) -> list[Point]:
-    """The points of an axis by itself; draws advance `random`."""
+    """The points of a single axis; random draws advance `random`."""
     if axis.zip is not None:
         beside = [expand(one, random, f"{where}.zip.{i}") for i, one in enumerate(axis.zip)]
         lengths = [len(one) for one in beside]
@@ -91,7 +91,7 @@ def expand(axis: Axis, random: np.random.Generator, where: str) -> list[Point]:
 
 
 def _row_columns(axis: Axis, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The columns of rows: their fields; of an axis with a name its label of each, or the row's texts."""
+    """Columns of rows: their fields; for a named axis its label of each row, or the row's texts."""
     if axis.name is None:
         paths = list(dict.fromkeys(path for row in rows for path in row))
         return [{path: row.get(path) for path in paths} for row in rows]
@@ -99,12 +99,12 @@ def _row_columns(axis: Axis, rows: list[dict[str, Any]]) -> list[dict[str, Any]]
 
 
 def _label(row: dict[str, Any]) -> str:
-    """A name of a row of several fields: its texts and numbers, `HBsWC direct`."""
+    """A label for a row of several fields from its texts and numbers, such as `HBsWC direct`."""
     return " ".join(str(value) for value in row.values() if isinstance(value, str | int | float))
 
 
 def joined(parts: Iterable[Point]) -> Point:
-    """Points of several axes as one."""
+    """Merge points of several axes into one."""
     columns: dict[str, Any] = {}
     changes: dict[str, Any] = {}
     for part in parts:
@@ -114,7 +114,7 @@ def joined(parts: Iterable[Point]) -> Point:
 
 
 def placed(target: Target, value: Any) -> Point:
-    """A value in the fields that it goes into."""
+    """The point that sets a value in its target fields."""
     plain = value.item() if isinstance(value, np.generic) else value
     whole = getattr(target, "whole", False)
     kept = round(plain) if whole else _rounded(plain) if isinstance(plain, float) else plain
@@ -127,7 +127,7 @@ def _rounded(value: float) -> float:
 
 
 def spaced(spec: Range) -> Sequence[int | float]:
-    """The values of a range; whole numbers stay whole."""
+    """The values of a range; integers stay integers."""
     if spec.step is None:
         spread = np.linspace(spec.start, float(spec.stop or 0), int(spec.number or 1))
         whole = isinstance(spec.start, int) and isinstance(spec.stop, int) and not np.any(spread % 1)
@@ -140,7 +140,7 @@ def spaced(spec: Range) -> Sequence[int | float]:
 
 
 def _of_kinds(axis: Axis, random: np.random.Generator) -> list[Point]:
-    """What draws have of their kinds, which come in turn."""
+    """Points of the kinds of draws, which alternate."""
     spec = axis.draws
     assert spec is not None  # noqa: S101 (for the types)
     kinds, found = spec.kinds or {}, [Point({}, {})] * spec.number
@@ -155,13 +155,13 @@ def _of_kinds(axis: Axis, random: np.random.Generator) -> list[Point]:
 
 
 def _drawn(variables: Sequence[Variable], number: int, method: str, random: np.random.Generator) -> list[Point]:
-    """Points of so many draws of variables."""
+    """Points of a number of draws of variables."""
     values = draw(variables, number, method, random)
     return [joined(map(placed, variables, row)) for row in values]
 
 
 def draw(variables: Sequence[Variable], number: int, method: str, random: np.random.Generator) -> NDArray[np.float64]:
-    """Values of variables, (number, variables)."""
+    """Random values of variables, (number, variables)."""
     size = len(variables)
     if method == "latin_hypercube" and size:
         shares = stats.qmc.LatinHypercube(size, rng=random).random(number)
@@ -172,7 +172,7 @@ def draw(variables: Sequence[Variable], number: int, method: str, random: np.ran
 
 
 def quantile(variable: Variable, share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The values below which these shares of a variable lie, within its limits."""
+    """Quantiles of a variable at the given shares, within its limits."""
     law = DISTRIBUTIONS[variable.distribution](variable)
     low = 0.0 if variable.low is None else law.cdf(variable.low)
     high = 1.0 if variable.high is None else law.cdf(variable.high)
@@ -180,7 +180,7 @@ def quantile(variable: Variable, share: NDArray[np.float64]) -> NDArray[np.float
 
 
 def drawn_columns(axis: Axis) -> list[str]:
-    """Columns of an axis that are random."""
+    """Random columns of an axis."""
     inside = [name for one in axis.zip or [] for name in drawn_columns(one)]
     if axis.draws is None:
         return inside

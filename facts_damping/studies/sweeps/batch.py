@@ -1,7 +1,7 @@
-"""One run of a sweep: from the fields that it sets to a flat row of figures.
+"""One run of a sweep: from its changed fields to a flat row of figures.
 
-Runs that share system, scenario and devices share the built plant and its residues; the figures are those of
-`facts-damping simulate` to the last bit.
+Runs with equal system, scenario and devices share the built plant and its residues. The figures equal those of
+`facts-damping simulate` bit for bit.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-INTERAREA_HZ = 0.9  # below it a mode of the ringdown is the interarea one
+INTERAREA_HZ = 0.9  # a ringdown mode below this frequency is the interarea mode
 QUANTILES = (0, 1, 5, 10, 25, 50, 75, 90, 95, 99, 100)  # %, of the latency
-MOST_SHARED = 256  # plants that a process keeps; some kB each
+MOST_SHARED = 256  # largest number of plants cached per process; some kB each
 LATENCIES = ("latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms")
 SUMMED = ("settling_time_s", "roughness", "max_injected_voltage_pu")
 OUTCOME = ("verdict", "damped", "instability", "duration_s")
 GROWTH = {"value": "growth_per_s", "low": "growth_low_per_s", "high": "growth_high_per_s"}
-# With half the integration step; the second is the change of the index that changes most.
+# Results with half the integration step; the second is the relative change of the index that changes most.
 CHECKED = ("converged", "step_change", "verdict_half_step")
 INTERAREA = ("interarea_hz", "interarea_damping_ratio")
-CUSTOM = "custom"  # what stands inline, in the place of a name
+CUSTOM = "custom"  # name of inline content
 NAMED = ("system", "scenario", "link")
 IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
 
@@ -54,9 +54,9 @@ _residues: dict[str, Residues | None] = {}
 
 
 class Base(NamedTuple):
-    """What all runs of a study have in common: the content of a run file, where it is from, what is set in it.
+    """Common data of all runs of a study: content of the run file, its origin, and the fields set in it.
 
-    `modes`, `jacobian`: what is asked of them beside, as in the study.
+    `modes`, `jacobian`: additional results, as in the study.
     """
 
     content: dict[str, Any]
@@ -67,9 +67,9 @@ class Base(NamedTuple):
 
 
 class RunRequest(NamedTuple):
-    """A run: its key in the journal, the fields that it sets, and its columns of the table.
+    """A run: its key in the journal, the fields that it sets, and its columns in the table.
 
-    `check_step`: it is also made with half the integration step.
+    `check_step`: repeat it with half the integration step.
     """
 
     key: str
@@ -79,9 +79,9 @@ class RunRequest(NamedTuple):
 
 
 def make(base: Base, changes: Mapping[str, Any]) -> Case:
-    """The case of a run. Raises `InputError` that begins with the `--set` that is at fault.
+    """The case of a run. Raises `InputError` that begins with the `--set` at fault.
 
-    Where a change takes all controllers away, nothing is set below them.
+    If a change removes all controllers, fields below them are not set.
     """
     values = {**base.set, **changes}
     if changes.get("controllers") == []:
@@ -90,7 +90,7 @@ def make(base: Base, changes: Mapping[str, Any]) -> Case:
 
 
 def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
-    """Key and row of a run; one that fails is a row too, with the reason in `error`."""
+    """Key and row of a run; a failed run has a row too, with the reason in `error`."""
     row: dict[str, Any] = {**dict.fromkeys(IDENTITY), **names(base, task.changes), **task.columns}
     try:
         case = make(base, task.changes)
@@ -109,14 +109,14 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
 
 
 def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """System, scenario and link by the names that were given; `custom` for one that stands inline."""
+    """Names of system, scenario and link as given; `custom` for inline content."""
     values = {**base.content, **base.set, **changes}
     given = {name: values.get(name, Run.model_fields[name].default) for name in NAMED}
     return {name: value if isinstance(value, str) else CUSTOM for name, value in given.items()}
 
 
 def identity(case: Case) -> dict[str, Any]:
-    """What tells runs apart in every study, beside the names; a fallback is not what is studied."""
+    """Columns that identify a run in every study, in addition to the names; without the fallback controller."""
     own = [c for c in case.controllers if c.fallback_of is None]
     schemes = dict.fromkeys(c.scheme for c in own if c.scheme)
     return {
@@ -127,13 +127,13 @@ def identity(case: Case) -> dict[str, Any]:
 
 
 def closed_loop(case: Case) -> Record:
-    """`loop.run(case)`, with plant and residues shared between runs."""
+    """Equivalent to `loop.run(case)`, with plant and residues shared between runs."""
     return loop.finish(case, fresh_loop(case))
 
 
 def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
-    """`loop.build_loop(case)`, with plant and residues shared between runs."""
-    # By content, not by name: a worker of a cluster may outlive a file.
+    """Equivalent to `loop.build_loop(case)`, with plant and residues shared between runs."""
+    # Keyed by content instead of name: a file may change during the life of a cluster's worker.
     system = f"{case.run.devices} {case.system.model_dump_json()}"
     events = [event.model_dump_json() for event in case.scenario.events]
     noise = f"{case.run.load_noise.model_dump_json()} {case.run.seed} {case.duration}" if case.run.load_noise else ""
@@ -150,7 +150,7 @@ def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
 
 
 def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
-    """What is kept under a key, made if it is not there; the oldest goes when there are too many."""
+    """The cached value of a key, made if missing; the oldest value is dropped when the cache is full."""
     found = kept.get(key)
     if found is None:
         if len(kept) >= MOST_SHARED:
@@ -167,7 +167,7 @@ def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
 
 
 def figures(record: Record, finer: Record | None = None, *, modes: bool) -> dict[str, Any]:
-    """The figures of a run, flat; None where a run has none. `finer`: the same at half the integration step."""
+    """The figures of a run, flat; None where undefined. `finer`: the same run with half the integration step."""
     told = summarise(record, method=AUTO if modes else None)
     found: dict[str, Any] = {
         "stable": told["stable"] is True,

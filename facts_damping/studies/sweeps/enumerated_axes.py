@@ -1,4 +1,4 @@
-"""Axes over everything that there is: the scenarios of a system, the controllers of the table, as rows."""
+"""Axes over `every`: all scenarios of a system, or all controllers of the table, as rows."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
 
-Scheme = Literal["direct", "indirect"] | None  # of a controller; None: it has none
-SCENARIO = "training"  # the one that controllers are chosen on
+Scheme = Literal["direct", "indirect"] | None  # of a controller; None: it has no scheme
+SCENARIO = "training"  # scenario for tuning and choosing controllers
 NONE = "none"
-ANY = "ANFTSC"  # takes whatever signals and devices there are
-RESTS_ON = ("system", "devices", "profile")  # fields of a run that say which scenarios and controllers there are
-COLUMNS = {"scenario": "scenario", "controller": "kind", "network": "kind"}  # of the table, where it has no name
+ANY = "ANFTSC"  # accepts any signals and devices
+RESTS_ON = ("system", "devices", "profile")  # fields of a run that determine the available scenarios and controllers
+COLUMNS = {"scenario": "scenario", "controller": "kind", "network": "kind"}  # column of an axis without a name
 
 
 def expand_axis(study: Study, base: Base) -> Study:
-    """The study with each axis over `every` as rows. Raises `InputError` where another axis sets what these rest on."""
+    """Expand each axis over `every` into rows. Raises `InputError` if another axis sets a field of `RESTS_ON`."""
     asked = [axis.every for axis in study.sweep if axis.every is not None]
     if not asked:
         return study
@@ -41,7 +41,7 @@ def expand_axis(study: Study, base: Base) -> Study:
 
 
 def _rows(axis: Axis, system: str, case: Case) -> Axis:
-    """An axis over `every` as rows with labels; any other as it is."""
+    """Expand an axis over `every` into rows with labels; return any other axis unchanged."""
     if axis.every is None:
         return axis
     if axis.every == "scenario":
@@ -52,9 +52,9 @@ def _rows(axis: Axis, system: str, case: Case) -> Axis:
 
 
 def scenarios(system: str) -> list[str]:
-    """The scenarios of a system that are judged: all but the one for training.
+    """The evaluation scenarios of a system: all except the training scenario.
 
-    Those of a system by path are the files of its folder that have `events`.
+    For a system given by path, they are the files in its folder that have `events`.
     """
     path, known = files.find("systems", system), files.shipped("scenarios")
     found = [name.removeprefix(f"{system}/") for name in known if name.startswith(f"{system}/")]
@@ -68,7 +68,7 @@ def scenarios(system: str) -> list[str]:
 
 
 def _is_scenario(path: Path) -> bool:
-    """Whether a file has events; one that cannot be read has none."""
+    """Whether a file has events; False for an unreadable file."""
     try:
         return "events" in files.read_table(path)
     except InputError:
@@ -76,9 +76,9 @@ def _is_scenario(path: Path) -> bool:
 
 
 def candidates(system: str, case: Case) -> dict[str, dict[str, Any]]:
-    """What makes a run one of no control, of each controller of the table and scheme: fields of the run, by name.
+    """Fields of a run by name: for no control, and for each controller of the table in each scheme.
 
-    Each takes as many of a controller's signals as it can. LLC-tuned is left out where it is not tuned for them.
+    Each controller takes as many signals as it can. LLC-tuned is left out if it is not tuned for them.
     """
     first = case.run.controllers[0]
     known = ("LLC-tuned", None) in tuned(system, first.signals[:1], first.devices, profile=case.run.tuning)
@@ -87,7 +87,7 @@ def candidates(system: str, case: Case) -> dict[str, dict[str, Any]]:
 
 
 def networks() -> dict[str, dict[str, Any]]:
-    """The neuro-fuzzy controllers of the table in both schemes, as `contenders`."""
+    """The neuro-fuzzy controllers of the table in both schemes, in the form of `candidates`."""
     return {label: _named(label) for label in _labels([name for name, row in CONTROLLERS.items() if row.network])}
 
 
@@ -101,13 +101,13 @@ def _named(label: str) -> dict[str, Any]:
 
 
 def _cut(label: str, case: Case) -> dict[str, Any]:
-    """Of controllers with more signals than this one takes, the first."""
+    """The leading signals of each controller, if this kind takes fewer."""
     most = kind(label.partition(" ")[0]).signals
     own = {f"controllers.{i}.signals": one.signals for i, one in enumerate(case.run.controllers)}
     return {path: signals[:most] for path, signals in own.items() if len(signals) > most}
 
 
 def every_scheme(names: Sequence[str]) -> list[tuple[str, Scheme]]:
-    """Controllers in the schemes that they have: a network in both, a lead-lag in none."""
+    """Controllers with their schemes: networks in both, a lead-lag without one."""
     schemes: dict[bool, tuple[Scheme, ...]] = {True: ("direct", "indirect"), False: (None,)}
     return [(name, scheme) for name in names for scheme in schemes[kind(name, "CONTROLLER").network is not None]]

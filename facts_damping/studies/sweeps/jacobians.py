@@ -1,4 +1,4 @@
-"""Pictures of how well an identifier knows the plant's Jacobian."""
+"""Pictures that compare an identifier's estimate of the plant's Jacobian with the true one."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
-LEAST = 1e-9  # on logarithmic axes
+LEAST = 1e-9  # lower limit of logarithmic axes
 
 
 def draw(case: Case, horizon: int, path: Path) -> None:
-    """One PNG of a run: every derivative with the true one, learning rates, Lyapunov functions.
+    """One PNG of a run: estimated and true derivatives, learning rates, Lyapunov functions.
 
-    `horizon`: frames, of the second true derivative beside that of the identifier's own.
+    `horizon`: frames of a second true derivative, in addition to the identifier's own horizon.
     """
     record = loop.run(case)
     found, c = follow(case, record, horizon), case.controllers[0]

@@ -1,4 +1,4 @@
-"""The log of finished runs: a line of JSON each, appended as they come, so that a sweep that was killed goes on."""
+"""The journal of finished runs: one line of JSON per run, appended at once, so that a killed sweep can continue."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-CHECKSUM = b', "crc32": "%08x"}'  # how a line ends: that of the line without it
-SYNC_S = 1.0  # so often the disk itself is waited for: a kill costs no finished run, a power cut a second's
+CHECKSUM = b', "crc32": "%08x"}'  # end of a line: checksum of the rest of the line
+SYNC_S = 1.0  # interval of flushing to disk: a kill loses no finished run, a power cut at most this interval
 
 
 class Journal:
-    """An append-only file of rows by key; its first line names the study, and each line has a checksum.
+    """An append-only file of rows by key; the first line identifies the study, and each line has a checksum.
 
-    A damaged line, such as the torn last one of a process that was killed, is counted in `damaged` and left out: its
-    run is made again. Raises `InputError` for the journal of another study, or one that another process writes.
+    Damaged lines, such as an incomplete last line of a killed process, are counted in `damaged` and ignored, so their
+    runs are repeated. Raises `InputError` for the journal of another study, or one in use by another process.
     """
 
     def __init__(self, path: Path, study: str) -> None:
-        """Open the journal of a study, by its fingerprint, and read what it holds."""
+        """Open the journal of a study, identified by its fingerprint, and read its rows."""
         if path.exists():
             check_file(path, RECORDING)
         self._file: IO[bytes] = path.open("a+b")
@@ -64,7 +64,7 @@ class Journal:
         self.rows = {one["key"]: one["row"] for one in lines if "key" in one and "row" in one}
 
     def append(self, key: str, row: dict[str, Any]) -> None:
-        """Keep a row."""
+        """Append a row."""
         row = finite(row)
         self.rows[key] = row
         self._write({"key": key, "row": row})
@@ -84,14 +84,14 @@ class Journal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close it; others may write then."""
+        """Close the file and release it for other processes."""
         with naming(self._name):
             os.fsync(self._file.fileno())
             self._file.close()
 
 
 def _parsed(line: bytes) -> dict[str, Any] | None:
-    """A line's content; None for a damaged one."""
+    """The content of a line; None if it is damaged."""
     body = line[: -len(CHECKSUM % 0)] + b"}"
     if line[len(body) - 1 :] != CHECKSUM % zlib.crc32(body):
         return None

@@ -1,4 +1,4 @@
-"""The picture of margins: who bears how much, at a glance."""
+"""A picture of margins as bars."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ WORDS = {"unstable": "loses synchronism", "not_damped": "is not damped"}
 
 
 def draw_margins(margins: Rows, across: str) -> Figure:
-    """Bars of margins, who bears most on top, other criteria as diamonds: a panel for each value of `across`.
+    """Bars of margins, the largest on top, other criteria as diamonds: a panel for each value of `across`.
 
-    Scenarios are one beneath the other where they are not across.
+    Scenarios are below each other unless `across` is the scenario.
     """
     names, first = margin_names(margins, across), margins[0]["criterion"]
     labelled = [{**row, "label": label(row, names)} for row in margins]

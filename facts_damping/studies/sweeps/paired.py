@@ -1,4 +1,4 @@
-"""How much better or worse, draw by draw: ratios of an index over the same draws, with intervals."""
+"""Paired comparison of an index over the same draws: ratios with confidence intervals."""
 
 from __future__ import annotations
 
@@ -15,42 +15,42 @@ if TYPE_CHECKING:
 
 CONFIDENCE = 0.95
 RESAMPLES = 4000
-LEAST = 4  # pairs that an interval needs
+LEAST = 4  # smallest number of pairs for an interval
 
 
 class Effect(NamedTuple):
-    """An index beside that of a reference in the same draws: geometric mean of the ratio, its 95 % interval.
+    """An index relative to a reference in the same draws: geometric mean of the ratio, and its 95 % interval.
 
-    The interval is the bootstrap's, draws drawn again within their groups (B. Efron, R. J. Tibshirani, An Introduction
-    to the Bootstrap, 1993, 13). Ratios are of draws in which both stay in synchronism; with fewer than `LEAST` of them
-    there are none, and all three are None.
+    The interval is a bootstrap by resampling draws within their groups (B. Efron, R. J. Tibshirani, An Introduction to
+    the Bootstrap, 1993, 13). Only draws in which both stay in synchronism count; with fewer than `LEAST` of them all
+    three are None.
     """
 
     draws: int
     pairs: int  # draws in which both stay in synchronism
-    lost: int  # draws in which it loses synchronism, the reference does not
-    kept: int  # draws in which it keeps synchronism, the reference does not
+    lost: int  # draws in which it loses synchronism and the reference does not
+    kept: int  # draws in which it keeps synchronism and the reference does not
     ratio: float | None
     low: float | None
     high: float | None
 
     @property
     def better(self) -> bool | None:
-        """Whether it is better than the reference; None where the interval says neither."""
+        """Whether it is better than the reference; None if the interval contains one."""
         if self.low is None or self.high is None or self.low <= 1.0 <= self.high:
             return None
         return self.high < 1.0
 
 
 def by_draw(rows: Iterable[Row], columns: Sequence[str]) -> dict[Any, Row]:
-    """Rows by what tells draws apart."""
+    """Rows by the columns that identify a draw."""
     return {tuple(row[name] for name in columns): row for row in rows}
 
 
 def effect(
     own: dict[Hashable, Row], reference: dict[Hashable, Row], group: Callable[[Row], Any], index: str = "ITAE"
 ) -> Effect:
-    """The effect of rows beside those of the same draws; the mean is that of the groups' means."""
+    """The effect of rows relative to the reference in the same draws; the mean is over the groups' means."""
     both = [(own[key], reference[key]) for key in own if key in reference]
     stable = [(bool(a["stable"]), bool(b["stable"])) for a, b in both]
     logs: dict[Any, list[float]] = {}
@@ -63,7 +63,7 @@ def effect(
 
 
 def _interval(groups: Sequence[NDArray[np.float64]]) -> tuple[float, float, float]:
-    """Geometric mean and the ends of its interval."""
+    """Geometric mean and the ends of its confidence interval."""
     random = np.random.default_rng(len(groups))
     means = np.mean([own[random.integers(len(own), size=(RESAMPLES, len(own)))].mean(axis=1) for own in groups], axis=0)
     tail = (1.0 - CONFIDENCE) / 2.0
@@ -73,9 +73,9 @@ def _interval(groups: Sequence[NDArray[np.float64]]) -> tuple[float, float, floa
 
 
 def agree(one: Effect, other: Effect) -> bool | None:
-    """Whether two effects, of different draws, are the same within their intervals; None where one has none.
+    """Whether two effects, from different draws, agree within their intervals; None if one has no interval.
 
-    The difference of the logarithms is less than the root of the sum of the squared half-widths.
+    They agree if the logarithms differ by less than the root of the sum of the squared half-widths.
     """
     if one.ratio is None or other.ratio is None:
         return None

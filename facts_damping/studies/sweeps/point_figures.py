@@ -1,4 +1,4 @@
-"""Pictures that a study asks for of each of its points, whose runs are made again."""
+"""Pictures of single points of a study; the runs are repeated for them."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from facts_damping.studies.sweeps.axes import Point
     from facts_damping.studies.sweeps.sweep import Plan
 
-HORIZON = 10  # frames, of a picture of a Jacobian where the study has none
+HORIZON = 10  # frames, for a picture of a Jacobian if the study sets none
 
 
 def draw(plan: Plan, folder: Path, jobs: int) -> list[Path]:
-    """All pictures of all points whose runs can be made, named by what was swept: `jacobian_large_ANFTSC.png`."""
+    """Draw all pictures of all feasible points, named by the swept values: `jacobian_large_ANFTSC.png`."""
     todo = [(kind, point) for point in plan.points for kind in plan.study.pictures]
     if not todo:
         return []
@@ -42,7 +42,7 @@ def _one(base: Base, folder: Path, what: tuple[str, Point]) -> Path | None:
     path = folder / f"{re.sub('[^A-Za-z0-9.+-]+', '_', told)}.png"
     try:
         DRAWN[kind](base, point.changes, path)
-    except FactsDampingError:  # its row says why
+    except FactsDampingError:  # the row of this run has the reason
         return None
     return path
 
@@ -52,7 +52,7 @@ def _jacobian(base: Base, changes: dict[str, Any], path: Path) -> None:
 
 
 def _portrait(base: Base, changes: dict[str, Any], path: Path) -> None:
-    """Beside the run without control and the lead-lags, those that there are."""
+    """Draw a portrait beside the available baselines: the run without control and the lead-lags."""
     case = make(base, changes)
     others = candidates(names(base, changes)["system"], case)
     own: dict[str, Any] = {"controllers.*.scheme": None, "controllers.*.parameters": {}}

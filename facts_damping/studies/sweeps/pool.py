@@ -1,4 +1,4 @@
-"""Many runs at once: in processes of their own, or on a Dask cluster; results as they come."""
+"""Parallel runs in local processes or on a Dask cluster; results are yielded as they finish."""
 
 from __future__ import annotations
 
@@ -21,19 +21,18 @@ if TYPE_CHECKING:
 
     Each = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
 
-CONNECT_S = 10  # longest wait for a scheduler
-MOST_AT_ONCE = 16  # handed to a process: the more, the less it waits; a kill costs what was under way
-TASKS_AHEAD = 4  # for each thread of a cluster: enough that none waits, few enough that a scheduler stays small
+CONNECT_S = 10  # s, time-out for connecting to a scheduler
+MOST_AT_ONCE = 16  # largest batch per process: larger batches wait less, but a kill loses the current batch
+TASKS_AHEAD = 4  # per thread of a cluster: keeps all threads busy and the scheduler small
 
-# What joblib tells of an interrupted sweep, and of a worker that it replaced because its memory grew or because it had
-# long been idle. Neither concerns a result. As an error the second ends the thread that waits for the workers.
+# Joblib's warnings about an interrupted sweep, and about a replaced worker (memory growth or long idle time).
 _JOBLIB_WARNINGS = r"\d+ tasks (have been successfully|which were still being)|A worker stopped while some jobs"
 
-_state = {"worker": False}  # whether this process is one
+_state = {"worker": False}  # whether this process is a worker
 
 
 def _worker() -> None:
-    """An interrupt is the parent's to answer; whatever ends the parent ends its workers."""
+    """Ignore interrupts, which the parent handles; end when the parent ends."""
     _state["worker"] = True
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
@@ -42,17 +41,17 @@ def _worker() -> None:
 
 
 def refuse_within() -> None:
-    """Raise `RunError` in a process of a sweep: there a script is loaded for a class that is in it."""
+    """Raise `RunError` in a worker, where a user's script is loaded only for a class in it."""
     if _state["worker"]:
         raise RunError('a sweep within a sweep given; allowed: in a script, below if __name__ == "__main__":')
 
 
 @contextmanager
 def workers(jobs: int, scheduler: str | None = None) -> Iterator[Each]:
-    """A function that calls a function of everything and gives the results as they come, in no order.
+    """Yield a function that maps a function over inputs and gives the results in order of completion.
 
-    `jobs` processes, or the cluster of a Dask scheduler at an address. Raises `InputError` where no scheduler answers,
-    `RunError` where a process dies.
+    It uses `jobs` processes, or the cluster of the Dask scheduler at an address. Raises `InputError` if no scheduler
+    answers, `RunError` if a process dies.
     """
     clean_up_first()
     if scheduler is None:
@@ -73,7 +72,7 @@ def workers(jobs: int, scheduler: str | None = None) -> Iterator[Each]:
 
 
 def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]) -> Iterator[Any]:
-    """One BLAS thread each: on matrices as small as these several wait for each other longer than they work."""
+    """Map in local processes with one BLAS thread each: for such small matrices more threads only slow it down."""
     warnings.filterwarnings("ignore", _JOBLIB_WARNINGS, UserWarning)
     many = min(jobs, max(1, len(todo)))
     batch = max(1, min(MOST_AT_ONCE, len(todo) // (8 * many)))
@@ -110,7 +109,7 @@ def _numbered(function: Callable[[Any], Any], numbered: tuple[int, Any]) -> tupl
 def run_all(
     function: Callable[[Any], Any], todo: Sequence[Any], jobs: int, progress: Callable[[int, int], None]
 ) -> list[Any]:
-    """`function` of everything, `jobs` at a time, in order."""
+    """Results of `function` for all inputs in their order, with `jobs` processes."""
     found: dict[int, Any] = {}
     progress(0, len(todo))
     with workers(jobs) as each:

@@ -1,4 +1,4 @@
-"""Portraits of neuro-fuzzy controllers: memberships before and after a run, and the response beside the baselines."""
+"""Pictures of neuro-fuzzy controllers: memberships before and after a run, and the response beside the baselines."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ if TYPE_CHECKING:
 
 INPUTS = ("e / scale", "de / change scale")
 BASELINES = {"none": ("#999999", 1.0), "LLC": ("#56B4E9", 1.2), "LLC-tuned": ("#009E73", 1.2)}
-STYLES = ("--", ":", "-")  # before, in the midst, after
-MIDST_S = 2.0  # after the first event
+STYLES = ("--", ":", "-")  # before, during, after
+MIDST_S = 2.0  # s after the first event
 RULES = COLOURS[:2]  # of the two rules
 
 
 class Portrait(NamedTuple):
-    """A run of a controller: its record, and the parameters of its network before, in the midst, and after."""
+    """A run of a controller: its record, and the parameters of its network before, during and after."""
 
     record: Record
     net: Network
     moments: dict[str, NDArray[np.float64]]
-    reach: float  # inputs are clipped to it
+    reach: float  # limit of the inputs
 
 
 def portrait(case: Case) -> Portrait:
-    """Run a neuro-fuzzy controller and keep what it learnt: also two seconds after the first event."""
+    """Run a neuro-fuzzy controller and keep its learnt parameters, also two seconds after the first event."""
     net, first = (
         controller_network(case.controllers[0]),
         min([event.time for event in case.scenario.events], default=0.0),
@@ -64,7 +64,7 @@ def portrait(case: Case) -> Portrait:
 def surface(
     net: Network, theta: NDArray[np.float64], x: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Memberships with all inputs at x, (values, inputs, rules); output with e at x and de = 0, (values,)."""
+    """Memberships with all inputs at x, (values, inputs, rules), and the output with e = x and de = 0, (values,)."""
     degrees, output, p = np.zeros((len(x), net.inputs, net.rules)), np.zeros(len(x)), passes(net)
     for k, value in enumerate(x):
         forward(net, theta, np.full(net.inputs, value), p)
@@ -75,7 +75,7 @@ def surface(
 
 
 def draw(case: Case, baselines: dict[str, Case], path: Path) -> None:
-    """One PNG of a run: memberships of both inputs, what the network answers, the response beside the baselines."""
+    """One PNG of a run: memberships of both inputs, the output of the network, the response beside the baselines."""
     one = portrait(case)
     figure = Figure(figsize=(13.0, 3.2), layout="constrained")
     axes: Any = figure.subplots(1, 4, width_ratios=[1, 1, 1, 1.8])
@@ -98,7 +98,7 @@ def draw(case: Case, baselines: dict[str, Case], path: Path) -> None:
 
 
 def _response(axes: Axes, record: Record, name: str, baselines: dict[str, Record]) -> None:
-    """The last speed difference that is judged (interarea where there is one), 1e-3 p.u."""
+    """The last monitored speed difference (the interarea one if it exists), 1e-3 p.u."""
     differences = speed_differences(record)
     shown = list(differences)[-1]
     for label, (colour, width) in BASELINES.items():

@@ -1,4 +1,4 @@
-"""What a sweep leaves in its folder: its table as Parquet and CSV, margins, shares, versions; text for a terminal."""
+"""Output files of a sweep: the table as Parquet and CSV, margins, shares, versions; and text for a terminal."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
     Rows = Sequence[dict[str, Any]]
 
-MOST_LINES = 40  # of a table on the terminal; a longer one is in its file alone
+MOST_LINES = 40  # longest table on the terminal; longer ones are only written to a file
 
 
 def table(rows: Rows) -> pa.Table:
-    """Rows as a table: a column is of truth values, numbers or text; anything else is text as JSON."""
+    """Rows as an Arrow table: columns are booleans, numbers or text; other values become text as JSON."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     return pa.table({name: _column([row.get(name) for row in rows]) for name in names})
 
@@ -54,7 +54,7 @@ def _commit() -> str | None:
 
 
 def write(folder: Path, rows: Rows, margins: Rows, shares: Rows) -> list[Path]:
-    """Write all tables and the versions; their paths."""
+    """Write all tables and the versions; return their paths."""
     made = []
     whole = table(rows)
     parquet.write_table(whole, folder / "rows.parquet")
@@ -70,7 +70,7 @@ def write(folder: Path, rows: Rows, margins: Rows, shares: Rows) -> list[Path]:
 
 
 def tables(folder: Path, name: str, rows: Rows) -> list[Path]:
-    """Write rows as Parquet and CSV; the paths."""
+    """Write rows as Parquet and CSV; return the paths."""
     whole = table(rows)
     parquet.write_table(whole, folder / f"{name}.parquet")
     csv.write_csv(whole, folder / f"{name}.csv")
@@ -78,7 +78,7 @@ def tables(folder: Path, name: str, rows: Rows) -> list[Path]:
 
 
 def sweep_tables(rows: Rows, margins: Rows, shares: Rows, across: str = "scenario") -> list[str]:
-    """What a terminal shows: counts, the margins, the shares of runs that fail."""
+    """Lines for a terminal: counts, margins, shares of failed runs."""
     failed = [row["error"] for row in rows if row["error"]]
     sound = [row for row in rows if not row["error"]]
     lines = [f"{len(rows)} runs"]
@@ -98,7 +98,7 @@ def sweep_tables(rows: Rows, margins: Rows, shares: Rows, across: str = "scenari
 
 
 def varying(rows: Rows, without: Sequence[str]) -> list[str]:
-    """Columns in which rows differ, and not as an earlier one does; a column of lists, not in the same rows as one."""
+    """Columns that vary, without copies of an earlier one; list columns only if they group the rows in a new way."""
     found: dict[str, str] = {}
     apart: set[tuple[int, ...]] = set()
     for name in dict.fromkeys(name for row in rows for name in row if name not in without):
@@ -132,7 +132,7 @@ COUNTED = ("runs", "failed", "share", "low", "high", "not_converged")
 
 
 def label(row: dict[str, Any], names: Sequence[str]) -> str:
-    """A row by these columns; a number with its column's name."""
+    """A label from these columns of a row; numbers with their column's name."""
     told = [(name, row[name]) for name in names if row.get(name) is not None]
     return " ".join(value if isinstance(value, str) else f"{name.split('.')[-1]}={value}" for name, value in told)
 
@@ -143,14 +143,14 @@ def by_scenario(rows: Rows) -> dict[str, list[dict[str, Any]]]:
 
 
 def margin_names(margins: Rows, across: str) -> list[str]:
-    """Columns that tell margins apart, but for criterion, scenario and the column whose values stand side by side."""
+    """Columns that identify a margin, except criterion, scenario and the column shown side by side."""
     return varying(margins, (*FOUND, "horizon_s", "criterion", "scenario", across))
 
 
 def ranked(margins: Rows, names: Sequence[str]) -> list[tuple[Any, ...]]:
-    """What these columns say of margins, who bears most first, by the median of the first criterion.
+    """Values of these columns, ranked by the median margin of the first criterion, the largest first.
 
-    Who has one that is not converged has no rank: they come last.
+    Entries with a margin that is not converged come last, without a rank.
     """
     reached: dict[tuple[Any, ...], list[float]] = {}
     unsure: set[tuple[Any, ...]] = set()
@@ -164,15 +164,15 @@ def ranked(margins: Rows, names: Sequence[str]) -> list[tuple[Any, ...]]:
 
 
 def reach(row: dict[str, Any]) -> float:
-    """A margin to sort and draw by; beyond the range its end."""
+    """A margin for sorting and drawing; beyond the range, the end of the range."""
     known = row["margin_s"] if row["beyond"] is None else row["low_s"]
     return float(known or 0.0)
 
 
 def margin_table(margins: Rows, across: str) -> list[str]:
-    """Margins in Markdown, the values of `across` side by side: a table a criterion, and a scenario if that is not it.
+    """Margins in Markdown with the values of `across` side by side: a table per criterion, and per scenario if needed.
 
-    A star, and the share of the coarse grid that holds, where it holds again at larger values.
+    A star and the holding share of the coarse grid mark margins that hold again at larger values.
     """
     names, columns = margin_names(margins, across), list(dict.fromkeys(row[across] for row in margins))
     lines: list[str] = []
@@ -196,7 +196,7 @@ def margin_table(margins: Rows, across: str) -> list[str]:
 
 
 def beneath(margins: Rows, across: str) -> dict[str, list[dict[str, Any]]]:
-    """Margins that stand one beneath the other: by scenario, or all where scenarios are side by side."""
+    """Groups of margins shown below each other: by scenario, or all if scenarios are side by side."""
     return {"": list(margins)} if across == "scenario" else by_scenario(margins)
 
 
@@ -213,14 +213,14 @@ def told_margin(row: dict[str, Any] | None) -> str:
 
 
 def spans(values: Sequence[float]) -> str:
-    """Values as the least and the largest."""
+    """Values as a range from the least to the largest."""
     if not values:
         return ""
     return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} to {values[-1]:g}"
 
 
 def share_table(shares: Rows) -> list[str]:
-    """Shares of runs that fail in Markdown."""
+    """Shares of failed runs in Markdown."""
     told = varying(shares, COUNTED)
     checked = any("not_converged" in row for row in shares)
     cells = []
@@ -234,7 +234,7 @@ def share_table(shares: Rows) -> list[str]:
 
 
 def cell(value: Any) -> str:
-    """A value in a table."""
+    """A value formatted for a table."""
     if value is None:
         return "-"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""A study carried out: every point of its axes, the margins that it asks for, what was finished before left alone."""
+"""Execution of a study: all points of its axes and the requested margins; finished runs are not repeated."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
 JOURNAL = "rows.jsonl"
 COPY = "study.yaml"
-NETWORK = ("system", "scenario", "devices")  # fields of a run that make its plant
-# Rows of a point by the value of the margin's field; None: there is no margin.
+NETWORK = ("system", "scenario", "devices")  # fields of a run that determine its plant
+# Rows of a point by the value of the margin's field; None: without a margin.
 PointState = dict[float | None, dict[str, Any]]
 Rows = list[dict[str, Any]]
 FAILED: dict[str, Callable[[Mapping[str, Any]], bool]] = {
@@ -48,22 +48,22 @@ FAILED: dict[str, Callable[[Mapping[str, Any]], bool]] = {
 
 
 class Plan(NamedTuple):
-    """A study that has been read: its points, and what its runs have in common."""
+    """A study after reading: its points, and the common data of its runs."""
 
     name: str
     text: str  # the study as YAML
     study: Study
     base: Base
     points: list[Point]
-    fingerprint: str  # of everything that its rows depend on
+    fingerprint: str  # hash of everything that its rows depend on
 
 
 def plan(name: str, sets: Sequence[str], only: Sequence[str] = (), *, check_step: bool = False) -> Plan:
-    """Read a study by name or path, with `--set` applied to its base run; `check_step`: whatever it says of that.
+    """Read a study by name or path, with `--set` applied to its base run; `check_step` overrides the study's value.
 
-    `only`: the points to run, each text a column with the patterns of its values, `kind=LLC*,HBsWC direct`.
+    `only`: the points to run; each text is a column with value patterns, such as `kind=LLC*,HBsWC direct`.
 
-    Raises `InputError` also where its first run cannot be made.
+    Raises `InputError` also if its first run is not possible.
     """
     path = find("studies", name)
     content = read_table(path)
@@ -76,7 +76,7 @@ def plan(name: str, sets: Sequence[str], only: Sequence[str] = (), *, check_step
 def planned(
     study: Study, name: str, source: str, text: str, sets: Sequence[str] = (), only: Sequence[str] = ()
 ) -> Plan:
-    """A study that has been read, or made: `source` begins its error messages, `text` is the copy that it leaves."""
+    """The plan of a study: `source` begins its error messages, `text` is the copy stored with the results."""
     try:
         base = _base(study, sets, source)
         study = expand_axis(study, base)
@@ -95,7 +95,7 @@ def planned(
 
 
 def _programs(content: Any) -> Iterator[tuple[str, str]]:
-    """All programs of the user's own that a content of runs names: field, and its text or file."""
+    """All user programs in the content of runs: the field, and its text or file."""
     if isinstance(content, list):
         for one in content:
             yield from _programs(one)
@@ -109,7 +109,7 @@ def _programs(content: Any) -> Iterator[tuple[str, str]]:
 
 
 def _check_tables(study: Study, first: Point, case: Case) -> None:
-    """Raise `InputError` where a table is of columns that no row has; `first`, `case`: of the first run."""
+    """Raise `InputError` if a table has a column that no row has; `first`, `case`: of the first run."""
     own = true_jacobian.names(case) if study.jacobian or "jacobian" in study.pictures else []
     if study.tables is None:
         return
@@ -121,7 +121,7 @@ def _check_tables(study: Study, first: Point, case: Case) -> None:
 
 
 def _base(study: Study, sets: Sequence[str], source: str) -> Base:
-    """What all runs of a study have in common."""
+    """The common data of all runs of a study."""
     content, _ = read_run(study.run)
     changed, _ = read_sets(sets)
     return Base(content, source, {**study.set, **changed}, study.modes, study.jacobian)
@@ -132,9 +132,9 @@ def _margin_changes(study: Study, value: float | None) -> dict[str, Any]:
 
 
 def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
-    """The rows of a study's points; only those that the folder does not hold yet are run.
+    """The rows of a study's points; only runs missing in the folder are made.
 
-    Raises `InputError` where the folder is another study's, `RunError` where the runs cannot go on.
+    Raises `InputError` if the folder belongs to another study, `RunError` if the runs cannot continue.
     """
     most = len(made.points) * (margins.most_runs(made.study.margin) if made.study.margin else 1)
     with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, made.fingerprint) as journal:
@@ -166,7 +166,7 @@ def _seen(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
 
 
 def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
-    """The runs that come next; none: the study is done. Those on the same network follow each other, to share it."""
+    """The next runs; empty when the study is complete. Runs with the same network are adjacent, to share it."""
     found = [
         _task(made, i, value)
         for i, seen in enumerate(_seen(made, rows))
@@ -181,7 +181,7 @@ def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
 
 
 def _ends(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
-    """Runs at the ends of all brackets, which a margin rests on, that were not made with half the step yet."""
+    """Runs at the ends of all brackets that still need a repetition with half the step."""
     criteria = made.study.margin.criteria if made.study.margin else []
     return [
         _task(made, i, value)._replace(check_step=True)
@@ -197,7 +197,7 @@ def _bracket_ends(failed: Mapping[float, bool | None]) -> list[float]:
 
 
 def _network(task: RunRequest) -> str:
-    """What a run sets of the network and its events, as text."""
+    """The network and event settings of a run, as text."""
     own = {path: value for path, value in task.changes.items() if path.partition(".")[0] in NETWORK}
     return json.dumps(own, default=str)
 
@@ -211,18 +211,18 @@ def _task(made: Plan, i: int, value: float | None) -> RunRequest:
 
 
 def _wanted(margin: Margin, seen: PointState) -> list[float]:
-    """Values that a point's search needs next, of all criteria, each once."""
+    """Values needed next by a point's search over all criteria, without duplicates."""
     each = [margins.wanted(margin, _failed(seen, criterion)) for criterion in margin.criteria]
     return list(dict.fromkeys(value for values in each for value in values))
 
 
 def _failed(seen: PointState, criterion: str) -> dict[float, bool | None]:
-    """Whether the run failed at each value; None where it could not be made."""
+    """Whether the run failed at each value; None if it was not possible."""
     return {value: None if row["error"] else FAILED[criterion](row) for value, row in seen.items() if value is not None}
 
 
 def found_margins(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
-    """A margin for each point and criterion; points that differ by seed or draw alone are one."""
+    """A margin for each point and criterion, combining points that differ only by seed or draw."""
     margin = made.study.margin
     if margin is None:
         return []
@@ -242,7 +242,7 @@ def found_margins(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any
 
 
 def differ(rows: Sequence[dict[str, Any]], criterion: str) -> list[bool] | None:
-    """Of each run whether it fails with one integration step and not with half of it; None where that was not tried."""
+    """For each run, whether halving the integration step changes failure; None if not checked."""
     fails = FAILED[criterion]
     finer = [row.get("verdict_half_step") for row in rows]
     if None in finer:
@@ -251,31 +251,31 @@ def differ(rows: Sequence[dict[str, Any]], criterion: str) -> list[bool] | None:
 
 
 def _sure(ends: Rows, criterion: str) -> dict[str, bool]:
-    """Whether the runs at the ends of all brackets do the same with half the step; nothing where that was not tried."""
+    """Whether the runs at the ends of all brackets keep their result with half the step; empty if not checked."""
     changed = differ(ends, criterion)
     return {"converged": not any(changed)} if changed else {}
 
 
 def swept(made: Plan) -> list[str]:
-    """Columns that were swept, the margin's among them."""
+    """Columns that were swept, including the margin's."""
     return [*made.points[0].columns, *([made.study.margin.column] if made.study.margin else [])]
 
 
 def across(made: Plan) -> str:
-    """Column whose values stand side by side where margins are told."""
+    """Column whose values are side by side in tables of margins."""
     return made.study.margin.across if made.study.margin else "scenario"
 
 
 def _place(made: Plan) -> list[str]:
-    """Columns that say what a run was, but for its seed and what was drawn."""
+    """Columns that identify a run, without its seed and random values."""
     drawn = {"seed", *(name for axis in made.study.sweep for name in axes.drawn_columns(axis))}
     return [name for name in dict.fromkeys([*IDENTITY, *made.points[0].columns, "horizon_s"]) if name not in drawn]
 
 
 def found_shares(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
-    """The share of runs that fail among those that differ by their seed or what was drawn, with Wilson's interval.
+    """The share of failed runs over seeds and random values, with Wilson's interval.
 
-    A row for each place and criterion; none where no two runs share a place.
+    A row for each place and criterion; empty if no two runs share a place.
     """
     columns = _place(made) + ([made.study.margin.column] if made.study.margin else [])
     groups: dict[str, Rows] = {}
@@ -298,6 +298,6 @@ def found_shares(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]
 
 
 def _differing(rows: Rows, criterion: str) -> dict[str, int]:
-    """How many runs of a share do otherwise with half the integration step; nothing where that was not tried."""
+    """The number of runs in a share whose result changes with half the integration step; empty if not checked."""
     changed = differ(rows, criterion)
     return {} if changed is None else {"not_converged": sum(changed)}

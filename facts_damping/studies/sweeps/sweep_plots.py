@@ -1,4 +1,4 @@
-"""Pictures of a sweep, drawn from its table: which ones follow from what was swept."""
+"""Pictures of a sweep from its table; the swept columns determine which ones are drawn."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ CURVES = {
     "roughness": "roughness [p.u./s²]",
 }
 SHARES = {"unstable": "share of unstable runs", "not_damped": "share of runs not damped"}
-BINS = 20  # of a drawn variable
-LEAST = 3  # values that make an axis
-MOST_ACROSS = 5  # panels of a map
-MOST_TICKS = 12  # of a map, a tick each
-MOST_GROUPS = 30  # curves that can be told apart
-MOST_TOGETHER = 8  # groups with all figures in one picture
-SPREAD_MS = 1e-3  # a latency that varies less is one number, not a distribution
-MOST_DISTINCT = 60  # values that a drawn variable has more of
+BINS = 20  # of a random variable
+LEAST = 3  # number of values for an axis
+MOST_ACROSS = 5  # largest number of panels of a map per row
+MOST_TICKS = 12  # largest number of ticks of a map with a tick per value
+MOST_GROUPS = 30  # largest number of distinguishable curves
+MOST_TOGETHER = 8  # largest number of groups with all figures in one picture
+SPREAD_MS = 1e-3  # a smaller variation of latency is not drawn as a distribution
+MOST_DISTINCT = 60  # a column with more values counts as random
 
 
 def draw(rows: Rows, swept: Sequence[str], margins: Rows, across: str, folder: Path) -> list[Path]:
-    """All pictures that the table of a sweep has something for; `swept`: columns that were swept."""
+    """Draw all pictures for which the table has data; `swept`: the swept columns."""
     sound = [row for row in rows if not row["error"]]
     axes = sorted(numeric(sound, swept), key=lambda name: -len({row[name] for row in sound}))
     made: dict[str, Figure | None] = {"margins": draw_margins(margins, across) if margins else None}
@@ -61,7 +61,7 @@ def draw(rows: Rows, swept: Sequence[str], margins: Rows, across: str, folder: P
 
 
 def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:
-    """Swept columns of numbers with at least three values, but for the seed."""
+    """Swept numeric columns with at least three values, without the seed."""
     found = []
     for name in dict.fromkeys(swept):
         values = [row.get(name) for row in rows]
@@ -73,7 +73,7 @@ def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:
 def groups(
     rows: Rows, swept: Sequence[str], without: Sequence[str], every: Rows | None = None
 ) -> dict[str, list[dict[str, Any]]]:
-    """Rows by a label of what tells them apart, or all of `every`, but for these columns, scenario and seed."""
+    """Rows by a label of the columns that vary (in all of `every`, if given), except these, scenario and seed."""
     places = dict.fromkeys(["system", "controller", "scheme", "link", *swept, "horizon_s"])
     kept = [name for name in places if name not in (*without, "scenario", "seed")]
     names = varying([{name: row.get(name) for name in kept} for row in (rows if every is None else every)], ())
@@ -84,14 +84,14 @@ def groups(
 
 
 def styles() -> Iterator[dict[str, Any]]:
-    """Colours, then other dashes."""
+    """Line styles: colours first, then other dashes."""
     for style in STYLES * 10:
         for colour in COLOURS:
             yield {"color": colour, "linestyle": style}
 
 
 def _panels(rows: Rows, titles: Sequence[str], label: str) -> tuple[Figure, dict[str, Any]]:
-    """A figure with a column of panels for each scenario, one below the other, and the axes of each."""
+    """A figure with a column of panels for each scenario, one below the other, and their axes."""
     columns = by_scenario(rows)
     figure = Figure(figsize=(3.0 + 4.0 * len(columns), 1.2 + 2.6 * len(titles)), layout="constrained")
     made: Any = figure.subplots(len(titles), len(columns), sharex=True, sharey="row", squeeze=False)
@@ -118,11 +118,12 @@ def _legend(figure: Figure) -> None:
 
 
 def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
-    """Index, damping ratio and roughness against a numeric axis: medians, and points where values are drawn.
+    """Index, damping ratio and roughness against a numeric axis: medians, with points for random values.
 
     Runs that are not converged are left out.
 
-    Of more than eight groups ITAE alone, direct and indirect schemes apart, controllers without adaptation in both.
+    With more than eight groups only ITAE is drawn, the direct and indirect schemes separately; controllers without
+    adaptation appear in both.
     """
     shown = {name: title for name, title in CURVES.items() if any(row.get(name) is not None for row in rows)}
     if not shown:
@@ -150,7 +151,7 @@ def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
 
 
 def _curve(panel: Axes, x: NDArray[np.float64], y: NDArray[np.float64], style: dict[str, Any], name: str) -> None:
-    """Values against x, with a gap where there is none; many are points with the medians of bins."""
+    """Values against x with gaps where missing; many values are points with the medians of bins."""
     if not len(x):
         return
     if len(np.unique(x)) > MOST_DISTINCT:
@@ -162,7 +163,7 @@ def _curve(panel: Axes, x: NDArray[np.float64], y: NDArray[np.float64], style: d
 
 
 def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]]:
-    """Values by which to group, and which belong to each: each value by itself, or bins of equal width where many."""
+    """Group values and the members of each group: single values, or bins of equal width if there are many."""
     distinct = np.unique(x)
     if len(distinct) <= MOST_DISTINCT:
         return [float(value) for value in distinct], [x == value for value in distinct]
@@ -173,7 +174,7 @@ def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]
 
 
 def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str], criterion: str) -> Figure | None:
-    """Share of runs that fail against a numeric axis with Wilson's interval; none where no two runs share a value."""
+    """Share of failed runs against a numeric axis with Wilson's interval; None if no two runs share a value."""
     figure, panels = _panels(rows, [f"{_share_label(rows, criterion)}, 95 % interval".replace(", ", ",\n", 1)], x)
     looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
     several = False
@@ -183,7 +184,7 @@ def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
             middles, parts = binned(np.array([row[x] for row in some], float))
             most = max(int(part.sum()) for part in parts)
             several |= most > 1
-            # Bisection brings values that few seeds were run at, those whose margin is near.
+            # Bisection adds values with few seeds, those with a margin nearby.
             kept = [i for i, part in enumerate(parts) if part.sum() > most / 2 or len(parts) == BINS]
             middles, parts = [middles[i] for i in kept], [parts[i] for i in kept]
             shares = [failed_fraction(int(failed[part].sum()), int(part.sum())) for part in parts]
@@ -197,9 +198,9 @@ def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
 
 
 def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -> Figure:
-    """Share of runs that fail over two numeric axes: a panel for each scenario and group, at most twelve.
+    """Share of failed runs over two numeric axes: a panel for each scenario and group, at most twelve.
 
-    `~`: of these runs one at least does otherwise with half the integration step.
+    `~`: at least one of these runs changes its result with half the integration step.
     """
     panels = {
         ", ".join(text for text in (scenario, name) if text): some
@@ -222,7 +223,7 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
         image = axes.pcolormesh(at, up, np.array(shares, float), **looks)
         changed = np.array(differ(some, criterion) or np.zeros(len(some)), bool)
         for i, j in np.argwhere([[np.any(changed & a & b) for a in wide] for b in high]):
-            colour = "white" if shares[i][j] < 0.5 else "black"  # of cividis, dark where few fail
+            colour = "white" if shares[i][j] < 0.5 else "black"  # cividis is dark for few failures
             axes.text(at[j], up[i], MARK, color=colour, ha="center", va="center", fontsize="large")
         marked |= bool(changed.any())
         axes.set(title=title, xlabel=x, ylabel=y)
@@ -239,7 +240,7 @@ def _share_label(rows: Rows, criterion: str) -> str:
 
 
 def _ticked(axis: Axis, values: Sequence[float]) -> Sequence[float]:
-    """Where values stand on an axis: few at equal distances, each with its tick, many by their size."""
+    """Tick positions of an axis: few values at equal distances with a tick each, many values to scale."""
     if len(values) > MOST_TICKS:
         return values
     axis.set_ticks(range(len(values)), [f"{value:g}" for value in values])
@@ -247,9 +248,9 @@ def _ticked(axis: Axis, values: Sequence[float]) -> Sequence[float]:
 
 
 def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
-    """Distribution of the latency over all setpoints of the runs of a group, from each run's quantiles.
+    """Distribution of the latency over all setpoints of a group's runs, from each run's quantiles.
 
-    Where numbers are swept, at the least value of each. None where no run's latency varies.
+    For swept numbers, at the least value of each. None if no latency varies.
     """
     names = [*(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms"]
     told = [r for r in rows if r["latency_max_ms"] is not None and r["latency_max_ms"] - r["latency_p0_ms"] > SPREAD_MS]
@@ -280,6 +281,6 @@ def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
 
 
 def _below(quantiles: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Share of a run's setpoints with a latency of at most so much, between its quantiles a straight line."""
+    """Share of a run's setpoints with at most a given latency, by linear interpolation between its quantiles."""
     steps = np.maximum.accumulate(quantiles) + 1e-9 * np.arange(len(quantiles))
     return np.asarray(np.interp(at + 1e-9 * len(quantiles), steps, np.array(QUANTILES) / 100, left=0.0, right=1.0))

@@ -1,4 +1,4 @@
-"""The tables of figures that a study asks for, by system and scenario, in Markdown; and a picture of one."""
+"""Tables of a study's requested figures in Markdown, by system and scenario, and a picture of one figure."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.study import Tables
 
-    Who = tuple[str, ...]  # what a row is
+    Who = tuple[str, ...]  # identifies a row
 
 MARKERS = ("o", "s", "^", "v", "D", "P")
 
 
 def figure_tables(rows: Sequence[dict[str, Any]], asked: Tables) -> list[str]:
-    """A table for each place, figures side by side; or, with `across`, one for each figure there."""
+    """One table per place with all figures; or, with `across`, one per figure and place."""
     lines: list[str] = []
     for place in dict.fromkeys((row["system"], row["scenario"]) for row in rows):
         own = [row for row in rows if (row["system"], row["scenario"]) == place]
@@ -48,7 +48,7 @@ def figure_tables(rows: Sequence[dict[str, Any]], asked: Tables) -> list[str]:
 
 
 def draw(rows: Sequence[dict[str, Any]], asked: Tables, folder: Path) -> list[Path]:
-    """figures.png: the first figure that is a number, a panel for each place, a mark for each value of `across`."""
+    """Draw figures.png: the first numeric figure, a panel per place, a mark per value of `across`."""
     sound = [row for row in rows if row.get("stable") and row.get("converged") is not False]
     numbers = (name for name in asked.figures if any(type(row[name]) is float for row in sound))
     figure = next(numbers, None)
@@ -89,7 +89,7 @@ def _table(asked: Tables, columns: Sequence[str], found: Mapping[tuple[Who, str]
 
 
 def _alone(row: dict[str, Any], figure: str) -> str:
-    """A figure beside others of its run: of one that loses synchronism the reason stands where it says yes or no."""
+    """A figure beside others of its run; if synchronism is lost, the reason replaces a yes or no."""
     value = row.get(figure)
     if figure == "verdict":
         return str(row["instability"] or value)
@@ -99,7 +99,7 @@ def _alone(row: dict[str, Any], figure: str) -> str:
 
 
 def _figure(runs: Sequence[dict[str, Any]], figure: str) -> str:
-    """A figure, of several runs the median; where the step was halved, with the digits that hold in all, or marked."""
+    """A figure, the median of several runs; with a halved step, only the digits that hold in all, or marked."""
     values = [row[figure] for row in runs if row.get(figure) is not None]
     if not values or not isinstance(values[0], float):
         return cell(values[0] if values else None)
@@ -112,9 +112,9 @@ def _figure(runs: Sequence[dict[str, Any]], figure: str) -> str:
 
 
 def _among(runs: Sequence[dict[str, Any]], figure: str) -> str:
-    """A figure beside those of others, with what makes it one that does not count; of several runs (seeds) the median.
+    """A figure beside those of others, marked if it does not count; for several runs (seeds) the median.
 
-    Of several it is told how many are not damped.
+    For several runs the number of undamped ones is added.
     """
     words = [str(row["verdict"] if row.get("stable") else row.get("instability") or "error") for row in runs]
     odd = Counter(word for word in words if word != DAMPED)

@@ -1,7 +1,7 @@
-"""The true Jacobian over a run, beside the identifier's.
+"""The true Jacobian of the nonlinear plant during a run, for comparison with the identifier's estimate.
 
-The true one is that of the nonlinear plant: from its state some frames before, with the references of all devices held,
-and once more with that of one device moved by 1e-4 p.u.: what the signals differ by, over 1e-4.
+It starts from the plant's state some frames earlier, with the references of all devices held, and repeats this with
+one reference changed by 1e-4 p.u.; the derivative is the difference of the signals over 1e-4.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ if TYPE_CHECKING:
     from facts_damping.plant.model import PlantState
 
 MOVE = 1e-4  # p.u., of a reference
-EVERY = 6  # frames between two looks at the plant
-ANSWER = 0.01  # of the root mean square: a true derivative below is no answer
+EVERY = 6  # frames between two evaluations
+ANSWER = 0.01  # share of the root mean square below which a true derivative counts as no response
 FIGURES = ("right_sign", "error", "right_sign_stated", "answering")
-ROUND = 1e-9  # normalised: a true derivative below is taken for zero
+ROUND = 1e-9  # normalised: a smaller true derivative counts as zero
 
 
 class Followed(NamedTuple):
-    """Estimate and truth at some ticks of a run, of controller 0; normalised: 1 = `scale` for the device's limit."""
+    """Estimated and true derivatives at some ticks, for controller 0; 1 = `scale` for the device's limit."""
 
-    time_s: NDArray[np.float64]  # (looks,)
-    estimate: NDArray[np.float64]  # (looks, signals, devices)
-    true: NDArray[np.float64]  # the same shape, over the identifier's own horizon
-    stated: NDArray[np.float64]  # the same over the horizon asked for
+    time_s: NDArray[np.float64]  # (evaluations,)
+    estimate: NDArray[np.float64]  # (evaluations, signals, devices)
+    true: NDArray[np.float64]  # same shape, over the identifier's own horizon
+    stated: NDArray[np.float64]  # same shape, over the requested horizon
 
 
 class Respondent:
-    """A plant that can be taken back to any tick of a run and asked how signals answer the devices."""
+    """A plant that can be reset to any tick of a run to compute the response of the signals to the devices."""
 
     def __init__(self, case: Case, record: Record) -> None:
-        """Follow the run once more by the setpoints that were applied, and keep the states."""
+        """Repeat the run with the applied setpoints and store the states."""
         self.case, self.rate = case, case.run.frame_rate
         built = build_plant(case)
         self.plant, self.work = built.plant, workspace(built.plant, built.state)
@@ -78,10 +78,10 @@ class Respondent:
         return np.asarray((self.weights * np.nan_to_num(frame)).sum(axis=(1, 2)))
 
     def _held(self, tick: int, frames: int, reference: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Signals of the frames after a tick with references held since, (frames, signals)."""
+        """Signals in the frames after a tick with held references, (frames, signals)."""
         state = copy(self.states[tick])
         state.reference[:] = state.target[:] = reference
-        state.waiting[:] = 0  # nothing is under way that would change them
+        state.waiting[:] = 0  # pending setpoints would change the references
         found, nothing = [], np.zeros(0, SETPOINT)
         for k in range(frames):
             self._advance(state, tick + k, nothing)
@@ -89,7 +89,7 @@ class Respondent:
         return np.array(found)
 
     def jacobian(self, tick: int, frames: int) -> NDArray[np.float64]:
-        """How the signals, so many frames after a tick, answer references held since, (signals, devices), p.u./p.u."""
+        """Derivative of the signals by held references, `frames` after a tick, (signals, devices), p.u./p.u."""
         reference = self.states[tick].reference
         rest = self._held(tick, frames, reference)
         found = np.zeros((len(self.washout), len(self.devices)))
@@ -104,7 +104,7 @@ class Respondent:
 
 
 def _washed(y: NDArray[np.float64], tau: float, dt: float) -> float:
-    """The last value behind a washout that was at rest."""
+    """The last output of a washout that starts at rest."""
     kept, value = np.zeros(2), float(y[-1])
     if tau > 0.0:
         for one in y:
@@ -113,7 +113,7 @@ def _washed(y: NDArray[np.float64], tau: float, dt: float) -> float:
 
 
 def follow(case: Case, record: Record, horizon: int) -> Followed:
-    """Estimate and truth over a run. Raises `InputError` where controller 0 has no identifier."""
+    """Estimated and true derivatives over a run. Raises `InputError` if controller 0 has no identifier."""
     derivatives(case)
     c = case.controllers[0]
     own = int(c.number("identifier_horizon"))
@@ -133,7 +133,7 @@ def follow(case: Case, record: Record, horizon: int) -> Followed:
 
 
 def derivatives(case: Case) -> list[str]:
-    """What the identifier of controller 0 estimates, `signal/device`. Raises `InputError` where there is none."""
+    """The derivatives estimated by controller 0's identifier, `signal/device`. Raises `InputError` if it has none."""
     c = case.controllers[0] if case.controllers else None
     if c is None or c.scheme != "indirect":
         given = f"{c.name} {c.scheme or ''}".strip() if c else "no controller"
@@ -142,21 +142,21 @@ def derivatives(case: Case) -> list[str]:
 
 
 def names(case: Case) -> list[str]:
-    """What a run's row has of it, `right_sign.speed/sssc`."""
+    """Column names of the comparison, such as `right_sign.speed/sssc`."""
     return [f"{figure}.{name}" for figure in FIGURES for name in derivatives(case)]
 
 
 def figures(case: Case, found: Followed) -> dict[str, float]:
-    """`compared`, flat."""
+    """The result of `compared` as a flat dictionary."""
     told = compared(found)
     return dict(zip(names(case), np.ravel([told[figure] for figure in FIGURES]).tolist(), strict=True))
 
 
 def compared(found: Followed) -> dict[str, NDArray[np.float64]]:
-    """Of each derivative, (signals, devices): shares of looks with the right sign, the median error, and the answering.
+    """For each derivative, (signals, devices): share of right signs, median error, and share with a response.
 
-    The error is relative to the true derivative's root mean square over the run. A sign is asked for where the device
-    answers: where the true derivative is at least a hundredth of that (a device at its limit gives none).
+    The error is relative to the root mean square of the true derivative over the run. A sign counts only if the device
+    responds: the true derivative is at least a hundredth of that (a device at its limit does not respond).
     """
     size = np.sqrt(np.mean(found.true**2, axis=0))
     return {
@@ -172,6 +172,6 @@ def _answers(true: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _right(estimate: NDArray[np.float64], true: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Share of the looks at which a device answers where the estimate has the true sign."""
+    """Share of the evaluations with a response in which the estimate has the true sign."""
     answers = _answers(true)
     return np.asarray(((estimate * true > 0.0) & answers).sum(axis=0) / np.maximum(answers.sum(axis=0), 1))
