@@ -93,7 +93,11 @@ class _Running:
     def _watch(self) -> None:
         read, write = os.pipe()
         os.set_blocking(write, False)
-        if signal.set_wakeup_fd(write, warn_on_full_buffer=False) >= 0:  # another handler is installed already
+        before = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+        if before >= 0:  # somebody else's, as of asyncio in a notebook: it stays
+            signal.set_wakeup_fd(before)
+            for end in (read, write):
+                os.close(end)
             return
         threading.Thread(target=self._end_what_hangs, args=(read,), daemon=True).start()
 
