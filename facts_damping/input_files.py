@@ -71,18 +71,13 @@ def is_file(path: Path) -> bool:
 
 def read_bytes(path: Path, most: int = TEXT) -> bytes:
     """Content of a file of at most `most` bytes. Raises `InputError`."""
-    _check_named(path)
-    try:
-        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-            about = os.fstat(file.fileno())
-            _check_kind(path, about, most)
-            content = file.read(about.st_size or min(most, TEXT) + 1)  # files of the kernel have no size
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; allowed: a file that can be read") from error
-    if len(content) > most:
-        raise InputError(f"{path}: more than {most} bytes; allowed: at most {most}")
-    if _others.get() is None:
-        _opened.add(Path(os.path.normpath(path.absolute())))
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
+    with _opening(path), os.fdopen(os.open(path, flags), "rb") as file:
+        about = os.fstat(file.fileno())
+        _check_kind(path, about, most)
+        content = file.read(about.st_size or min(most, TEXT) + 1)  # files of the kernel have no size
+        if len(content) > most:
+            raise InputError(f"{path}: more than {most} bytes; allowed: at most {most}")
     return content
 
 
@@ -96,13 +91,8 @@ def read_text(path: Path, most: int = TEXT, errors: str = "strict") -> str:
 
 def check_file(path: Path, most: int) -> None:
     """Raise `InputError` if a library may not open a file: by source of the name, kind, or size."""
-    _check_named(path)
-    try:
+    with _opening(path):
         _check_kind(path, path.stat(), most)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; allowed: a file that can be read") from error
-    if _others.get() is None:
-        _opened.add(Path(os.path.normpath(path.absolute())))
 
 
 def check_unpacked(path: Path, content: bytes, most: int) -> None:
@@ -113,11 +103,26 @@ def check_unpacked(path: Path, content: bytes, most: int) -> None:
         raise InputError(f"{path}: more than {most} bytes unpacked; allowed: at most {most}")
 
 
+@contextmanager
+def _opening(path: Path) -> Iterator[None]:
+    """Open a file within the block; later it may be opened again. Raises `InputError` where it may not or cannot be."""
+    _check_named(path)
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; allowed: a file that can be read") from error
+    if _others.get() is None:
+        _opened.add(_place(path))
+
+
+def _place(path: Path) -> Path:
+    return Path(os.path.normpath(path.absolute()))
+
+
 def _check_named(path: Path) -> None:
     """Raise `InputError` if the source of the name may not open the file."""
     who = _others.get()
-    place = Path(os.path.normpath(path.absolute()))
-    if who is None or place in _opened or share_folder() / "config" in place.parents:
+    if who is None or (place := _place(path)) in _opened or share_folder() / "config" in place.parents:
         return
     raise InputError(f"{path}: named by {who}, which opens no file; allowed: what the file says")
 

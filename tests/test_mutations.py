@@ -11,6 +11,7 @@ import json
 import random
 import sqlite3
 import zipfile
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -59,8 +60,12 @@ class Kind(NamedTuple):
 
 def files(kind: str, within: str = "") -> Callable[[], list[str]]:
     """Those that are shipped, but for files that others extend."""
-    texts = [path.read_text(encoding="utf-8") for name, path in shipped(kind).items() if name.startswith(within)]
-    return lambda: [text for text in texts if "extends:" not in text]
+
+    def texts() -> list[str]:
+        own = (path.read_text(encoding="utf-8") for name, path in shipped(kind).items() if name.startswith(within))
+        return [text for text in own if "extends:" not in text]
+
+    return texts
 
 
 def simulate(*change: str) -> Callable[[str], list[str]]:
@@ -148,6 +153,12 @@ KINDS = {
 }
 
 
+@cache
+def sound(kind: str) -> list[Any]:
+    """Sound files of a kind, made once."""
+    return list(KINDS[kind].sound())
+
+
 def written(kind: str, content: bytes, folder: Path) -> Path:
     """A file with a content; of an FMU's description the archive that it is in."""
     file = folder / f"it.{KINDS[kind].suffix}"
@@ -181,8 +192,8 @@ def test_what_is_nearly_right_is_read_or_refused_in_one_line(
 ) -> None:
     dice, folder = random.Random(seed), tmp_path_factory.mktemp("mutated")
     monkeypatch.chdir(folder)
-    sound: Any = dice.choice(KINDS[kind].sound())
-    content = mutated(sound, dice) if isinstance(sound, str) else damaged(sound, dice)
+    whole = dice.choice(sound(kind))
+    content = mutated(whole, dice) if isinstance(whole, str) else damaged(whole, dice)
     status, errors = said(kind, written(kind, content, folder))
     assert status in (DONE, BAD_INPUT, DEGRADED, FAILED)
     notes = errors.splitlines()
@@ -199,8 +210,8 @@ def test_what_is_right_is_read(kind: str, tmp_path: Path, monkeypatch: pytest.Mo
     """Else all its changes would be refused for the same reason."""
     monkeypatch.chdir(tmp_path)
     unread = {"FMUs": "cannot be loaded", "descriptions of FMUs": "cannot be loaded", "bags": "no topic"}
-    for sound in KINDS[kind].sound()[:3]:
-        status, errors = said(kind, written(kind, sound.encode() if isinstance(sound, str) else sound, tmp_path))
+    for whole in sound(kind)[:3]:
+        status, errors = said(kind, written(kind, whole.encode() if isinstance(whole, str) else whole, tmp_path))
         if kind in unread:
             assert unread[kind] in errors
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,7 @@ OLD = {
 KEPT = ("CHANGELOG.md", "tests/test_names.py", "facts_damping/errors.py")
 
 
+@cache
 def texts() -> list[tuple[str, str]]:
     """Names and contents of what the repository holds as text."""
     command = ["git", "ls-files", "*.py", "*.md", "*.yaml", "*.msg", "*.srv", "*.toml", "*.yml"]
@@ -46,13 +48,10 @@ def texts() -> list[tuple[str, str]]:
     return [(name, (ROOT / name).read_text(encoding="utf-8")) for name in listed if name not in KEPT]
 
 
-TEXTS = texts()
-
-
 @pytest.mark.parametrize("old", OLD)
 def test_a_word_that_was_given_up_stays_out(old: str) -> None:
     word = re.compile(rf"(?<![\w.]){re.escape(old)}" + ("" if old.endswith("(") else r"\b"))
-    places = [f"{name}: {OLD[old]}, not {old}" for name, text in TEXTS if word.search(text)]
+    places = [f"{name}: {OLD[old]}, not {old}" for name, text in texts() if word.search(text)]
     assert places == []
 
 

@@ -65,11 +65,13 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str], *, po
         return load_case(run, sets)
     check_has_run(record, source)
     content, (values, origins) = deepcopy(record.configuration), read_sets(sets)
-    recorded_case(content, source)  # files named from here on are named by the user
+    recorded = recorded_case(content, source)  # files named from here on are named by the user
     changed = {path for key in values for path in each_path(content, key)}
     _forget(content, changed)
     if not policy:
         _refuse_code(content, changed, source)
+    if not values:
+        return recorded
     change(content, values, origins)
     return make_case(content, source, origins)
 

@@ -80,7 +80,8 @@ def _be(module: str, arguments: list[str], environment: dict[str, str], output: 
         os.dup2(file, stream)
         os.close(file)
     sys.argv = [module, *arguments]
-    own, spinner = (importlib.import_module(f"facts_damping.nodes.{name}") for name in (module, "base.spinner"))
+    own = importlib.import_module(f"facts_damping.nodes.{module}")
+    spinner = importlib.import_module("facts_damping.nodes.base.spinner")
     spinner.stop_by_signals()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)
     own.main()
