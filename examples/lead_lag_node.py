@@ -5,7 +5,7 @@ from contextlib import suppress
 from itertools import groupby
 
 import rclpy
-from facts_damping_msgs.msg import PmuDataFrame, VoltageSetpoint, VoltageSetpoints
+from facts_damping_msgs.msg import PmuDataFrame, DeviceSetpoint, DeviceSetpoints
 from lead_lag import LeadLag
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -22,7 +22,7 @@ class Controller(Node):
     def __init__(self):
         super().__init__("controller")
         self.parameters = {"gain": self.declare_parameter("gain", 10.0).value}
-        self.publisher = self.create_publisher(VoltageSetpoints, "~/setpoints", 5000)
+        self.publisher = self.create_publisher(DeviceSetpoints, "~/setpoints", 5000)
         self.create_subscription(PmuDataFrame, "pmu/delivered", self.answer, 5000)
 
     def answer(self, message):  # each tick, with one message; it acts where a frame is newer than all before
@@ -30,7 +30,7 @@ class Controller(Node):
             self.law, self.held, self.newest_ns = LeadLag(self), {}, -1
             while self.publisher.get_subscription_count() < 2:  # the link, and the recorder of `facts-damping run`
                 time.sleep(0.01)
-        reply = VoltageSetpoints(header=message.header, tick=message.tick, controller=self.get_name())
+        reply = DeviceSetpoints(header=message.header, tick=message.tick, controller=self.get_name())
         for arrival, frames in groupby(message.frames, key=lambda frame: frame.arrival):
             for f in (one for one in frames if one.station in WEIGHTS):
                 self.held[f.station] = max(self.held.get(f.station, f), f, key=lambda one: ns(one.header.stamp))
@@ -39,7 +39,7 @@ class Controller(Node):
                 self.newest_ns, t_ns = ns(newest), ns(arrival)
                 y = sum(weight * self.held[station].speed_deviation_pu for station, weight in WEIGHTS.items())
                 u = self.law.step(t_ns / 1e9, [y], [(t_ns - self.newest_ns) * 1e-9], [True])
-                one = VoltageSetpoint(device=DEVICE, controller=reply.controller, issued=arrival, effective=arrival)
+                one = DeviceSetpoint(device=DEVICE, controller=reply.controller, issued=arrival, effective=arrival)
                 one.header.stamp, one.value_pu, reply.fresh = newest, min(max(u, -LIMIT), LIMIT), True
                 reply.setpoints.append(one)
         self.publisher.publish(reply)

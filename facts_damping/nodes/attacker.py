@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PlantState, PmuDataFrame, VoltageSetpoints
+from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PlantState, PmuDataFrame, DeviceSetpoints
 from rclpy.serialization import deserialize_message, serialize_message
 
 from facts_damping.case.names import (
@@ -92,7 +92,7 @@ class Attacker:
             return
         self.tick = tick
         if tick >= BEGUN and not self.publishers:
-            kinds = {topic: PmuDataFrame if "pmu/" in topic else VoltageSetpoints for topic in self.forged}
+            kinds = {topic: PmuDataFrame if "pmu/" in topic else DeviceSetpoints for topic in self.forged}
             kinds |= {topic: kind for topic, (kind, _) in self.states.items()}
             self.publishers = {t: self.node.create_publisher(kind, t, PUBLISHER_QOS) for t, kind in kinds.items()}
         for topic, make in self.forged.items():

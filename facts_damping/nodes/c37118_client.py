@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, VoltageSetpoints
+from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, DeviceSetpoints
 
 from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import InputError, RunError
@@ -81,7 +81,7 @@ class C37118Client:
             topic = link.topic("setpoints/delivered")
             setpoints = SetpointsMessage(self.case, of=served(self.case, i), seal=seal(by, topic))
             use = partial(self.on_setpoints, i)
-            self.member.message_filter.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.tick)
+            self.member.message_filter.subscribe(DeviceSetpoints, topic, use, setpoints.read, lambda: self.tick)
         endless = self.options.free and self.case.run.duration is None
         self.ticks = sys.maxsize if endless else self.case.ticks
         self.spinner = self.member.spin()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, VoltageSetpoints
+from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, DeviceSetpoints
 
 from facts_damping.case.names import (
     controller_addresses,
@@ -66,7 +66,7 @@ class ControllerNode:
         self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/setpoints"))
         self.inner = ControllerStateMessage(self.case, self.index)
         self.ticks = UnitDelay(self.options, self.case.run.frame_rate, identifier, self.act)
-        self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", PUBLISHER_QOS)
+        self.to_link = node.create_publisher(DeviceSetpoints, f"{self.name}/setpoints", PUBLISHER_QOS)
         self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", PUBLISHER_QOS)
         message_filter, delivered = self.member.message_filter, link.topic("pmu/delivered")
         frames = FramesMessage(self.case, seal(by, delivered))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
+from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, DeviceSetpoints
 
 from facts_damping.case.names import acting, identifier_addresses, link_addresses, speakers
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
@@ -65,7 +65,7 @@ class IdentifierNode:
         frames = FramesMessage(self.case, seal(by, delivered))
         message_filter.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
         setpoints = SetpointsMessage(self.case, speaker.name, [acting(self.case, self.index)], seal(by, speaker.topic))
-        message_filter.subscribe(VoltageSetpoints, f"{graph}{speaker.topic}", self.ticks.receive, setpoints.read)
+        message_filter.subscribe(DeviceSetpoints, f"{graph}{speaker.topic}", self.ticks.receive, setpoints.read)
         message_filter.hear_run()
         self.spinner = self.member.spin()
 

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, VoltageSetpoints
+from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, DeviceSetpoints
 
 from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import RunError
@@ -64,7 +64,7 @@ class PlantSim:
             topic = link.topic("setpoints/delivered")
             setpoints = SetpointsMessage(self.case, of=served(self.case, i), seal=seal(by, topic))
             use = partial(self.on_setpoints, i)
-            self.member.message_filter.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.plant.tick)
+            self.member.message_filter.subscribe(DeviceSetpoints, topic, use, setpoints.read, lambda: self.plant.tick)
         self.answered = [-1 for _ in self.links]
         self.waiting: list[list[Any]] = [[] for _ in self.links]
         self.misses = self.misses_told = 0

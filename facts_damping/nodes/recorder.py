@@ -55,12 +55,12 @@ TOPICS = {
 }
 OF_A_LINK = {
     "pmu/delivered": messages.PmuDataFrame,
-    "setpoints/delivered": messages.VoltageSetpoints,
+    "setpoints/delivered": messages.DeviceSetpoints,
     "link/statistics": messages.LinkStatistics,
 }
 SETPOINTS = "setpoints"
-OF_A_CONTROLLER = {SETPOINTS: messages.VoltageSetpoints, "state": messages.ControllerState}
-OF_A_SUPERVISOR = {SUPERVISED: messages.VoltageSetpoints, "state": messages.SupervisorState}
+OF_A_CONTROLLER = {SETPOINTS: messages.DeviceSetpoints, "state": messages.ControllerState}
+OF_A_SUPERVISOR = {SUPERVISED: messages.DeviceSetpoints, "state": messages.SupervisorState}
 
 
 STAMP_END, TICK_END = 12, 20  # byte offsets: end of the header's stamp; end of its empty frame_id

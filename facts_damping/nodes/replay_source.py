@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, VoltageSetpoints
+from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, DeviceSetpoints
 
 from facts_damping.case.names import (
     acting,
@@ -67,11 +67,11 @@ class ReplaySource:
             node.create_publisher(PmuDataFrame, link.topic("pmu/delivered"), PUBLISHER_QOS) for link in links
         ]
         self.applied = [
-            node.create_publisher(VoltageSetpoints, link.topic("setpoints/delivered"), PUBLISHER_QOS) for link in links
+            node.create_publisher(DeviceSetpoints, link.topic("setpoints/delivered"), PUBLISHER_QOS) for link in links
         ]
         hearing = [acting(self.case, c) for c in identifier_names(self.case)]
         self.recorded = {
-            c: node.create_publisher(VoltageSetpoints, recorded_topic(self.heard[c].topic), PUBLISHER_QOS)
+            c: node.create_publisher(DeviceSetpoints, recorded_topic(self.heard[c].topic), PUBLISHER_QOS)
             for c in hearing
         }
         self.tick = -1
@@ -83,7 +83,7 @@ class ReplaySource:
                 use = partial(self.on_setpoints, speaker.place) if i == 0 else _nothing
                 setpoints = SetpointsMessage(self.case, speaker.name, [c])
                 self.member.message_filter.subscribe(
-                    VoltageSetpoints, speaker.topic, use, setpoints.read, lambda: self.tick
+                    DeviceSetpoints, speaker.topic, use, setpoints.read, lambda: self.tick
                 )
         self.answered = {speaker.place: -1 for speaker in self.heard.values()}
         self.spinner = self.member.spin()

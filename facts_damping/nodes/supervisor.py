@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import ControllerState, PlantState, PmuDataFrame, SupervisorState, VoltageSetpoints
+from facts_damping_msgs.msg import ControllerState, PlantState, PmuDataFrame, SupervisorState, DeviceSetpoints
 from std_srvs.srv import Trigger
 
 from facts_damping.case.names import (
@@ -87,7 +87,7 @@ class SupervisorNode:
         self.heard = [c for c in (self.index, own_reserves.get(self.index)) if c is not None]
         self.controllers = [controller_names(self.case)[c] for c in self.heard]
         self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/{SUPERVISED}"))
-        self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/{SUPERVISED}", PUBLISHER_QOS)
+        self.to_link = node.create_publisher(DeviceSetpoints, f"{self.name}/{SUPERVISED}", PUBLISHER_QOS)
         self.to_recorder = node.create_publisher(SupervisorState, f"{self.name}/state", PUBLISHER_QOS)
         self.devices = np.zeros(len(self.case.run.devices), DEVICE_TRUTH)
         self.gathering, self.publishers = self.wire(node, graph, by)
@@ -113,7 +113,7 @@ class SupervisorNode:
         gathering = InputCollector(self.options, senders, self.act)
         for c in heard:
             setpoints = SetpointsMessage(case, names[c], [c], seal(by, f"{places[c]}/setpoints"))
-            message_filter.subscribe(VoltageSetpoints, topics[names[c]], gathering.taking(names[c]), setpoints.read)
+            message_filter.subscribe(DeviceSetpoints, topics[names[c]], gathering.taking(names[c]), setpoints.read)
         if "state" in senders:
             inner = ControllerStateMessage(case, self.index)
             message_filter.subscribe(ControllerState, topics["state"], gathering.taking("state"), inner.read)

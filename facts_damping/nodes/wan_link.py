@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, VoltageSetpoints
+from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, DeviceSetpoints
 from facts_damping_msgs.srv import Apply
 
 from facts_damping.case.names import link_addresses, listeners, served, speakers
@@ -58,13 +58,13 @@ class WanLink:
         self.measured_ns = np.full(len(self.frame), LOST)  # LOST: the station is absent from the frame
         self.status = np.zeros(len(self.frame), np.int64)
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", PUBLISHER_QOS)
-        self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", PUBLISHER_QOS)
+        self.to_plant = node.create_publisher(DeviceSetpoints, "setpoints/delivered", PUBLISHER_QOS)
         self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", PUBLISHER_QOS)
         message_filter, frames = self.member.message_filter, FramesMessage(self.case, seal(by, "pmu/frames"))
         message_filter.subscribe(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, frames.read, leads=True)
         for c, (name, _, topic) in heard.items():
             setpoints, use = SetpointsMessage(self.case, name, [c], seal(by, topic)), partial(self.on_setpoints, name)
-            message_filter.subscribe(VoltageSetpoints, f"{graph}{topic}", use, setpoints.read, lambda: self.tick)
+            message_filter.subscribe(DeviceSetpoints, f"{graph}{topic}", use, setpoints.read, lambda: self.tick)
         self.tick = -1
         self.missing: set[str] = set()
         self.answered = dict.fromkeys(self.places, 0)  # newest answered tick, by controller

@@ -30,8 +30,8 @@ FIELDS: dict[str, dict[str, str]] = {
     f"{OURS}PmuDataFrame": {"tick": "uint64", "frames": f"{OURS}PmuFrame[]"},
     f"{OURS}PmuFrame": {"header": HEADER, "station": "string", "arrival": TIME, "status": "uint16"}
     | dict.fromkeys(FRAME_FIELDS, "float64"),
-    f"{OURS}VoltageSetpoints": {"tick": "uint64", "controller": "string", "setpoints": f"{OURS}VoltageSetpoint[]"},
-    f"{OURS}VoltageSetpoint": {"header": HEADER, "device": "string", "controller": "string"}
+    f"{OURS}DeviceSetpoints": {"tick": "uint64", "controller": "string", "setpoints": f"{OURS}DeviceSetpoint[]"},
+    f"{OURS}DeviceSetpoint": {"header": HEADER, "device": "string", "controller": "string"}
     | {"issued": TIME, "effective": TIME, "value_pu": "float64"},
     f"{OURS}JacobianEstimate": _HEAD
     | {"identifier": "string", "input_names": "string[]", "parameter_groups": "string[]", "learning_rates": "float64[]"}

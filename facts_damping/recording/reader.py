@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 KINDS = {
     "frames": ("facts_damping_msgs/msg/PmuDataFrame", "/pmu/frames"),
     "delivered": ("facts_damping_msgs/msg/PmuDataFrame", "/pmu/delivered"),
-    "issued": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints"),
-    "applied": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints/delivered"),
-    "supervised": ("facts_damping_msgs/msg/VoltageSetpoints", "/supervised"),
+    "issued": ("facts_damping_msgs/msg/DeviceSetpoints", "/setpoints"),
+    "applied": ("facts_damping_msgs/msg/DeviceSetpoints", "/setpoints/delivered"),
+    "supervised": ("facts_damping_msgs/msg/DeviceSetpoints", "/supervised"),
     "supervision": ("facts_damping_msgs/msg/SupervisorState", "/state"),
     "estimates": ("facts_damping_msgs/msg/JacobianEstimate", "/estimate"),
     "learning": ("facts_damping_msgs/msg/ControllerState", "/state"),

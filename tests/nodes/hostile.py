@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from facts_damping_msgs.msg import PmuDataFrame, VoltageSetpoint, VoltageSetpoints
+from facts_damping_msgs.msg import PmuDataFrame, DeviceSetpoint, DeviceSetpoints
 from rclpy.serialization import serialize_message
 from rosidl_parser.definition import AbstractSequence, Array, BasicType, NamespacedType
 
@@ -109,7 +109,7 @@ def forgeries(case: Case) -> list[tuple[str, Callable[[int], bytes]]]:
         rows["value"] = 0.1 if tick % 2 else -0.1
         return rows
 
-    unknown = VoltageSetpoints(setpoints=[VoltageSetpoint(device="of nobody", controller=CONTROLLER, value_pu=0.1)])
+    unknown = DeviceSetpoints(setpoints=[DeviceSetpoint(device="of nobody", controller=CONTROLLER, value_pu=0.1)])
     none = np.zeros(0, SETPOINT)
     return [
         ("setpoints/delivered", lambda _: setpoints.fill(FAR, start(FAR), none, "")),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, RunState, VoltageSetpoints
+from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, RunState, DeviceSetpoints
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 
@@ -220,7 +220,7 @@ def test_odd_messages_of_the_known_publisher_are_refused_too(node: Node) -> None
     rows, given = np.zeros(1, DELIVERY), np.zeros(1, SETPOINT)
     readers: list[tuple[type[Any], Any, list[bytes]]] = [
         (PmuDataFrame, FramesMessage(CASE), [FramesMessage(CASE).fill(0, 0, rows, 1)]),
-        (VoltageSetpoints, SetpointsMessage(CASE), [SetpointsMessage(CASE).fill(0, 0, given, "")]),
+        (DeviceSetpoints, SetpointsMessage(CASE), [SetpointsMessage(CASE).fill(0, 0, given, "")]),
         (JacobianEstimate, Estimates(CASE, 0), []),
     ]
     for kind, reader, genuine in readers:

@@ -120,7 +120,7 @@ def test_a_message_with_unknown_names_is_refused(case: Case) -> None:
     sent = setpoints.fill(5, start_ns(5), given, "controller_0_LLC")
     assert refusal(SetpointsMessage(case), sent) == "names"
     assert refusal(SetpointsMessage(case, "controller_0_LLC", []), sent) == "names"
-    asked = deserialize_message(sent, msg.VoltageSetpoints)
+    asked = deserialize_message(sent, msg.DeviceSetpoints)
     asked.setpoints[0].device = "statcom"
     assert refusal(SetpointsMessage(case, "controller_0_LLC"), serialize_message(asked)) == "names"
 
@@ -186,7 +186,7 @@ def test_setpoints_as_bytes_are_the_message(
     tick = min(LATER, latest * 60 // NANOSECONDS + 1 + before)
     rows = np.array([(tick, 0, 0, *entry) for entry in entries], SETPOINT)
     data = SetpointsMessage(case).fill(tick, start_ns(tick), rows, controller)
-    message = deserialize_message(data, msg.VoltageSetpoints)
+    message = deserialize_message(data, msg.DeviceSetpoints)
     assert (message.tick, message.controller, message.fresh) == (tick, controller, len(rows) > 0)
     assert bits([entry.value_pu for entry in message.setpoints]) == bits(rows["value"])
     assert {entry.device for entry in message.setpoints} <= {"sssc"}

@@ -355,7 +355,7 @@ def test_tools_of_others_read_every_message_without_a_warning(
         assert len(topics) == total > 500
         assert {topic: topics.count(topic) for topic in counts} == counts
     assert {kind.split("/")[-1] for kind in kinds} == {
-        *("PmuDataFrame", "VoltageSetpoints", "PlantState", "GridEvent", "ControllerState", "JacobianEstimate"),
+        *("PmuDataFrame", "DeviceSetpoints", "PlantState", "GridEvent", "ControllerState", "JacobianEstimate"),
         *("LinkStatistics", "DiagnosticArray", "RunState"),
     }
     assert capfd.readouterr() == ("", "")

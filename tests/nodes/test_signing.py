@@ -125,6 +125,6 @@ def test_a_signed_graph_gives_the_bits_of_the_in_process_run(domain: int, tmp_pa
     assert outcome.messages_refused == {}
     assert_same(load(outcome.recording), loop.run(case))
     said = payloads(tmp_path / "out")
-    for topic, kind in (("/pmu/frames", msg.PmuDataFrame), ("setpoints/delivered", msg.VoltageSetpoints)):
+    for topic, kind in (("/pmu/frames", msg.PmuDataFrame), ("setpoints/delivered", msg.DeviceSetpoints)):
         name = next(one for one in said if one.endswith(topic))
         assert len(deserialize_message(said[name][-1], kind).signature) == 44

@@ -35,7 +35,7 @@ STATIONS, MACHINES, DEVICES, CONTROLLERS = (
 TOPICS = {
     "/pmu/frames": "PmuDataFrame",
     "/pmu/delivered": "PmuDataFrame",
-    "/setpoints/delivered": "VoltageSetpoints",
+    "/setpoints/delivered": "DeviceSetpoints",
     "/plant/state": "PlantState",
     "/plant/events": "GridEvent",
 }
@@ -43,7 +43,7 @@ TOPICS = {
 
 def topics(record: Record) -> dict[str, str]:
     """Topics of a run with one link, and their types."""
-    own = {f"/{name}/setpoints": "VoltageSetpoints" for name in reversed(record.controller_names)}
+    own = {f"/{name}/setpoints": "DeviceSetpoints" for name in reversed(record.controller_names)}
     own |= {identifier(c): "JacobianEstimate" for c in set(record.estimates["controller"].tolist())}
     return TOPICS | own
 
@@ -144,7 +144,7 @@ class Messages:
     def setpoints(self, record: Record, stamp: int, tick: int, controller: str, rows: Any) -> Any:
         entries = [
             self.make(
-                "VoltageSetpoint",
+                "DeviceSetpoint",
                 header=self.header(row["measured_ns"]),
                 device=record.device_names[row["device"]],
                 controller=record.controller_names[row["controller"]],
@@ -155,7 +155,7 @@ class Messages:
             for row in rows
         ]
         head = {"header": self.header(stamp), "tick": tick, "controller": controller, "fresh": bool(entries)}
-        return self.make("VoltageSetpoints", **head, setpoints=entries, signature=UNSIGNED)
+        return self.make("DeviceSetpoints", **head, setpoints=entries, signature=UNSIGNED)
 
     def estimate(self, record: Record, tick: int, controller: int) -> Any:
         rows = record.estimates[(record.estimates["tick"] == tick) & (record.estimates["controller"] == controller)]

@@ -220,7 +220,7 @@ def test_other_schemas_by_our_names_are_refused(fields: list[tuple[str, str]], d
     text = "\n".join(f"{kind} {name}" for kind, name in fields) + "\n"
     text += "=" * 80 + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
     names = {"/pmu/frames": "PmuDataFrame", "/pmu/delivered": "PmuDataFrame", "/plant/state": "PlantState"}
-    names |= {"/c/setpoints": "VoltageSetpoints", "/setpoints/delivered": "VoltageSetpoints"}
+    names |= {"/c/setpoints": "DeviceSetpoints", "/setpoints/delivered": "DeviceSetpoints"}
     with tempfile.TemporaryDirectory() as folder:
         place = foreign(Path(folder) / "run", "", {t: (n, text) for t, n in names.items()}, b"\0\1\0\0" + data)
         with pytest.raises(FactsDampingError) as caught:

@@ -15,13 +15,13 @@ MSG_DEFS = Path(__file__).parents[2] / "msg_defs" / "msg"
 
 
 def test_schema_is_verbatim_with_dependencies() -> None:
-    text = schema_text("facts_damping_msgs/msg/VoltageSetpoints")
+    text = schema_text("facts_damping_msgs/msg/DeviceSetpoints")
     sections = text.split(SEPARATOR + "\n")
-    assert sections[0] == (MSG_DEFS / "VoltageSetpoints.msg").read_text()
+    assert sections[0] == (MSG_DEFS / "DeviceSetpoints.msg").read_text()
     assert [section.splitlines()[0] for section in sections[1:]] == [
         "MSG: std_msgs/Header",
         "MSG: builtin_interfaces/Time",
-        "MSG: facts_damping_msgs/VoltageSetpoint",
+        "MSG: facts_damping_msgs/DeviceSetpoint",
     ]
 
 
