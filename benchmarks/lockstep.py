@@ -1,4 +1,4 @@
-"""Ticks per second of two lockstep graphs, and its share of what DDS's latency alone allows, in one run."""
+"""Ticks per second of two lockstep graphs, and its fraction of what DDS's latency alone allows, in one run."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def one_way_latency_s() -> float:
 
 
 def main() -> None:
-    """Print ticks/s, times real time, and the share of the limit."""
+    """Print ticks/s, times real time, and the fraction of the limit."""
     latency = one_way_latency_s()
     limit = 1.0 / (HOPS * latency)
     print(f"DDS one-way latency {latency * 1e6:.0f} us, {HOPS} hops: limit {limit:.0f} ticks/s")

@@ -71,7 +71,7 @@ def sections(n: int) -> dict[str, Any]:
 def with_ports(k: int) -> dict[str, Any]:
     """K copies with loads of constant current: two ports a copy."""
     made = copies(k)
-    made["loads"] = [{**load, "P_shares": {"current": 1.0}} for load in made["loads"]]
+    made["loads"] = [{**load, "P_fractions": {"current": 1.0}} for load in made["loads"]]
     return made
 
 

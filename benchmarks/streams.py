@@ -1,4 +1,4 @@
-"""What streams of many stations cost: 100 stations at 60 frames/s, as shares of one core.
+"""What streams of many stations cost: 100 stations at 60 frames/s, as fractions of one core.
 
 Parts one by one, each over many frames; then server and client as processes of their own over TCP, at their own pace,
 by the processor time that each has used.
@@ -126,7 +126,7 @@ def listen(port: int) -> tuple[str, float, int]:
 def main() -> None:
     """Print both tables."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    print(f"{STATIONS} stations, {RATE} frames/s: us a frame, share of a core")
+    print(f"{STATIONS} stations, {RATE} frames/s: us a frame, fraction of a core")
     for formats, name in ((True, "floats, polar"), (False, "integers, rectangular")):
         for part, seconds in parts(formats).items():
             print(f"  {name:22} {part:22} {1e6 * seconds:7.0f}  {100 * seconds * RATE:5.2f} %")

@@ -66,7 +66,7 @@ def parts_of_a_run(plan: sweep.Plan) -> None:
         "    verdict": lambda: judge(t, signals, 1.0),
         "    settling time": lambda: settling_time(t, signals, 1.0),
     }
-    print(f"{'one run, median of ' + str(RUNS):<45} {'ms':>8} {'share':>7}")
+    print(f"{'one run, median of ' + str(RUNS):<45} {'ms':>8} {'fraction':>7}")
     took = {name: median_ms(function) for name, function in rows.items()}
     for name, one in took.items():
         print(f"{name:<45} {one:8.2f} {one / took['a run of a sweep']:7.2f}")

@@ -104,11 +104,11 @@ def whole(seconds: float) -> None:
     draw_distribution(figure, found, "p.u.")
     figure.savefig("/dev/null", format="png", dpi=150)
     drawn = time.perf_counter()
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    maximum = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     shape = " x ".join(map(str, found.distribution.values.shape))
     print(
         f"{len(t):8d} {shape:>12} {analysed - began:10.2f} {drawn - analysed:8.2f} "
-        f"{before / 1024:12.0f} {most / 1024:10.0f}"
+        f"{before / 1024:12.0f} {maximum / 1024:10.0f}"
     )
 
 
@@ -118,7 +118,7 @@ def main() -> None:
     parser.add_argument("--tftb", metavar="PYTHON", help="an interpreter that has tftb")
     beside(parser.parse_args().tftb)
     print(
-        f"\n{'samples':>8} {'values':>12} {'analyse s':>10} {'draw s':>8} {'MB before':>12} {'MB at most':>10}",
+        f"\n{'samples':>8} {'values':>12} {'analyse s':>10} {'draw s':>8} {'MB before':>12} {'MB at maximum':>10}",
         flush=True,
     )
     for seconds in (SECONDS, 3600):

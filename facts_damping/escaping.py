@@ -19,9 +19,9 @@ def _escape(one: str) -> str:
     return one.encode("unicode_escape").decode("ascii")
 
 
-def shortened(text: str, most: int = SCREEN) -> str:
-    """Text of at most `most` characters: long text keeps its beginning and its end, which states what is allowed."""
-    if len(text) <= most:
+def shortened(text: str, maximum: int = SCREEN) -> str:
+    """Text of at most `maximum` characters: long text keeps its beginning and its end, which states what is allowed."""
+    if len(text) <= maximum:
         return text
-    end = most // 3
-    return f"{text[: most - end - 5]} ... {text[len(text) - end :]}"
+    end = maximum // 3
+    return f"{text[: maximum - end - 5]} ... {text[len(text) - end :]}"

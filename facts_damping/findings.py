@@ -26,7 +26,7 @@ KINDS = {
 }  # common names of events; others keep their own
 UNSAID = ("clear",)  # events that titles leave out
 EVENTS, CONTROLLERS, NETWORK, MEASUREMENT, SEED = range(5)  # parts of a title
-MOST = 3  # elements with events in a title, at most
+MAXIMUM = 3  # elements with events in a title, at most
 NO_CONTROL: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None, "asked": None}
 
 
@@ -100,8 +100,8 @@ def _events(events: Sequence[Mapping[str, Any]]) -> list[str]:
             kinds = by_element.setdefault(element.replace("_", " "), [])
             kinds += [] if kind in kinds else [kind]
     told = [f"{_several(kinds)} of {element}" for element, kinds in by_element.items()]
-    more = [f"{len(told) - MOST} more"] if len(told) > MOST else []
-    return [_several([*told[:MOST], *more])] if told else []
+    more = [f"{len(told) - MAXIMUM} more"] if len(told) > MAXIMUM else []
+    return [_several([*told[:MAXIMUM], *more])] if told else []
 
 
 def _several(words: Sequence[str]) -> str:

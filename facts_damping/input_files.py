@@ -40,7 +40,7 @@ _opened: set[Path] = set()  # files that this process has read for the user
 
 @cache
 def share_folder() -> Path:
-    """Folder that holds `config`: a checkout, or `share/facts_damping` of an installation."""
+    """Folder that holds `config`: a checkout, or `fraction/facts_damping` of an installation."""
     for parent in Path(__file__).resolve().parents:
         for folder in (parent, parent / "share" / "facts_damping"):
             if (folder / "package.xml").is_file() and (folder / "config").is_dir():
@@ -69,38 +69,38 @@ def is_file(path: Path) -> bool:
     return path.is_file()
 
 
-def read_bytes(path: Path, most: int = TEXT) -> bytes:
-    """Content of a file of at most `most` bytes. Raises `InputError`."""
+def read_bytes(path: Path, maximum: int = TEXT) -> bytes:
+    """Content of a file of at most `maximum` bytes. Raises `InputError`."""
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
     with _opening(path), os.fdopen(os.open(path, flags), "rb") as file:
         about = os.fstat(file.fileno())
-        _check_kind(path, about, most)
-        content = file.read(about.st_size or min(most, TEXT) + 1)  # files of the kernel have no size
-        if len(content) > most:
-            raise InputError(f"{path}: more than {most} bytes; allowed: at most {most}")
+        _check_kind(path, about, maximum)
+        content = file.read(about.st_size or min(maximum, TEXT) + 1)  # files of the kernel have no size
+        if len(content) > maximum:
+            raise InputError(f"{path}: more than {maximum} bytes; allowed: at most {maximum}")
     return content
 
 
-def read_text(path: Path, most: int = TEXT, errors: str = "strict") -> str:
+def read_text(path: Path, maximum: int = TEXT, errors: str = "strict") -> str:
     """UTF-8 text of a file; `errors`: as for `bytes.decode`. Raises `InputError`."""
     try:
-        return read_bytes(path, most).decode("utf-8", errors).replace("\r\n", "\n")
+        return read_bytes(path, maximum).decode("utf-8", errors).replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: cannot be read: {error.reason} at byte {error.start}; allowed: UTF-8") from error
 
 
-def check_file(path: Path, most: int) -> None:
+def check_file(path: Path, maximum: int) -> None:
     """Raise `InputError` if a library may not open a file: by source of the name, kind, or size."""
     with _opening(path):
-        _check_kind(path, path.stat(), most)
+        _check_kind(path, path.stat(), maximum)
 
 
-def check_unpacked(path: Path, content: bytes, most: int) -> None:
-    """Raise `InputError` for a ZIP archive (NPZ, FMU) of more than `most` bytes unpacked."""
+def check_unpacked(path: Path, content: bytes, maximum: int) -> None:
+    """Raise `InputError` for a ZIP archive (NPZ, FMU) of more than `maximum` bytes unpacked."""
     with ZipFile(BytesIO(content)) as archive:
         size = sum(one.file_size for one in archive.infolist())
-    if size > most:
-        raise InputError(f"{path}: more than {most} bytes unpacked; allowed: at most {most}")
+    if size > maximum:
+        raise InputError(f"{path}: more than {maximum} bytes unpacked; allowed: at most {maximum}")
 
 
 @contextmanager
@@ -127,8 +127,8 @@ def _check_named(path: Path) -> None:
     raise InputError(f"{path}: named by {who}, which opens no file; allowed: what the file says")
 
 
-def _check_kind(path: Path, about: os.stat_result, most: int) -> None:
+def _check_kind(path: Path, about: os.stat_result, maximum: int) -> None:
     if not stat.S_ISREG(about.st_mode):
         raise InputError(f"{path}: {KINDS.get(stat.S_IFMT(about.st_mode), 'no file')} given; allowed: a file")
-    if about.st_size > most:
-        raise InputError(f"{path}: {about.st_size} bytes; allowed: at most {most}")
+    if about.st_size > maximum:
+        raise InputError(f"{path}: {about.st_size} bytes; allowed: at most {maximum}")

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 TERMS = 16  # terms of Taylor's series; the next is below 1e-19 for a norm of 1/2
-MOST = 100  # steps of an iteration, which otherwise does not converge
+MAXIMUM = 100  # steps of an iteration, which otherwise does not converge
 NEAR = 1e-9  # of the largest entry: convergence is quadratic, so after such a step no error is left
 ALIKE = 1e-15  # cosine of the angle between two columns that counts as a right angle
 GRID = 1e-5  # 1/s: eigenvalues of two kernels differ by far less, those of two modes by far more
@@ -87,7 +87,7 @@ def _eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
 @entry_point
 def _rotate(u: Float2, v: Float2) -> None:
     """Rotate the rows of `u` in pairs until all are orthogonal, and apply the same rotations to `v`."""
-    for _ in range(MOST):
+    for _ in range(MAXIMUM):
         turned = False
         for p in range(u.shape[0]):
             for q in range(p + 1, u.shape[0]):
@@ -173,7 +173,7 @@ def exponential(a: NDArray[np.float64]) -> NDArray[np.float64]:
 def _divided(a: NDArray[np.float64], q: NDArray[np.float64]) -> Pair:
     """Limits of a <- (a + a^-1) / 2 and q <- (q + a^-1 q a^-T) / 2: the sign of a, and twice `lyapunov`."""
     one = np.eye(len(a))
-    for _ in range(MOST):
+    for _ in range(MAXIMUM):
         inverse = solve(a, one)
         before, a = a, (a + inverse) / 2.0
         q = (q + product(inverse, q, inverse.T)) / 2.0
@@ -201,7 +201,7 @@ def riccati(
     `LinAlgError` if there is none: a mode that does not decay is uncontrollable by b or has no cost.
     """
     n, one, x, g = len(a), np.eye(len(a)), q, product(b, solve(r, b.T))
-    for _ in range(MOST):
+    for _ in range(MAXIMUM):
         both = solve(one + product(g, x), np.hstack([a, g]))
         g = g + product(a, both[:, n:], a.T)
         x = x + product(a.T, x, both[:, :n])

@@ -117,7 +117,7 @@ MONITORS = {
     ),
     "saturated": Monitor(
         "controller",
-        "share of the last 2 s in which an output is at the same limit",
+        "fraction of the last 2 s in which an output is at the same limit",
         "-", 0.95, 0.01, 1.0, 2.0, "s", "trip",
         "an output that damps changes sign each half cycle, 1 s of a mode of 0.5 Hz, and may stay at a limit for two "
         "of them after an event; one that stays for four does not damp",

@@ -175,7 +175,7 @@ def _fill(
 @entry_point
 def _bounded(bound: int, raw: Raw, at: Int1, out: Int1) -> int:
     """Integers below a bound from 32 bits each: each number's lower half first; `at` counts halves."""
-    least = np.uint64((HALF - bound) % bound)  # smaller values would make some numbers more frequent
+    minimum = np.uint64((HALF - bound) % bound)  # smaller values would make some numbers more frequent
     for i in range(out.size):
         while True:
             if at[0] >= 2 * raw.size:
@@ -183,7 +183,7 @@ def _bounded(bound: int, raw: Raw, at: Int1, out: Int1) -> int:
             half = raw[at[0] // 2] >> np.uint64(32 * (at[0] % 2)) & np.uint64(HALF - 1)
             at[0] += 1
             product = half * np.uint64(bound)
-            if product & np.uint64(HALF - 1) >= least:
+            if product & np.uint64(HALF - 1) >= minimum:
                 break
         out[i] = np.int64(product >> np.uint64(32))
     return out.size

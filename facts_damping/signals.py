@@ -108,7 +108,7 @@ SUPERVISION = np.dtype(
         ("state", "i8"),
         ("cause", "i8"),
         ("refused", "i8"),
-        ("share", "f8"),  # progress of the newest switch-over between setpoint sources, 0 to 1
+        ("fraction", "f8"),  # progress of the newest switch-over between setpoint sources, 0 to 1
         ("values", "f8", (len(MONITORS),)),  # values of the monitors; NaN: unknown
         ("probe_gain", "f8"),  # of the device whose response is known least; NaN: not probed
         ("probe_phase", "f8"),  # rad
@@ -347,10 +347,10 @@ def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
 
 
 def _watched(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
-    """Columns of supervisors: code of the state, share of the ramp, values of the monitors."""
-    units = {"state": "-", "share": "-", **{name: row.unit for name, row in MONITORS.items()}}
+    """Columns of supervisors: code of the state, fraction of the ramp, values of the monitors."""
+    units = {"state": "-", "fraction": "-", **{name: row.unit for name, row in MONITORS.items()}}
     for (c,), own in group_by(record.supervision, "controller"):
-        values = _held(record.ticks, own["tick"], np.column_stack([own["state"], own["share"], own["values"]]))
+        values = _held(record.ticks, own["tick"], np.column_stack([own["state"], own["fraction"], own["values"]]))
         for i, (name, unit) in enumerate(units.items()):
             yield f"supervision.{record.controller_names[c]}.{name}", unit, values[:, i]
 

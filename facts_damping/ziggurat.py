@@ -82,7 +82,7 @@ def _ziggurat(ends: list[Decimal], densities: list[Decimal], bits: int) -> Ziggu
     inside = [others[-1] / below, Decimal(0), *(a / b for a, b in pairwise(others))]
     return Ziggurat(
         np.array([float(x / 2**bits) for x in ends]),
-        np.array([int(share * 2**bits) for share in inside], np.uint64),
+        np.array([int(fraction * 2**bits) for fraction in inside], np.uint64),
         np.array([1.0, *(float(f) for f in densities)]),
     )
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 RECORD = Path(__file__).parent / "data" / "budgets.yaml"
 DEAREST = 5
 GROWN = 1.5
-LEAST_S = 2.0  # below it, chance
+MIN_S = 2.0  # below it, chance
 _TICKS = os.sysconf("SC_CLK_TCK")
 _spent: dict[str, float] = defaultdict(float)
 _tests: Counter[str] = Counter()
@@ -87,9 +87,9 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 def grown(now: dict[str, float], record: dict[str, float]) -> list[str]:
     """Files that have grown by half, against the median of all, so that machines and loads matter little."""
-    ratios = {name: now[name] / record[name] for name in now if record.get(name, 0) >= LEAST_S and now[name] >= LEAST_S}
+    ratios = {name: now[name] / record[name] for name in now if record.get(name, 0) >= MIN_S and now[name] >= MIN_S}
     usual = statistics.median(ratios.values()) if ratios else 1.0
-    return sorted(name for name, value in now.items() if value > GROWN * usual * max(record.get(name, 0.0), LEAST_S))
+    return sorted(name for name, value in now.items() if value > GROWN * usual * max(record.get(name, 0.0), MIN_S))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

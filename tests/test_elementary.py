@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     Samples = list[tuple[float, ...]]
 
 COUNT = 300  # samples of each range
-INF, NAN, LEAST, MOST = math.inf, math.nan, 5e-324, 1.7976931348623157e308
-SPECIAL = [0.0, 1.0, INF, LEAST, 2.0**-1022, MOST, 0.25, 2.0, 2.5, 3.0, 2.0**53 - 1.0, 2.0**53, 1e300]
+INF, NAN, MINIMUM, MAXIMUM = math.inf, math.nan, 5e-324, 1.7976931348623157e308
+SPECIAL = [0.0, 1.0, INF, MINIMUM, 2.0**-1022, MAXIMUM, 0.25, 2.0, 2.5, 3.0, 2.0**53 - 1.0, 2.0**53, 1e300]
 SPECIAL = [*SPECIAL, *(-x for x in SPECIAL), NAN]
 RANDOM = np.random.default_rng(20)
 
@@ -61,16 +61,16 @@ def together(*ranges: NDArray[np.float64]) -> Samples:
 
 QUARTERS = np.pi / 2.0 * np.concatenate([np.arange(1.0, 200.0), RANDOM.integers(200, 2**24, 300)])
 BOUNDARIES = np.pi / 128.0 * (2.0 * RANDOM.integers(0, 80000, COUNT) + 1.0)
-WORST = np.array([6381956970095103.0 * 2.0**797, 5.31937264832654141671e255, 2.0**1023, MOST])  # next to n pi/2
+WORST = np.array([6381956970095103.0 * 2.0**797, 5.31937264832654141671e255, 2.0**1023, MAXIMUM])  # next to n pi/2
 ANGLES = together(
-    *(even(-10.0, 10.0), even(-4000.0, 4000.0), signed(spread(LEAST, MOST)), signed(spread(2.0**-30, 2.0**30))),
+    *(even(-10.0, 10.0), even(-4000.0, 4000.0), signed(spread(MINIMUM, MAXIMUM)), signed(spread(2.0**-30, 2.0**30))),
     *(near(QUARTERS), near(BOUNDARIES), near(4000.0), WORST),
 )
 EXPONENTS = together(
     *(even(-30.0, 5.0), even(-0.02, 0.02), even(-745.2, -700.0), even(600.0, 709.79), even(-20.0, 45.0)),
-    *(signed(spread(LEAST, 700.0)), near(np.array([709.782712893384, -745.1332191019412, -708.3964185322641]))),
+    *(signed(spread(MINIMUM, 700.0)), near(np.array([709.782712893384, -745.1332191019412, -708.3964185322641]))),
 )
-BASE = spread(LEAST, MOST)
+BASE = spread(MINIMUM, MAXIMUM)
 POWERS = [
     *columns(even(0.0, 10.0), even(-10.0, 10.0)),
     *columns(BASE, even(-745.0, 709.7) / np.array([math.log(x) for x in BASE])),
@@ -80,14 +80,14 @@ POWERS = [
 POINTS = [
     *columns(even(-10.0, 10.0), even(-10.0, 10.0)),
     *columns(even(-0.03, 0.03), even(-1.0, 1.0)),
-    *columns(signed(spread(LEAST, MOST)), signed(spread(LEAST, MOST))),
-    *columns(signed(spread(LEAST, 2.0**-1000)), signed(spread(LEAST, 2.0**-1000))),
+    *columns(signed(spread(MINIMUM, MAXIMUM)), signed(spread(MINIMUM, MAXIMUM))),
+    *columns(signed(spread(MINIMUM, 2.0**-1000)), signed(spread(MINIMUM, 2.0**-1000))),
     *columns(signed(spread(2.0**1000, 2.0**1023)), signed(spread(2.0**1000, 2.0**1023))),
 ]
 POLAR = [
     *columns(even(-30.0, 5.0), even(-10.0, 10.0)),
-    *columns(even(-745.0, 709.0), signed(spread(LEAST, MOST))),
-    *columns(np.zeros(COUNT), signed(spread(LEAST, 1e3))),
+    *columns(even(-745.0, 709.0), signed(spread(MINIMUM, MAXIMUM))),
+    *columns(np.zeros(COUNT), signed(spread(MINIMUM, 1e3))),
     *columns(even(709.0, 745.0), even(-10.0, 10.0)),
 ]
 
@@ -126,18 +126,18 @@ CASES = {
     "expm1": Case(elementary.expm1, mpmath.expm1, np.expm1, EXPONENTS),
     "tanh": Case(
         *(elementary.tanh, mpmath.tanh, np.tanh),
-        together(even(-3.0, 3.0), even(-0.01, 0.01), even(-25.0, 25.0), signed(spread(LEAST, MOST))),
+        together(even(-3.0, 3.0), even(-0.01, 0.01), even(-25.0, 25.0), signed(spread(MINIMUM, MAXIMUM))),
     ),
     "log": Case(
         *(elementary.log, mpmath.log, np.log),
         together(
-            even(1e-6, 10.0), spread(LEAST, MOST), even(0.6, 1.5), near(1.0), 1.0 + signed(spread(2.0**-53, 0.01))
+            even(1e-6, 10.0), spread(MINIMUM, MAXIMUM), even(0.6, 1.5), near(1.0), 1.0 + signed(spread(2.0**-53, 0.01))
         ),
         bound=0.76,
     ),
     "log1p": Case(
         *(elementary.log1p, mpmath.log1p, np.log1p),
-        together(even(-0.999, 10.0), even(-0.01, 0.01), spread(LEAST, MOST), -spread(LEAST, 0.9999999), near(-1.0)[2:]),
+        together(even(-0.999, 10.0), even(-0.01, 0.01), spread(MINIMUM, MAXIMUM), -spread(MINIMUM, 0.9999999), near(-1.0)[2:]),
     ),
     "power": Case(elementary.power, lambda x, y: mpf(x) ** mpf(y), np.power, POWERS),
     "atan2": Case(elementary.atan2, mpmath.atan2, np.arctan2, POINTS),
@@ -147,7 +147,7 @@ CASES = {
     "rect": Case(
         *(elementary.rect, lambda r, phi: (r * mpmath.cos(phi), r * mpmath.sin(phi))),
         lambda r, phi: complex(r * np.cos(phi), r * np.sin(phi)),
-        [*POLAR, *columns(signed(spread(LEAST, MOST)), signed(spread(LEAST, MOST)))],
+        [*POLAR, *columns(signed(spread(MINIMUM, MAXIMUM)), signed(spread(MINIMUM, MAXIMUM)))],
     ),
     "exp_complex": Case(
         *(exp_complex, lambda x, y: (mpmath.exp(x) * mpmath.cos(y), mpmath.exp(x) * mpmath.sin(y))),
@@ -192,7 +192,7 @@ def test_special_values_are_those_of_c(name: str) -> None:
             if math.isnan(value):
                 assert math.isnan(found), arguments
             else:
-                assert found == pytest.approx(float(value), rel=4e-16, abs=LEAST), arguments
+                assert found == pytest.approx(float(value), rel=4e-16, abs=MINIMUM), arguments
                 assert math.copysign(1.0, found) == math.copysign(1.0, value), arguments
 
 

@@ -28,8 +28,8 @@ from facts_damping.case.loading import load_case, recorded_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError, one_line
 from facts_damping.escaping import SCREEN, escaped, shortened
-from facts_damping.parameters.yaml_text import MOST_ENTRIES
-from facts_damping.recording.chunks import HEAD, MOST_OTHERS
+from facts_damping.parameters.yaml_text import MAX_ENTRIES
+from facts_damping.recording.chunks import HEAD, MAX_OTHERS
 from facts_damping.simulation import fmus
 from facts_damping.simulation.changes import with_event, with_link
 from tests.commands import assert_one_line
@@ -276,12 +276,12 @@ def test_too_many_are_refused_by_their_count(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     row = "  - {time: 1.0, kind: line_out, line: line_1}\n"
-    Path("many.yaml").write_text("scenario:\n" + row * (MOST_ENTRIES + 1))
-    assert_one_line(2, ["simulate", "many.yaml"], f"more than {MOST_ENTRIES} tables in a list", capsys)
+    Path("many.yaml").write_text("scenario:\n" + row * (MAX_ENTRIES + 1))
+    assert_one_line(2, ["simulate", "many.yaml"], f"more than {MAX_ENTRIES} tables in a list", capsys)
     for kind in (0x90, Opcode.METADATA):  # an unknown one, and one that has something
         data = bytes(8) if kind == Opcode.METADATA else b""
-        Path("many.mcap").write_bytes(MCAP0_MAGIC + (HEAD.pack(kind, len(data)) + data) * (MOST_OTHERS + 1))
-        assert_one_line(2, ["analyze", "many.mcap"], f"more than {MOST_OTHERS} records beside messages", capsys)
+        Path("many.mcap").write_bytes(MCAP0_MAGIC + (HEAD.pack(kind, len(data)) + data) * (MAX_OTHERS + 1))
+        assert_one_line(2, ["analyze", "many.mcap"], f"more than {MAX_OTHERS} records beside messages", capsys)
 
 
 @given(st.text())

@@ -16,7 +16,7 @@ from facts_damping.environment import NAME
 # ## The environment
 #
 # An observation holds the newest signals that the link has delivered; an action is the setpoint of the device, as
-# a share of its limit. The reward is minus a measure of how far the machines' speeds differ, with a small price on
+# a fraction of its limit. The reward is minus a measure of how far the machines' speeds differ, with a small price on
 # effort.
 
 # %%

@@ -37,7 +37,7 @@ def record_roughness(record: Record) -> dict[str, float]:
 
 
 def saturation_duty(record: Record, since: float = 0.0) -> dict[str, float]:
-    """Share of the frames at which a device's setpoint is at its limit, 0 to 1, by device; `since`: s.
+    """Fraction of the frames at which a device's setpoint is at its limit, 0 to 1, by device; `since`: s.
 
     Only for devices whose limit is in the configuration (`setpoint_limits`).
     """

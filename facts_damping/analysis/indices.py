@@ -30,7 +30,7 @@ INDICES = {
 }
 INDICES |= rows("indices", Index, INDICES)
 THESIS_INDICES = ("ITAE", "IAE", "ITSE", "ISE")  # of the thesis; scores and agreement use only these
-EDGE = 0.05  # share of an index's final value before its cliff, and after it
+EDGE = 0.05  # fraction of an index's final value before its cliff, and after it
 
 
 class Regions(NamedTuple):
@@ -75,7 +75,7 @@ def regions(time_s: NDArray[np.float64], curve: NDArray[np.float64]) -> Regions 
     """
     if not len(curve) or curve[-1] <= 0:
         return None
-    first, last = (_crossing(time_s, curve, share * float(curve[-1])) for share in (EDGE, 1 - EDGE))
+    first, last = (_crossing(time_s, curve, fraction * float(curve[-1])) for fraction in (EDGE, 1 - EDGE))
     return Regions(first, last, float((1 - 2 * EDGE) * curve[-1] / (last - first)))
 
 

@@ -91,7 +91,7 @@ def alike(told: Mapping[str, Told]) -> dict[Told, list[str]]:
 
 
 def cdf(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Empirical distribution: values (n,) ascending, and the share of all values up to each, 1/n to 1."""
+    """Empirical distribution: values (n,) ascending, and the fraction of all values up to each, 1/n to 1."""
     return np.sort(values), np.arange(1, len(values) + 1) / max(len(values), 1)
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 LATE_S = 2.0  # s; a longer mean latency suggests a mistake of units
-MOSTLY = 0.5  # share of the frames
+MOSTLY = 0.5  # fraction of the frames
 
 
 def odd_findings(
@@ -28,7 +28,7 @@ def odd_findings(
         [] if mean is None or mean < 1e3 * LATE_S else [f"latency {mean / 1e3:.1f} s on average, more than {LATE_S:g}"]
     )
     limited = [
-        f"{device} was at its limit {100 * share:.0f} % of the time" for device, share in duty.items() if share > MOSTLY
+        f"{device} was at its limit {100 * fraction:.0f} % of the time" for device, fraction in duty.items() if fraction > MOSTLY
     ]
     return [*_not_armed(record, supervision), *_not_heard(record), *late, *limited]
 
@@ -36,7 +36,7 @@ def odd_findings(
 def _not_armed(record: Record, supervision: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Controllers that `arm_at` should have armed but that never were."""
     for one in supervision:
-        if record.configuration.get("arm_at") is not None and one["shares"][STATES[ARMED]] == 0.0:
+        if record.configuration.get("arm_at") is not None and one["fractions"][STATES[ARMED]] == 0.0:
             why = f" ({cause_text(one['refusals'][-1])})" if one["refusals"] else ""
             yield f"{one['controller']} was never armed{why}: it controlled nothing"
 

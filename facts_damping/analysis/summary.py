@@ -129,12 +129,12 @@ def _checked(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str
 
 
 def _cycles(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
-    """Amplitude of limit cycles, and share of time that devices are at their limits in them."""
+    """Amplitude of limit cycles, and fraction of time that devices are at their limits in them."""
     cycles = [s.get("limit_cycle") for s in summaries]
     if not any(cycles):
         return []
     each = [c["saturation_duty"] if c else {} for c in cycles]
-    duties = [", ".join(f"{device} {100 * share:.0f}" for device, share in own.items()) for own in each]
+    duties = [", ".join(f"{device} {100 * fraction:.0f}" for device, fraction in own.items()) for own in each]
     return [
         ("limit cycle, amplitude [p.u.]", [f"{c['amplitude_pu']:.3g}" if c else "-" for c in cycles]),
         ("  setpoints at their limit [%]", [duty or "-" for duty in duties]),

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 SILENT = "silent"  # stands for the state of a failed supervisor
 DIGITS = range(3, 7)  # digits of a value and its limit: as few as distinguish them
-MOST = 6  # changes listed in a table: the first ones and the last
+MAXIMUM = 6  # changes listed in a table: the first ones and the last
 _NAMES = list(MONITORS)
 
 
@@ -64,15 +64,15 @@ def on_ticks(record: Record, rows: NDArray[Any], values: NDArray[Any]) -> NDArra
     return found
 
 
-def strained(record: Record, rows: NDArray[Any], least: float) -> dict[str, NDArray[np.float64]]:
-    """Monitors relative to their limits, (ticks,), 1 at the limit; only those that once exceeded `least`.
+def strained(record: Record, rows: NDArray[Any], minimum: float) -> dict[str, NDArray[np.float64]]:
+    """Monitors relative to their limits, (ticks,), 1 at the limit; only those that once exceeded `minimum`.
 
     Monitors that are not watched are left out; with a limit of zero, the value itself is given.
     """
     found = {}
     for (name, limit), values in zip(limits(record).items(), rows["values"].T, strict=True):
         beside = on_ticks(record, rows, values) / (limit or 1.0)
-        if math.isfinite(limit) and np.any(beside > least):
+        if math.isfinite(limit) and np.any(beside > minimum):
             found[name] = beside
     return found
 
@@ -85,7 +85,7 @@ def _given(record: Record) -> Supervision:
 def supervision(record: Record, mode_hz: float | None = None) -> list[dict[str, Any]]:
     """Actions of each supervisor, ready for JSON; empty without supervisors.
 
-    `controller`; `state`, the last; `shares` of the run's ticks by state, whose sum is below 1 if the supervisor was
+    `controller`; `state`, the last; `fractions` of the run's ticks by state, whose sum is below 1 if the supervisor was
     silent; `changes` and `refusals`, lists of `time_s`, `state` (changes only), `cause`, and the cause's `value`,
     `limit` and `unit`, if it has a number; `trips`, their number; `probe`, the newest one, or None. `mode_hz`:
     frequency of the mode, which converts the phase margin into a delay margin.
@@ -97,7 +97,7 @@ def supervision(record: Record, mode_hz: float | None = None) -> list[dict[str, 
             {
                 "controller": name,
                 "state": changes[-1]["state"] if changes else STATES[SHADOW],
-                "shares": _shares(record, rows),
+                "fractions": _fractions(record, rows),
                 "changes": changes,
                 "trips": sum(row["state"] == STATES[TRIPPED] for row in changes),
                 "refusals": list(_refusals(record, rows)),
@@ -107,8 +107,8 @@ def supervision(record: Record, mode_hz: float | None = None) -> list[dict[str, 
     return found
 
 
-def _shares(record: Record, rows: NDArray[Any]) -> dict[str, float]:
-    """Share of the run's ticks in each state."""
+def _fractions(record: Record, rows: NDArray[Any]) -> dict[str, float]:
+    """Fraction of the run's ticks in each state."""
     return {
         name: int(np.count_nonzero(rows["state"] == code)) / len(record.time_ns) for code, name in enumerate(STATES)
     }
@@ -213,8 +213,8 @@ def history_text(told: Mapping[str, Any]) -> str:
         seen.add(state)
     if not told["changes"]:
         texts.append(f"{STATES[SHADOW]} to the end")
-    if len(texts) > MOST:
-        texts[MOST - 2 : -1] = [f"{len(texts) - MOST + 1} more changes"]
+    if len(texts) > MAXIMUM:
+        texts[MAXIMUM - 2 : -1] = [f"{len(texts) - MAXIMUM + 1} more changes"]
     return "; ".join(texts)
 
 

@@ -159,11 +159,11 @@ def analyse(
         raise InputError(f"{len(kept) / rate:.3g} s given; allowed: at least {FEWEST / rate:.3g} s for this band")
     kept = _without_trend(kept, rate, band[0])
     z = analytic(kept)
-    most = (len(z) - 1) // 2
-    h = None if lag == inf else _hann(lag / 2, rate, most)
+    maximum = (len(z) - 1) // 2
+    h = None if lag == inf else _hann(lag / 2, rate, maximum)
     g = _hann(time, rate, len(z))
     hop = max(1, min(len(z) // COLUMNS, len(g) // OVERLAP))
-    bins = max(BINS, 2 * most + 1 if h is None else len(h))
+    bins = max(BINS, 2 * maximum + 1 if h is None else len(h))
     made = spwvd(z, rate, h, g, hop, fft.next_fast_len(bins, real=True))
     at = even_s[0] + np.arange(len(z)) / rate
     return Analysed(at, kept, z, made._replace(time_s=at[::hop]), filled)
@@ -198,9 +198,9 @@ def _check_asked(lag: float, time: float, band: tuple[float, float], rate: float
         raise InputError(f"band: {band[0]:g} to {band[1]:g} Hz given; allowed: rising, within 0 to {rate / 2:g} Hz")
 
 
-def _hann(length: float, rate: float, most: int) -> NDArray[np.float64]:
-    """Hann window of that length (s), at most `most` samples each side of the middle, without its zero ends."""
-    half = max(0, min(most, ceil(min(length * rate / 2, most + 1) - 1e-9) - 1))
+def _hann(length: float, rate: float, maximum: int) -> NDArray[np.float64]:
+    """Hann window of that length (s), at most `maximum` samples each side of the middle, without its zero ends."""
+    half = max(0, min(maximum, ceil(min(length * rate / 2, maximum + 1) - 1e-9) - 1))
     return np.asarray(np.cos(np.pi * np.arange(-half, half + 1) / max(length * rate, 1.0)) ** 2)
 
 

@@ -42,13 +42,13 @@ UPPER = 0.975  # quantile for the upper end of a 95 % interval
 RIPPLE = 0.05  # relative change of an amplitude from end to end that phases alone can cause; less is no growth
 STRAIGHT = 0.01  # root mean square of the logarithm about its line; below, a single exponential fits
 CLEAR_DB = 40.0  # signal-to-residual ratio of damped waves; above, the signal is a sum of such waves
-LAST, SHARE = 5.0, 0.25  # s, and share of the fitted part, that must follow a bend
-BETTER = (0.6, 0.9)  # shares of the line's residual that one bend, or two, must explain
+LAST, FRACTION = 5.0, 0.25  # s, and fraction of the fitted part, that must follow a bend
+BETTER = (0.6, 0.9)  # fractions of the line's residual that one bend, or two, must explain
 DEPTH = 0.2  # least change of the logarithm by a bend
 WIDER = 1.5  # factor on the correlation time of the residuals, which a fit shortens
 FREE = 0.9  # degrees of freedom, at least
 STEADY, WIDEST = 0.7, 2.0  # of the logarithm, factors of 2 and 7: see `judge`
-TONE = 0.3  # least share of the energy in three neighbouring spectral lines; less is noise, not an oscillation
+TONE = 0.3  # least fraction of the energy in three neighbouring spectral lines; less is noise, not an oscillation
 
 
 class Growth(NamedTuple):
@@ -188,7 +188,7 @@ def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
     return Judgement(LIMIT_CYCLE, "it neither grows nor decays", growth, start, size)
 
 
-def _growth(part: _Part, first: int, end: int, least: float = FREE) -> Growth | None:
+def _growth(part: _Part, first: int, end: int, minimum: float = FREE) -> Growth | None:
     """Slope of the envelope's logarithm over some windows by least squares; None if they are too few."""
     t, y = part.points[first:end], np.log(np.maximum(part.sizes[first:end], RESOLUTION))
     if len(t) < 3:
@@ -196,7 +196,7 @@ def _growth(part: _Part, first: int, end: int, least: float = FREE) -> Growth | 
     slope, rest = _straight(t, y)
     squares, hop, length = float(rest @ rest), float(t[1] - t[0]), float(t[-1] - t[0]) + HANN / 2
     free = length / (HANN / 2) - 2
-    if free < least:
+    if free < minimum:
         return None
     memory = HANN / 2
     if squares > 1e-18 * len(t):  # else round-off
@@ -233,8 +233,8 @@ def _last_part(points: NDArray[np.float64], logs: NDArray[np.float64]) -> int:
     first = 0
     while True:
         t, y = points[first:], logs[first:]
-        least = max(LAST, SHARE * float(t[-1] - t[0])) - HANN / 2
-        bends = np.flatnonzero((t >= t[0] + 2 * HOP) & (t <= t[-1] - least))
+        minimum = max(LAST, FRACTION * float(t[-1] - t[0])) - HANN / 2
+        bends = np.flatnonzero((t >= t[0] + 2 * HOP) & (t <= t[-1] - minimum))
         if not len(bends):
             return first
         line = np.linalg.qr(np.column_stack([np.ones_like(t), t - t.mean()]))[0]
@@ -279,7 +279,7 @@ def _spread(t: NDArray[np.float64], y: NDArray[np.float64]) -> float:
 
 
 def _tone(x: NDArray[np.float64], dt: float) -> float:
-    """Share of a signal's energy, without its line, in the three strongest neighbouring spectral lines."""
+    """Fraction of a signal's energy, without its line, in the three strongest neighbouring spectral lines."""
     samples = block_means(x[:, np.newaxis], dt)[0][:, 0]
     rest = _straight(np.arange(len(samples), dtype=float), samples)[1]
     power = np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) ** 2

@@ -6,7 +6,7 @@ import math
 import struct
 from typing import Any, NamedTuple
 
-from facts_damping.c37118.frame import LEAST, MOST, FrameError
+from facts_damping.c37118.frame import MINIMUM, MAXIMUM, FrameError
 
 NAME = 16  # bytes of a name in configuration 1 and 2
 BITS = 16  # of a digital word
@@ -102,9 +102,9 @@ class _Reader:
 
 def _name(text: str, field: str, *, long: bool) -> bytes:
     """Encode STN or CHNAM, the inverse of `_Reader.name`."""
-    raw, most = text.encode() if long else text.encode("latin-1", errors="replace"), 255 if long else NAME
-    if len(raw) > most:
-        raise FrameError(f"{field}: '{text}' has {len(raw)} bytes; allowed: {most} (6.4)")
+    raw, maximum = text.encode() if long else text.encode("latin-1", errors="replace"), 255 if long else NAME
+    if len(raw) > maximum:
+        raise FrameError(f"{field}: '{text}' has {len(raw)} bytes; allowed: {maximum} (6.4)")
     return bytes([len(raw)]) + raw if long else raw.ljust(NAME)
 
 
@@ -115,7 +115,7 @@ def encode(c: Configuration, kind: str) -> list[bytes]:
     whole = b"".join([*parts, struct.pack(">h", c.rate)])
     if not long:
         return [whole]
-    room = MOST - LEAST - 2
+    room = MAXIMUM - MINIMUM - 2
     cut = [whole[i : i + room] for i in range(0, len(whole), room)]
     return [struct.pack(">H", index) + part for index, part in zip(_indices(len(cut)), cut, strict=True)]
 
@@ -183,11 +183,11 @@ def _scaled(pmu: Pmu, phasor: Phasor) -> tuple[float, float]:
     return (1.0, 0.0) if pmu.float_phasors else (phasor.scale, phasor.angle)
 
 
-def _count(value: float, least: int, field: str) -> int:
+def _count(value: float, minimum: int, field: str) -> int:
     """An integer of 24 bits."""
-    whole, most = round(value), least + (1 << 24) - 1
-    if not least <= whole <= most:
-        raise FrameError(f"{field}: {value:g} counts; allowed: {least} to {most} (6.4)")
+    whole, maximum = round(value), minimum + (1 << 24) - 1
+    if not minimum <= whole <= maximum:
+        raise FrameError(f"{field}: {value:g} counts; allowed: {minimum} to {maximum} (6.4)")
     return whole & 0xFFFFFF
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.c37118.frame import LEAST, MOST, FrameError
+from facts_damping.c37118.frame import MINIMUM, MAXIMUM, FrameError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -79,8 +79,8 @@ def layout(c: Configuration) -> Layout:
     field, wide, signed, scale, offset = (np.array(column) for column in zip(*items, strict=True))
     ends = list(accumulate(np.where(wide, 4, 2).tolist()))
     size = ends[-1] if ends else 0
-    if size + LEAST > MOST:
-        raise FrameError(f"FRAMESIZE: {size + LEAST} bytes of data; allowed: {LEAST} to {MOST} (6.3)")
+    if size + MINIMUM > MAXIMUM:
+        raise FrameError(f"FRAMESIZE: {size + MINIMUM} bytes of data; allowed: {MINIMUM} to {MAXIMUM} (6.3)")
     if (scale == 0.0).any():
         raise FrameError("PHUNIT, ANUNIT: 0 given for values in integers; allowed: any other (6.4)")
     polar = np.array([pmu.polar for pmu in c.pmus for _ in pmu.phasors], bool)
@@ -112,9 +112,9 @@ def encode(made: Layout, data: Data) -> bytes:
     with np.errstate(over="ignore"):  # values beyond 32-bit floats become infinite
         floats = values[made.wide].astype(">f4").view(np.uint8).reshape(-1, 4)
     body[made.at[made.wide, None] + np.arange(4)] = floats
-    least, most = np.where(made.signed[narrow], -32767, 0), np.where(made.signed[narrow], 32767, 65535)
+    minimum, maximum = np.where(made.signed[narrow], -32767, 0), np.where(made.signed[narrow], 32767, 65535)
     counts = (values[narrow] - made.offset[narrow]) / made.scale[narrow]
-    whole = np.where(np.isnan(counts), MISSING, np.clip(np.rint(np.nan_to_num(counts)), least, most)).astype(np.int64)
+    whole = np.where(np.isnan(counts), MISSING, np.clip(np.rint(np.nan_to_num(counts)), minimum, maximum)).astype(np.int64)
     body[made.at[narrow, None] + np.arange(2)] = (whole & 0xFFFF).astype(">u2").view(np.uint8).reshape(-1, 2)
     return body.tobytes()
 
@@ -122,7 +122,7 @@ def encode(made: Layout, data: Data) -> bytes:
 def decode(made: Layout, body: bytes) -> Data:
     """The values of a data frame. Raises `FrameError` for a wrong length."""
     if len(body) != made.size:
-        raise FrameError(f"FRAMESIZE: {len(body) + LEAST} bytes; allowed by the configuration: {made.size + LEAST}")
+        raise FrameError(f"FRAMESIZE: {len(body) + MINIMUM} bytes; allowed by the configuration: {made.size + MINIMUM}")
     raw, narrow = np.frombuffer(body, np.uint8), ~made.wide
     values = np.zeros(len(made.at))
     with np.errstate(invalid="ignore"):  # signalling NaN

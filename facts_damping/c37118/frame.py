@@ -32,7 +32,7 @@ COMMANDS: Mapping[str, int] = {  # table 15
 }
 HEAD = struct.Struct(">BBHHII")  # SYNC, FRAMESIZE, IDCODE, SOC, FRACSEC
 CHECK = struct.Struct(">H")  # CHK
-LEAST, MOST = HEAD.size + CHECK.size, 0xFFFF  # bytes of a frame
+MINIMUM, MAXIMUM = HEAD.size + CHECK.size, 0xFFFF  # bytes of a frame
 
 
 class FrameError(FactsDampingError):
@@ -63,9 +63,9 @@ def checksum(data: bytes) -> int:
 
 def encode(frame: Frame) -> bytes:
     """A message as bytes. Raises `FrameError` if it does not fit."""
-    size = LEAST + len(frame.body)
-    if size > MOST:
-        raise FrameError(f"FRAMESIZE: {size} bytes; allowed: {LEAST} to {MOST} (6.2)")
+    size = MINIMUM + len(frame.body)
+    if size > MAXIMUM:
+        raise FrameError(f"FRAMESIZE: {size} bytes; allowed: {MINIMUM} to {MAXIMUM} (6.2)")
     second = KINDS[frame.kind] << 4 | frame.version
     fraction = frame.quality << 24 | frame.fraction
     data = HEAD.pack(SYNC, second, size, frame.idcode, frame.soc, fraction) + frame.body
@@ -87,25 +87,25 @@ def decode(data: bytes) -> Frame:
 
 def framesize(data: bytes | bytearray) -> int:
     """FRAMESIZE of a frame from at least its first four bytes. Raises `FrameError` if no frame begins here."""
-    if len(data) < LEAST:
-        raise FrameError(f"FRAMESIZE: a frame of {len(data)} bytes; allowed: {LEAST} and more (6.2)")
+    if len(data) < MINIMUM:
+        raise FrameError(f"FRAMESIZE: a frame of {len(data)} bytes; allowed: {MINIMUM} and more (6.2)")
     first, second, size = data[0], data[1], int.from_bytes(data[2:4], "big")
     if first != SYNC or second >> 4 not in KINDS.values() or second & 0xF not in (1, VERSION):
         raise FrameError(f"SYNC: {data[:2].hex()} given; allowed: aa and a kind of frame of version 1 or 2 (6.2)")
-    if size < LEAST:
-        raise FrameError(f"FRAMESIZE: {size}; allowed: {LEAST} and more (6.2)")
+    if size < MINIMUM:
+        raise FrameError(f"FRAMESIZE: {size}; allowed: {MINIMUM} and more (6.2)")
     return size
 
 
-def split(stream: bytearray, most: int = MOST) -> tuple[list[bytes], int]:
+def split(stream: bytearray, maximum: int = MAXIMUM) -> tuple[list[bytes], int]:
     """Remove the complete frames and invalid bytes from a stream; return the frames and the number of invalid bytes.
 
-    A frame that has begun remains. `most`: largest size of a valid frame, bytes. An incomplete frame counts as invalid
+    A frame that has begun remains. `maximum`: largest size of a valid frame, bytes. An incomplete frame counts as invalid
     if a complete one begins after its start, since its length may be wrong.
     """
     frames, lost, at = list[bytes](), 0, 0
-    while len(stream) - at >= LEAST:
-        whole = _whole(stream, at, most)
+    while len(stream) - at >= MINIMUM:
+        whole = _whole(stream, at, maximum)
         if whole:
             lost += at
             frames.append(whole)
@@ -113,16 +113,16 @@ def split(stream: bytearray, most: int = MOST) -> tuple[list[bytes], int]:
             at = 0
             continue
         at = _following(stream, at + 1)
-    waits = _begun(stream, most)
+    waits = _begun(stream, maximum)
     del stream[:waits]
     return frames, lost + waits
 
 
-def _whole(stream: bytearray, at: int, most: int) -> bytes | None:
+def _whole(stream: bytearray, at: int, maximum: int) -> bytes | None:
     """The frame that begins here, if it is complete and valid."""
     try:
-        size = framesize(stream[at : at + LEAST])
-        if size > min(most, len(stream) - at):
+        size = framesize(stream[at : at + MINIMUM])
+        if size > min(maximum, len(stream) - at):
             return None
         whole = bytes(stream[at : at + size])
         decode(whole)
@@ -137,12 +137,12 @@ def _following(stream: bytearray, at: int) -> int:
     return len(stream) if found < 0 else found
 
 
-def _begun(stream: bytearray, most: int) -> int:
+def _begun(stream: bytearray, maximum: int) -> int:
     """Position where an incomplete frame begins, in a stream without complete ones."""
     at = _following(stream, 0)
-    while len(stream) - at >= LEAST:
+    while len(stream) - at >= MINIMUM:
         try:
-            if len(stream) - at < framesize(stream[at : at + LEAST]) <= most:
+            if len(stream) - at < framesize(stream[at : at + MINIMUM]) <= maximum:
                 break
         except FrameError:
             pass

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from facts_damping.c37118.configuration import Configuration
     from facts_damping.c37118.data import Data, Layout
 
-MOST_PARTS = 64  # of a configuration 3
+MAX_PARTS = 64  # of a configuration 3
 ANSWERS = {f"send_{kind}": kind for kind in ("configuration_1", "configuration_2", "configuration_3")}
 
 
@@ -133,8 +133,8 @@ class Receiver:
         self.parts = []
         if index <= configuration.FIRST:
             return [body]
-        if index not in (len(before) + 1, configuration.LAST) or len(before) >= MOST_PARTS:
-            raise FrameError(f"CONT_IDX: {index} given; allowed: {len(before) + 1} to {MOST_PARTS}, or the last (6.4)")
+        if index not in (len(before) + 1, configuration.LAST) or len(before) >= MAX_PARTS:
+            raise FrameError(f"CONT_IDX: {index} given; allowed: {len(before) + 1} to {MAX_PARTS}, or the last (6.4)")
         return [*before, body]
 
     def _instant(self, one: Frame) -> Instant | None:

@@ -13,7 +13,7 @@ from facts_damping.plant.events import topology_intervals
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
-MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
+MAX_TICKS = 2_000_000  # of a run: all its signals are kept in memory
 
 
 def check_events(case: Case, scenario_file: str, source: str, sets: dict[str, str] | None) -> None:
@@ -36,10 +36,10 @@ def check_events(case: Case, scenario_file: str, source: str, sets: dict[str, st
 def check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
     """Raise `InputError` for devices, controllers, signals or parameters that the other files do not have."""
     run, system = case.run, case.system
-    if case.ticks > MOST_TICKS:
+    if case.ticks > MAX_TICKS:
         raise InputError(
             f"{origin('duration', source, sets)}: {case.duration:g} s at {run.frame_rate} frames/s given, "
-            f"{case.ticks} frames; allowed: at most {MOST_TICKS} frames"
+            f"{case.ticks} frames; allowed: at most {MAX_TICKS} frames"
         )
     for i, device in enumerate(run.devices):
         check_known(origin(f"devices.{i}", source, sets), device, [d.name for d in system.devices])

@@ -12,7 +12,7 @@ from facts_damping.parameters.validation import check
 from facts_damping.plant.build import limit_violations
 
 WIDER = 0.1  # fraction of the initial value by which the limit is moved beyond it
-MOST = 5  # iterations, as one limit may depend on another
+MAXIMUM = 5  # iterations, as one limit may depend on another
 
 
 def widened(content: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
@@ -21,7 +21,7 @@ def widened(content: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
     Raises `InputError` if that does not help.
     """
     made, notes = deepcopy(content), list[str]()
-    for _ in range(MOST):
+    for _ in range(MAXIMUM):
         found = limit_violations(check(System, made, "import"))
         if not found:
             return made, notes

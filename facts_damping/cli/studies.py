@@ -140,16 +140,16 @@ def sweep(arguments: argparse.Namespace) -> None:
     finally:
         progress.close()
     rows, margins = study.rows(found), study.found_margins(plan, found)
-    shares, across = study.found_shares(plan, found), study.across(plan)
+    fractions, across = study.found_fractions(plan, found), study.across(plan)
     asked = plan.study.tables
     figures = tables.figure_tables(rows, asked) if asked else []
-    write_json(arguments.json, {"rows": rows, "margins": margins, "shares": shares})
-    for line in (*results.sweep_tables(rows, margins, shares, across), "", *figures):
+    write_json(arguments.json, {"rows": rows, "margins": margins, "fractions": fractions})
+    for line in (*results.sweep_tables(rows, margins, fractions, across), "", *figures):
         say(arguments, line)
     if asked:
         write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
         say(arguments, f"tables: {folder / 'tables.md'}")
-    for path in results.write(folder, rows, margins, shares):
+    for path in results.write(folder, rows, margins, fractions):
         say(arguments, f"table: {path}")
     pictures = tables.draw(rows, asked, folder) if asked else []
     pictures += sweep_plots.draw(rows, study.swept(plan), margins, across, folder)

@@ -108,23 +108,23 @@ def bank(
     n = len(controllers)
     kinds = [kind_of(c) for c in controllers]
     nets = [controller_network(c) for c in controllers]
-    most_signals = max([len(c.signals) for c in controllers], default=0)
-    most_devices = max([len(c.devices) for c in controllers], default=0)
+    max_signals = max([len(c.signals) for c in controllers], default=0)
+    max_devices = max([len(c.devices) for c in controllers], default=0)
     given, held = inputs([c.signals for c in controllers], signals, stations, nominal)
     names = [controller.compensation for controller in controllers]
-    optimal, estimate = state_spaces(designs or [None] * n, most_signals, most_devices)
-    compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, most_signals)
+    optimal, estimate = state_spaces(designs or [None] * n, max_signals, max_devices)
+    compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, max_signals)
     made = Bank(
         code=np.array([k.code(c.scheme) for c, k in zip(controllers, kinds, strict=True)], np.int64),
         law=np.array([LAWS.index(k.law) if k.law else 0 for k in kinds], np.int64),
-        settings=np.zeros((n, max(most_signals, most_devices)), SETTINGS),
-        mode_shape=np.ones((n, most_signals)),
+        settings=np.zeros((n, max(max_signals, max_devices)), SETTINGS),
+        mode_shape=np.ones((n, max_signals)),
         inputs=given,
         compensators=compensation,
         shape=np.array(nets, np.int64).reshape(n, len(Network._fields)),
-        sensitivity=np.zeros((n, most_signals, most_devices)),
-        device=np.full((n, most_devices), UNSET, np.int64),
-        actuators=AllActuators(*np.ones((2, n, most_devices))),
+        sensitivity=np.zeros((n, max_signals, max_devices)),
+        device=np.full((n, max_devices), UNSET, np.int64),
+        actuators=AllActuators(*np.ones((2, n, max_devices))),
         period_ns=np.full(n, NANOSECONDS // frame_rate, np.int64),
         optimal=optimal,
         faults=faults([c.faults for c in controllers], frame_rate, seed),
@@ -144,14 +144,14 @@ def bank(
     state = BankState(
         held=held,
         compensated=compensated,
-        jacobian=np.full((n, most_signals, most_devices), np.nan),
-        unlimited=np.zeros((n, most_devices)),
-        outputs=np.zeros((n, most_devices)),
-        internal=np.zeros((n, most_devices, max([k.states for k in kinds], default=0))),
+        jacobian=np.full((n, max_signals, max_devices), np.nan),
+        unlimited=np.zeros((n, max_devices)),
+        outputs=np.zeros((n, max_devices)),
+        internal=np.zeros((n, max_devices, max([k.states for k in kinds], default=0))),
         learner=learners(nets, starts),
-        memory=memories(n, most_signals, most_devices),
+        memory=memories(n, max_signals, max_devices),
         estimate=estimate,
-        calls=calls(n, most_signals, len(stations)),
+        calls=calls(n, max_signals, len(stations)),
     )
     return made, state
 

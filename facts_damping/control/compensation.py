@@ -38,7 +38,7 @@ NONE, LEAD, PHASOR, PREDICTION = 0, 1, 2, 3
 COMPENSATIONS = {"none": NONE, "lead": LEAD, "phasor": PHASOR}  # for any controller
 OF_IDENTIFIERS = {"prediction": PREDICTION}  # for controllers with an identifier
 HELD_NS = 100_000_000  # ns, largest age of a prediction's frame relative to the newest; older predictions are ignored
-MOST_LEAD = math.radians(60.0)  # rad, largest phase lead of a section
+MAX_LEAD = math.radians(60.0)  # rad, largest phase lead of a section
 SECTIONS = 2
 
 
@@ -104,8 +104,8 @@ def compensate(
             if held and math.isfinite(change) and change != 0.0:
                 state.signal[c, i] += change
         return
-    share = 1.0 if dt <= 0.0 or s.latency_filter <= 0.0 else 1.0 - exp(-dt / s.latency_filter)
-    state.latency[c] += share * (age - state.latency[c])
+    fraction = 1.0 if dt <= 0.0 or s.latency_filter <= 0.0 else 1.0 - exp(-dt / s.latency_filter)
+    state.latency[c] += fraction * (age - state.latency[c])
     phase = made.omega[c] * max(0.0, state.latency[c] + s.down_delay)
     for i in range(given.size):
         if made.code[c] == LEAD:
@@ -118,10 +118,10 @@ def compensate(
 def lead(omega: float, phase: float, state: NDArray[np.float64], y: float, dt: float) -> float:
     """One step of two sections with total phase `phase`, rad, and gain 1 at `omega`, rad/s.
 
-    a w = sqrt((1 + sin p) / (1 - sin p)), p the phase of one section, at most MOST_LEAD. For the bilinear transform w
+    a w = sqrt((1 + sin p) / (1 - sin p)), p the phase of one section, at most MAX_LEAD. For the bilinear transform w
     is prewarped: 2 / dt tan(omega dt / 2). The first frame starts from steady state.
     """
-    sine = sin(min(phase / SECTIONS, MOST_LEAD))
+    sine = sin(min(phase / SECTIONS, MAX_LEAD))
     ratio = math.sqrt((1.0 + sine) / (1.0 - sine))
     if dt <= 0.0:
         for k in range(SECTIONS):

@@ -35,15 +35,15 @@ class Faults(Struct):
 
 def faults(given: Sequence[Sequence[ControllerFault]], frame_rate: int, seed: int) -> Faults:
     """Build the faults of all controllers, in order for each."""
-    most = max(map(len, given), default=0)
-    rows = np.zeros((len(given), most), FAULT)
+    maximum = max(map(len, given), default=0)
+    rows = np.zeros((len(given), maximum), FAULT)
     for c, own in enumerate(given):
         for row, one in zip(rows[c], own, strict=False):
             row["kind"], row["size"] = KINDS.index(one.kind), SIZED.get(one.kind, 0.0) if one.size is None else one.size
             row["first"] = math.ceil(one.start * frame_rate)
             over = np.inf if one.duration is None else math.ceil((one.start + one.duration) * frame_rate)
             row["end"] = min(over, np.iinfo(np.int64).max)
-    drawn = random_numbers.standard_normal(np.random.default_rng((seed, 4)), (len(given), CHANCES if most else 0))
+    drawn = random_numbers.standard_normal(np.random.default_rng((seed, 4)), (len(given), CHANCES if maximum else 0))
     return Faults(rows, drawn)
 
 

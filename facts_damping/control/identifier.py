@@ -48,7 +48,7 @@ def identifiers(
     nominal: float = 60.0,
 ) -> tuple[Identifiers, IdentifierState]:
     """Build the identifiers of a run; `nominal`: frequency, Hz."""
-    n, most = len(rows), max([len(row.devices) for row in rows], default=0)
+    n, maximum = len(rows), max([len(row.devices) for row in rows], default=0)
     outputs = max([len(row.signals) for row in rows], default=0)
     span = np.array([int(row.settings["identifier_span"][0]) for row in rows], np.int64)
     order = np.array([past_values(frames) for frames in span], np.int64)
@@ -65,11 +65,11 @@ def identifiers(
     kept = loop_delay + back + SPARE
     made = Identifiers(
         controller=np.array([row.controller for row in rows], np.int64),
-        settings=np.zeros((n, max(outputs, most)), SETTINGS),
+        settings=np.zeros((n, max(outputs, maximum)), SETTINGS),
         shape=np.array(nets, np.int64).reshape(n, len(Network._fields)),
         inputs=given,
-        device=np.full((n, most), UNSET, np.int64),
-        limit=np.ones((n, most)),
+        device=np.full((n, maximum), UNSET, np.int64),
+        limit=np.ones((n, maximum)),
         loop_delay_ns=loop_delay_ns,
         horizon=horizon,
         order=order,
@@ -83,9 +83,9 @@ def identifiers(
         past=np.zeros((n, back + 1, outputs)),
         past_ns=np.full((n, back + 1), UNSET, np.int64),
         newest=np.zeros(n, np.int64),
-        given_ns=np.full((n, most, kept), UNSET, np.int64),
-        given=np.zeros((n, most, kept)),
-        at=np.zeros((n, most), np.int64),
+        given_ns=np.full((n, maximum, kept), UNSET, np.int64),
+        given=np.zeros((n, maximum, kept)),
+        at=np.zeros((n, maximum), np.int64),
         deviation=np.zeros((n, outputs)),
         curvature=np.ones((n, outputs)),
         lyapunov=np.zeros((n, 2)),
@@ -94,7 +94,7 @@ def identifiers(
         peak=np.zeros((n, outputs)),
         path=np.zeros((n, back + loop_delay + SPARE, outputs)),
         change=np.full((n, outputs), np.nan),
-        jacobian=np.full((n, outputs, most), np.nan),
+        jacobian=np.full((n, outputs, maximum), np.nan),
     )
     for i, row in enumerate(rows):
         size = min(made.settings.shape[1], len(row.settings))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 WIDTH = 1.0  # initial width s of the memberships
 SPREAD = 0.5  # initial centres -0.5 and 0.5 if the consequents hold the linear plant
 DILATION = 5.0  # initial dilation nu of the wavelets
-FLAT = 1e-9  # share of phasors' largest extent: a smaller extent in the other direction is round-off
+FLAT = 1e-9  # fraction of phasors' largest extent: a smaller extent in the other direction is round-off
 
 
 class Identified(NamedTuple):

@@ -53,16 +53,16 @@ def inputs(
     given: Sequence[Sequence[str]], signals: Mapping[str, Signal], stations: Sequence[str], nominal: float = 60.0
 ) -> tuple[Inputs, LatestSamples]:
     """Build receivers of signals given by name, without data; `nominal`: frequency, Hz."""
-    n, most = len(given), max([len(names) for names in given], default=0)
+    n, maximum = len(given), max([len(names) for names in given], default=0)
     made = Inputs(
         signals=np.array([len(names) for names in given], np.int64),
-        channel=np.zeros((n, most), np.int64),
-        weight=np.zeros((n, most, len(stations))),
-        offset=np.zeros((n, most)),
-        angle=np.zeros((n, most), np.bool_),
+        channel=np.zeros((n, maximum), np.int64),
+        weight=np.zeros((n, maximum, len(stations))),
+        offset=np.zeros((n, maximum)),
+        angle=np.zeros((n, maximum), np.bool_),
         uses=np.zeros((n, len(stations)), np.bool_),
-        deviation=np.zeros((n, most), np.bool_),
-        washout=np.zeros((n, most)),
+        deviation=np.zeros((n, maximum), np.bool_),
+        washout=np.zeros((n, maximum)),
     )
     for r, names in enumerate(given):
         for i, name in enumerate(names):
@@ -79,9 +79,9 @@ def inputs(
         entry=np.full((n, len(stations), len(CHANNELS)), np.nan),
         entry_ns=np.full((n, len(stations)), UNSET, np.int64),
         newest_ns=np.full(n, UNSET, np.int64),
-        baseline=np.full((n, most), np.nan),
-        washed=np.zeros((n, most, 2)),
-        signal=np.full((n, most), np.nan),
+        baseline=np.full((n, maximum), np.nan),
+        washed=np.zeros((n, maximum, 2)),
+        signal=np.full((n, maximum), np.nan),
     )
     return made, held
 

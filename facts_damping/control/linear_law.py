@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.linear_law import LinearLaw
 
-MOST_STATES = 200
+MAX_STATES = 200
 EDGE = 1e-9  # 1/s or of its magnitude: a pole this close to the stability limit counts as on it (integrator)
 
 
@@ -35,8 +35,8 @@ def matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
             f"{made.D.shape[0]} outputs and {made.D.shape[1]} inputs given; allowed: {devices} and {signals}, one a "
             "device and one a signal"
         )
-    if len(made.A) > MOST_STATES:
-        raise InputError(f"{len(made.A)} states given; allowed: at most {MOST_STATES}")
+    if len(made.A) > MAX_STATES:
+        raise InputError(f"{len(made.A)} states given; allowed: at most {MAX_STATES}")
     if not all(np.isfinite(part).all() for part in made):
         raise InputError("numbers that are not finite come out; allowed: smaller ones")
     poles = np.linalg.eigvals(made.A) if len(made.A) else np.zeros(0)

@@ -43,8 +43,8 @@ def between(ids: Identifiers, state: IdentifierState, n: int, now: int, frames: 
         elif low == high:
             into[j] = state.past[n, low, j]
         else:
-            share = (wanted - state.past_ns[n, low]) / (state.past_ns[n, high] - state.past_ns[n, low])
-            into[j] = state.past[n, low, j] + share * (state.past[n, high, j] - state.past[n, low, j])
+            fraction = (wanted - state.past_ns[n, low]) / (state.past_ns[n, high] - state.past_ns[n, low])
+            into[j] = state.past[n, low, j] + fraction * (state.past[n, high, j] - state.past[n, low, j])
 
 
 @compiled

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from facts_damping.control.neuro_fuzzy import Actuators
 
-MOST_MISSED = 600  # frames: after a longer gap the estimate restarts
+MAX_MISSED = 600  # frames: after a longer gap the estimate restarts
 
 
 class StateSpace(NamedTuple):
@@ -91,7 +91,7 @@ def step(
     followed by the devices, p.u.; `dt`: s since the frame before; `frames` = 0 at the first frame.
     """
     n = own.A.shape[0]
-    if frames == 0 or frames > MOST_MISSED:
+    if frames == 0 or frames > MAX_MISSED:
         x[:] = 0.0
     else:
         for _ in range(frames):

@@ -34,7 +34,7 @@ PROGRAMS, NODES = ("policy", "fmu"), ("external", "command")
 RUN = ("policy", "fmu", "command")  # fields that name code to run
 OFF_ON = ("off", "on")
 ANY = 16  # most signals of a controller that takes several
-MOST_AHEAD = 60  # most frames that an identifier may predict ahead
+MAX_AHEAD = 60  # most frames that an identifier may predict ahead
 
 
 Value = float | str | list[float]  # a list has one entry per signal or device
@@ -246,14 +246,14 @@ NEURO_FUZZY_PARAMETERS = {
     "dilation": _start(1.0, 0.2, 10.0, "start of the wavelets' dilation nu", search=Range(0.5, 8.0)),
     "rate": _choice("fixed", RATES, "learning rates: fixed, or half of the Lyapunov bound times eta"),
     "eta": Parameter(
-        0.02, "-", 0.0, 1e6, "learning rate, or its share of the best Lyapunov rate", search=powers(1e-4, 0.3)
+        0.02, "-", 0.0, 1e6, "learning rate, or its fraction of the best Lyapunov rate", search=powers(1e-4, 0.3)
     ),
     "momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the consequents", search=Range(0.0, 0.9)),
     "hbar": Parameter(0.1, "-", 0.0, 1e6, "penalty on effort", each="device", search=powers(0.001, 1.0)),
     "sensitivity": Parameter(0.0, "-", -1.0, 1.0, "sign of dy/du; 0: the plant's, as linearised", live=False),
     "dead_zone": Parameter(0.0, "-", 0.0, 10.0, "smaller errors (of scale) teach nothing; 0: off", deployed=1e-3),
     "leakage": Parameter(
-        0.0, "1/frame", 0.0, 1.0, "share of the way back to the start each frame; 0: off", search=powers(1e-5, 0.1)
+        0.0, "1/frame", 0.0, 1.0, "fraction of the way back to the start each frame; 0: off", search=powers(1e-5, 0.1)
     ),
     "projection": _choice("off", OFF_ON, "parameters stay within their bounds", deployed="on"),
     "clip": Parameter(0.0, "-", 0.0, 1e3, "longest step of all parameters together; 0: off", deployed=0.5),
@@ -262,20 +262,20 @@ NEURO_FUZZY_PARAMETERS = {
     "sign_guard": _choice("off", OFF_ON, "a Jacobian of the wrong sign counts as zero (indirect)", deployed="on"),
     "identifier": Parameter("ANFTSI", "", 0, 1, "network of the identifier", tuple(IDENTIFIERS), live=False),
     "identifier_horizon": Parameter(
-        1.0, "frames", 1.0, MOST_AHEAD, "how far the identifier looks ahead", live=False, whole=True
+        1.0, "frames", 1.0, MAX_AHEAD, "how far the identifier looks ahead", live=False, whole=True
     ),
     "identifier_span": Parameter(
         0.0,
         "frames",
         0.0,
-        MOST_AHEAD,
+        MAX_AHEAD,
         "between two past values that the identifier is given; 0: one",
         live=False,
         whole=True,
     ),
     "identifier_rate": _choice("lyapunov", RATES, "the identifier's learning rates"),
     "identifier_eta": Parameter(
-        0.1, "-", 0.0, 100.0, "the identifier's learning rate, or share of the best one", search=powers(0.001, 1.0)
+        0.1, "-", 0.0, 100.0, "the identifier's learning rate, or fraction of the best one", search=powers(0.001, 1.0)
     ),
     "identifier_momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the identifier's consequents"),
     "identifier_leakage": Parameter(
@@ -283,7 +283,7 @@ NEURO_FUZZY_PARAMETERS = {
         "1/frame",
         0.0,
         1.0,
-        "share of the identifier's way back to its start each frame",
+        "fraction of the identifier's way back to its start each frame",
         deployed=1e-3,
         search=powers(1e-4, 1.0),
     ),

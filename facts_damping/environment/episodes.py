@@ -38,7 +38,7 @@ KEPT = (
     "namespace",
     "fallback_of",
 )  # fields taken from the replaced controller
-MOST_SEED = 2**31
+MAX_SEED = 2**31
 
 
 class Source:
@@ -61,7 +61,7 @@ class Source:
     def draw(self, random: np.random.Generator, options: dict[str, Any] | None = None) -> tuple[int, Case]:
         """A random point and its run with a random seed; `options` may set `point` and `seed`."""
         asked = options or {}
-        point, seed = int(random.integers(len(self.points))), int(random.integers(MOST_SEED))
+        point, seed = int(random.integers(len(self.points))), int(random.integers(MAX_SEED))
         return (at := int(asked.get("point", point))), self.case(at, int(asked.get("seed", seed)))
 
     def case(self, point: int, seed: int) -> Case:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SIGNAL, AGE, MISSING = range(3)  # indices of a window's last axis
-MOST_SIGNAL, MOST_AGE = 100.0, 10.0  # in scales, and s: values are clipped to these
+MAX_SIGNAL, MAX_AGE = 100.0, 10.0  # in scales, and s: values are clipped to these
 
 
 class AgentInputs(Struct):
@@ -38,8 +38,8 @@ def append_to_window(
     last = window.shape[0] - 1
     for i in range(window.shape[1]):
         value = y[i] / scale[i]
-        window[last, i, SIGNAL] = min(max(value, -MOST_SIGNAL), MOST_SIGNAL) if math.isfinite(value) else 0.0
-        window[last, i, AGE] = min(age[i], MOST_AGE)
+        window[last, i, SIGNAL] = min(max(value, -MAX_SIGNAL), MAX_SIGNAL) if math.isfinite(value) else 0.0
+        window[last, i, AGE] = min(age[i], MAX_AGE)
         window[last, i, MISSING] = 0.0 if fresh[i] else 1.0
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from facts_damping.environment.episodes import Episode, Source, weights_of
-from facts_damping.environment.observation import MOST_AGE, MOST_SIGNAL
+from facts_damping.environment.observation import MAX_AGE, MAX_SIGNAL
 from facts_damping.environment.reward import IndexReward, Reward
 from facts_damping.environment.window import each_scale
 from facts_damping.errors import InputError
@@ -47,7 +47,7 @@ class Setting:
         agent = self.source.first.controllers[controller]
         self.scale = each_scale(scale, len(agent.signals))
         shape = (window, len(agent.signals))
-        low, high = ([-MOST_SIGNAL, 0.0, 0.0], [MOST_SIGNAL, MOST_AGE, 1.0])
+        low, high = ([-MAX_SIGNAL, 0.0, 0.0], [MAX_SIGNAL, MAX_AGE, 1.0])
         edges = [np.broadcast_to(np.array(edge, np.float32), (*shape, 3)) for edge in (low, high)]
         self.observation_space: Any = spaces.Box(edges[0], edges[1], dtype=np.float32)
         self.action_space: Any = spaces.Box(-1.0, 1.0, (len(agent.devices),), np.float32)

@@ -77,10 +77,10 @@ def loads(case: RawCase, buses: Mapping[int, Row]) -> list[Row]:
         if n is None or row["STATUS"] != 1:
             continue
         stem = f"load_{n}" if row["ID"] in ("1", "") else f"load_{n}_{row['ID']}"
-        shares = {"P_shares": {"current": 1}, "Q_shares": {"current": 1}, "at": "nominal"}
+        fractions = {"P_fractions": {"current": 1}, "Q_fractions": {"current": 1}, "at": "nominal"}
         parts: Any = (
             ("", row["PL"], row["QL"], {}),
-            ("_current", row["IP"], row["IQ"], shares),
+            ("_current", row["IP"], row["IQ"], fractions),
             ("_impedance", row["YP"], -row["YQ"], {"at": "nominal"}),
         )
         loads += [{"name": stem + end, "bus": f"B{n}", "P": P, "Q": Q} | more for end, P, Q, more in parts if P or Q]

@@ -137,16 +137,16 @@ def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chains, 
     """Build the chains of several links from their stages, and arrays for passing entries."""
     stages = [stage for own in given for stage in own]
     codes = [MODELS[stage.model].code for stage in stages]
-    n, most, channels = len(given), max((len(own) for own in given), default=0), len(way.channels)
+    n, maximum, channels = len(given), max((len(own) for own in given), default=0), len(way.channels)
     draws = way.draws if any(code in CHANCE for code in codes) else 1
     copies = 2 if DUPLICATE in codes else 1
     windows = [_window(stage, way) for stage in stages if stage.model in ("replay", "noise")]
     made = Chains(
-        rows=np.zeros((n, most), STAGE),
-        concerns=np.zeros((n, most, channels), np.bool_),
-        drawn=np.zeros((n, most, draws, copies, channels), np.int64),
-        last_ns=np.zeros((n, most, channels), np.int64),
-        kept=np.zeros((n, most, max(windows, default=1), channels, way.width)),
+        rows=np.zeros((n, maximum), STAGE),
+        concerns=np.zeros((n, maximum, channels), np.bool_),
+        drawn=np.zeros((n, maximum, draws, copies, channels), np.int64),
+        last_ns=np.zeros((n, maximum, channels), np.int64),
+        kept=np.zeros((n, maximum, max(windows, default=1), channels, way.width)),
     )
     for link, own in enumerate(given):
         for s, stage in enumerate(own):

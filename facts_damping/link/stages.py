@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Codes of stages. Chains are padded with rows of zeros, which have no effect.
 CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP, NOISE, FLIP = range(14)
 CHANCE = (DRAWN, DUPLICATE, FLIP)  # stages that need draws
-BITS, MOST_VALUES = 64, len(CHANNELS)  # bits of a value; most values of an entry
+BITS, MAX_VALUES = 64, len(CHANNELS)  # bits of a value; most values of an entry
 
 
 def _none(_stage: Any, so_far: float) -> float:
@@ -79,7 +79,7 @@ def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Gen
     drawn = MODELS[stage.model].draw
     if stage.model == "flip":
         turned = random_numbers.random(random, size) < stage.probability
-        bit = random_numbers.integers(random, BITS * MOST_VALUES, size)
+        bit = random_numbers.integers(random, BITS * MAX_VALUES, size)
         return np.asarray(np.where(turned, 1 + bit, 0), np.int64)
     if drawn is None:
         return np.asarray(random_numbers.random(random, size) < stage.probability, np.int64)

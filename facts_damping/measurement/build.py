@@ -107,8 +107,8 @@ def pmus(
         concerns=concerns.reshape(len(bad), len(stations)),
         normal=normal,
         uniform=uniform,
-        voltage_step=measurement.voltage_range / pmu.MOST_UNSIGNED if integers else 0.0,
-        current_step=measurement.current_range / pmu.MOST_UNSIGNED if integers else 0.0,
+        voltage_step=measurement.voltage_range / pmu.MAX_UNSIGNED if integers else 0.0,
+        current_step=measurement.current_range / pmu.MAX_UNSIGNED if integers else 0.0,
     )
     capacity = made.delay * made.per_frame + len(made.weights) + 1
     state = PmuState(

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.measurement import Measurement
 
-LEAST_RATE = 480  # samples/s: eight per cycle, one per integrator step
+MIN_RATE = 480  # samples/s: eight per cycle, one per integrator step
 ANNEX_SAMPLES = 16  # samples per cycle in the annex
 
 # M class: (nominal frequency, Hz; frames/s) to (reference frequency, Hz; order at 16 samples per cycle), table D.1.
@@ -59,7 +59,7 @@ def reference_filter(measurement: Measurement, nominal: float, frame_rate: int) 
     """
     if measurement.filter == "ideal":
         return Filter(np.ones(1), 1, 0)
-    per_frame = math.ceil(LEAST_RATE / frame_rate)
+    per_frame = math.ceil(MIN_RATE / frame_rate)
     step = 1.0 / (per_frame * frame_rate)
     if measurement.filter == "p_class":
         t = step * np.arange(math.ceil(1.0 / (nominal * step)))
@@ -95,8 +95,8 @@ def _m_class(nominal: float, frame_rate: int) -> tuple[float, float]:
 def _spread(weights: NDArray[np.float64], over: list[float]) -> NDArray[np.float64]:
     """Convolution of sample weights with `over`."""
     found = np.zeros(len(weights) + len(over) - 1)
-    for i, share in enumerate(over):
-        found[i : i + len(weights)] += share * weights
+    for i, fraction in enumerate(over):
+        found[i : i + len(weights)] += fraction * weights
     return found
 
 

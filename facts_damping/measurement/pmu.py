@@ -48,7 +48,7 @@ DATA_ERROR, UNSYNCHRONISED = 32768, 8192
 
 # Steps of the 16-bit integers of C37.118.2 for angle, frequency and ROCOF; largest integers.
 STEP_ANGLE, STEP_FREQUENCY, STEP_ROCOF = 1e-4, 1e-3, 1e-2  # rad, Hz, Hz/s
-MOST_UNSIGNED, MOST_SIGNED = 65535.0, 32767.0
+MAX_UNSIGNED, MAX_SIGNED = 65535.0, 32767.0
 
 
 class Pmus(Struct):
@@ -173,12 +173,12 @@ def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: NDArra
         elif row.kind == SWAPPED_PHASES:
             frame[VM] = 0.0
     if m.voltage_step > 0.0:
-        frame[VM] = _rounded(frame[VM], m.voltage_step, 0.0, MOST_UNSIGNED)
-        frame[IM] = _rounded(frame[IM], m.current_step, 0.0, MOST_UNSIGNED)
-        frame[VA] = _rounded(frame[VA], STEP_ANGLE, -MOST_SIGNED, MOST_SIGNED)
-        frame[IA] = _rounded(frame[IA], STEP_ANGLE, -MOST_SIGNED, MOST_SIGNED)
-        frame[FREQUENCY] = m.nominal + _rounded(frame[FREQUENCY] - m.nominal, STEP_FREQUENCY, -MOST_SIGNED, MOST_SIGNED)
-        frame[ROCOF] = _rounded(frame[ROCOF], STEP_ROCOF, -MOST_SIGNED, MOST_SIGNED)
+        frame[VM] = _rounded(frame[VM], m.voltage_step, 0.0, MAX_UNSIGNED)
+        frame[IM] = _rounded(frame[IM], m.current_step, 0.0, MAX_UNSIGNED)
+        frame[VA] = _rounded(frame[VA], STEP_ANGLE, -MAX_SIGNED, MAX_SIGNED)
+        frame[IA] = _rounded(frame[IA], STEP_ANGLE, -MAX_SIGNED, MAX_SIGNED)
+        frame[FREQUENCY] = m.nominal + _rounded(frame[FREQUENCY] - m.nominal, STEP_FREQUENCY, -MAX_SIGNED, MAX_SIGNED)
+        frame[ROCOF] = _rounded(frame[ROCOF], STEP_ROCOF, -MAX_SIGNED, MAX_SIGNED)
 
 
 @compiled

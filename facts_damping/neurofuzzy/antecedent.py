@@ -71,7 +71,7 @@ def _spline(nearest: bool, theta: NDArray[np.float64], x: float, slope: NDArray[
         slope[at] = 1.0
         return theta[at], 0.0
     at = min(int(place), POINTS - 2)
-    share = place - at
-    slope[at], slope[at + 1] = 1.0 - share, share
+    fraction = place - at
+    slope[at], slope[at + 1] = 1.0 - fraction, fraction
     rise = theta[at + 1] - theta[at]
-    return theta[at] + share * rise, (rise * 0.5 * (POINTS - 1) if inside else 0.0)
+    return theta[at] + fraction * rise, (rise * 0.5 * (POINTS - 1) if inside else 0.0)

@@ -35,7 +35,7 @@ class Rule(NamedTuple):
     rate: float  # code of RATES
     eta: float  # learning rate; for Lyapunov rates a factor of the best rate, stable below 2
     momentum: float
-    leakage: float  # share of the distance to `start` that each step removes (sigma modification)
+    leakage: float  # fraction of the distance to `start` that each step removes (sigma modification)
     clip: float  # longest step, norm over all parameters
     projection: float  # 1: parameters stay within their bounds
 
@@ -181,10 +181,10 @@ def learn(
             for f in range(net.width):
                 change[f] = by * slope[f] + rule.momentum * change[f]
     total = _square(0.0, own.change, 0, own.change.size)
-    share = 1.0
+    fraction = 1.0
     if rule.clip > 0.0 and total > rule.clip * rule.clip:
-        share = rule.clip / math.sqrt(total)
-    _move(own, rule, share)
+        fraction = rule.clip / math.sqrt(total)
+    _move(own, rule, fraction)
     for o in range(net.outputs):
         own.moved[o] = dot(0.0, own.passed.by_theta[o, :antecedents], own.change[:antecedents])
         for j in range(net.rules):
@@ -200,11 +200,11 @@ def _square(start: float, a: NDArray[np.float64], first: int, end: int) -> float
 
 
 @compiled
-def _move(own: Learner, rule: Rule, share: float) -> None:
-    """Move the parameters by a share of `own.change`, and store the actual change there."""
+def _move(own: Learner, rule: Rule, fraction: float) -> None:
+    """Move the parameters by a fraction of `own.change`, and store the actual change there."""
     for f in range(own.theta.size):
         before = own.theta[f]
-        after = before + share * own.change[f] - rule.leakage * (before - own.start[f])
+        after = before + fraction * own.change[f] - rule.leakage * (before - own.start[f])
         if rule.projection > 0.0:
             after = min(max(after, own.low[f]), own.high[f])
         own.theta[f] = after

@@ -165,14 +165,14 @@ def backward(net: Network, p: Pass) -> None:
             if not p.total[o] > FLOOR:  # also if it is NaN
                 own[:] = 0.0
                 continue
-            share = p.firing[j] * p.volume[j, o] / p.total[o]
+            fraction = p.firing[j] * p.volume[j, o] / p.total[o]
             apart = p.zeta[j, o] - p.output[o]
             slopes = p.terms if net.consequent == FOURIER else p.zeta_by_theta[j, o]
             for w in range(own.size):
-                own[w] = share * slopes[w]
+                own[w] = fraction * slopes[w]
             if net.consequent == SAM:
                 own[1] = p.firing[j] * apart / p.total[o]
-            by_firing = p.volume[j, o] * apart / p.total[o] + share * p.zeta_by_firing[j, o]
+            by_firing = p.volume[j, o] * apart / p.total[o] + fraction * p.zeta_by_firing[j, o]
             for i in range(net.inputs):
                 others = by_firing * _others(net, p, i, j)
                 place = (i * net.rules + j) * net.stored
@@ -203,8 +203,8 @@ def by_inputs(net: Network, theta: Float1, p: Pass) -> None:
             if net.consequent == FOURIER:
                 waves = p.harmonics[: net.inputs]
                 fourier_by_input(theta[at : at + net.width], waves, p.zeta_by_x[j, o])
-            share = p.firing[j] * p.volume[j, o] / p.total[o]
-            by_firing = p.volume[j, o] * (p.zeta[j, o] - p.output[o]) / p.total[o] + share * p.zeta_by_firing[j, o]
+            fraction = p.firing[j] * p.volume[j, o] / p.total[o]
+            by_firing = p.volume[j, o] * (p.zeta[j, o] - p.output[o]) / p.total[o] + fraction * p.zeta_by_firing[j, o]
             for i in range(net.inputs):
                 others = by_firing * _others(net, p, i, j)
-                p.by_input[o, i] += others * p.mu_by_x[i, j] + share * p.zeta_by_x[j, o, i]
+                p.by_input[o, i] += others * p.mu_by_x[i, j] + fraction * p.zeta_by_x[j, o, i]

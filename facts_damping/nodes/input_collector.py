@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from facts_damping.nodes.base.spinner import Spinner
 
 AWAITED = 3  # ticks: paced by the clock, a sender silent for longer is not waited for until it sends again
-PATIENCE = 0.9  # share of the time-out: more than UnitDelay's, less than that of nodes waiting for this one
+PATIENCE = 0.9  # fraction of the time-out: more than UnitDelay's, less than that of nodes waiting for this one
 
 
 class InputCollector:

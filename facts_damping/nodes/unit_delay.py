@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from facts_damping.nodes.base.parameters import Options
     from facts_damping.nodes.base.spinner import Spinner
 
-PATIENCE = 0.8  # share of the time-out: a waiting node names the silent one before others name the waiting node
+PATIENCE = 0.8  # fraction of the time-out: a waiting node names the silent one before others name the waiting node
 
 
 class UnitDelay:

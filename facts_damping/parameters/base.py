@@ -25,7 +25,7 @@ SCALES = {  # of units that may stand with a number, by the unit in which a fiel
     "-": {"%": 0.01},
     **{unit: {unit: 1.0} for unit in ("MW", "Mvar", "MVA", "kV", "deg", "km", "p.u./s", "1/s")},
 }
-LEAST = 1e-30  # of what must be more than 0: less means nothing in any unit here, and squares and quotients overflow
+MINIMUM = 1e-30  # of what must be more than 0: less means nothing in any unit here, and squares and quotients overflow
 
 
 class ParameterModel(BaseModel):
@@ -56,8 +56,8 @@ def quantity(default: Any, unit: str, description: str, usual: float | None = No
 
 
 def _not_vanishing(given: Any) -> Any:
-    if isinstance(given, float) and 0.0 < given < LEAST:
-        raise ValueError(f"{given:g} given; allowed: {LEAST:g} or more")
+    if isinstance(given, float) and 0.0 < given < MINIMUM:
+        raise ValueError(f"{given:g} given; allowed: {MINIMUM:g} or more")
     return given
 
 

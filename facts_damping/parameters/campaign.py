@@ -52,11 +52,11 @@ class Campaign(ParameterModel):
     faults: dict[Name, float] = Field(
         {}, description="fault: how often it is drawn relative to the others, 0 to 1e6; empty: all equally often"
     )
-    healthy: float = quantity(0.0, "-", "share of cases in which nothing fails", ge=0, le=1)
+    healthy: float = quantity(0.0, "-", "fraction of cases in which nothing fails", ge=0, le=1)
     window: tuple[float, float] = Field(
         (2.0, 8.0), strict=False, description="earliest and latest start of a fault in s, from 0.1 on"
     )
-    lasting: float = quantity(0.3, "-", "share of faults that last to the end", ge=0, le=1)
+    lasting: float = quantity(0.3, "-", "fraction of faults that last to the end", ge=0, le=1)
     unsupervised: bool = Field(False, description="true: each case is repeated without supervision")
 
     @model_validator(mode="after")

@@ -50,7 +50,7 @@ class BadData(ParameterModel):
     """Wrong frames of some stations for some time.
 
     `stuck`: values stay as they are at the start. `spike`: in some frames magnitudes, speed and ROCOF (the rate of
-    change of frequency) are larger by the share `size`. `wrong_sign`: a current transformer is connected the wrong way
+    change of frequency) are larger by the fraction `size`. `wrong_sign`: a current transformer is connected the wrong way
     round. `swapped_phases`: two phases of the voltage are exchanged, so that a balanced voltage has no positive
     sequence. `invalid`: frames are marked as data error and have no values.
     """
@@ -61,8 +61,8 @@ class BadData(ParameterModel):
     stations: list[Name] | None = Field(None, min_length=1, description="stations concerned; none: all")
     start: float = quantity(0.0, "s", "time of measurement of the first wrong frame", ge=0, le=1e5)
     duration: float | None = quantity(None, "s", "how long frames are wrong; none: to the end", gt=0, le=1e5)
-    probability: float = quantity(0.01, "-", "share of the frames that are wrong; for `spike` only", ge=0, le=1)
-    size: float = quantity(0.5, "-", "share by which values are larger; for `spike` only", ge=-10, le=10)
+    probability: float = quantity(0.01, "-", "fraction of the frames that are wrong; for `spike` only", ge=0, le=1)
+    size: float = quantity(0.5, "-", "fraction by which values are larger; for `spike` only", ge=-10, le=10)
 
     @model_validator(mode="after")
     def _of_spikes(self) -> BadData:

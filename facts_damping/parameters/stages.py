@@ -17,7 +17,7 @@ def _delay(default: Any, description: str) -> Any:
     return quantity(default, "s", description, ge=0, le=LONGEST_S)
 
 
-def _share(default: Any, description: str) -> Any:
+def _fraction(default: Any, description: str) -> Any:
     return quantity(default, "-", description, ge=0, le=1)
 
 
@@ -136,27 +136,27 @@ class Bernoulli(StageModel):
     """Independent loss of entries, each with the same probability."""
 
     model: Literal["bernoulli"] = _model("bernoulli")
-    loss: float = _share(..., "probability that an entry is lost")
+    loss: float = _fraction(..., "probability that an entry is lost")
 
 
 class GilbertElliott(StageModel):
     """Loss in bursts: each channel is in a good or a bad state (Gilbert 1960, Elliott 1963).
 
-    The share of the bad state is p_GB / (p_GB + p_BG), also at the start.
+    The fraction of the bad state is p_GB / (p_GB + p_BG), also at the start.
     """
 
     model: Literal["gilbert_elliott"] = _model("gilbert_elliott")
-    p_GB: float = _share(..., "probability of a change from good to bad at an entry")
-    p_BG: float = _share(..., "probability of a change from bad to good at an entry")
-    loss_G: float = _share(0.0, "probability that an entry is lost in the good state")
-    loss_B: float = _share(1.0, "probability that an entry is lost in the bad state")
+    p_GB: float = _fraction(..., "probability of a change from good to bad at an entry")
+    p_BG: float = _fraction(..., "probability of a change from bad to good at an entry")
+    loss_G: float = _fraction(0.0, "probability that an entry is lost in the good state")
+    loss_B: float = _fraction(1.0, "probability that an entry is lost in the bad state")
 
 
 class Duplicate(StageModel):
     """Copies of entries, with delays of their own in the following stages."""
 
     model: Literal["duplicate"] = _model("duplicate")
-    probability: float = _share(..., "probability that an entry is copied")
+    probability: float = _fraction(..., "probability that an entry is copied")
 
 
 class InOrder(StageModel):
@@ -251,7 +251,7 @@ class Flip(_Disturbance):
     """One bit of a value of an entry is inverted; with [signed messages](signatures.md) such an entry is lost."""
 
     model: Literal["flip"] = _model("flip")
-    probability: float = _share(..., "probability that a bit of an entry is inverted")
+    probability: float = _fraction(..., "probability that a bit of an entry is inverted")
 
 
 class Spoof(StageModel):

@@ -25,7 +25,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {  # by quantity: SI units, or p.u., 
 }
 KINDS = ("tcp", "udp")
 ALLOWED = "tcp://HOST:PORT/IDCODE, udp://HOST:PORT/IDCODE, udp://@ADDRESS:PORT/IDCODE"
-MOST_ID = 65534
+MAX_ID = 65534
 
 
 class Server(NamedTuple):
@@ -53,8 +53,8 @@ def server(text: str) -> Server:
     if kind not in KINDS or not host or not numbers or (spontaneous and (kind != "udp" or not _is_address(host))):
         raise ValueError(f"'{text}' given; allowed: {ALLOWED}")
     number = int(idcode or 1)
-    if not 1 <= number <= MOST_ID:
-        raise ValueError(f"'{text}' given; allowed: an IDCODE of 1 to {MOST_ID}")
+    if not 1 <= number <= MAX_ID:
+        raise ValueError(f"'{text}' given; allowed: an IDCODE of 1 to {MAX_ID}")
     return Server(kind, spontaneous, host, int(port), number)
 
 

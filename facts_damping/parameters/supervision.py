@@ -30,7 +30,7 @@ class Arming(ParameterModel):
         False, description="true: the controller is armed only after a probe in which the plant responds as expected"
     )
     ramp: float = quantity(
-        1.0, "s", "time in which the share of the controller's output rises from 0 to 1 after arming", ge=0, le=1e3
+        1.0, "s", "time in which the fraction of the controller's output rises from 0 to 1 after arming", ge=0, le=1e3
     )
     trip_ramp: float = quantity(0.3, "s", "time in which the output goes to zero after a trip", ge=0, le=1e3)
     fall_back_ramp: float = quantity(
@@ -44,7 +44,7 @@ class Arming(ParameterModel):
 class Authority(ParameterModel):
     """How much of a device a controller may use; by default all of it."""
 
-    share: float = quantity(1.0, "-", "largest setpoint, as a share of the device's limit", gt=0, le=1)
+    fraction: float = quantity(1.0, "-", "largest setpoint, as a fraction of the device's limit", gt=0, le=1)
     rate: float | None = quantity(None, "p.u./s", "largest rate of change of a setpoint; none: any", gt=0, le=1e6)
     energy: float | None = quantity(
         None, "s", "seconds of squared full output per minute, half of them at once; none: any number", gt=0, le=60
@@ -60,9 +60,9 @@ class Probe(ParameterModel):
     start: float | None = quantity(
         None, "s", "time at which the probe begins; none: when an operator starts it", ge=0, le=1e5
     )
-    amplitude: float = quantity(0.1, "-", "amplitude of a tone, as a share of the device's limit", gt=0, le=0.5)
+    amplitude: float = quantity(0.1, "-", "amplitude of a tone, as a fraction of the device's limit", gt=0, le=0.5)
     cycles: float = quantity(8.0, "-", "duration for each device, in cycles of the mode", ge=2, le=1e3)
-    apart: float = quantity(0.18, "-", "distance of the tones from the mode, as a share of its frequency", gt=0, lt=0.9)
+    apart: float = quantity(0.18, "-", "distance of the tones from the mode, as a fraction of its frequency", gt=0, lt=0.9)
     coherence: float = quantity(0.5, "-", "smallest coherence of the response that passes", ge=0, lt=1)
     gain: float = quantity(
         3.0, "-", "largest ratio of the response to that of the model, or the inverse, that passes", ge=1, le=1e3

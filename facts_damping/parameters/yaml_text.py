@@ -14,8 +14,8 @@ import yaml
 UNREADABLE = (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 
 DEEPEST = 50  # levels of nesting
-MOST_VALUES = 1_000_000
-MOST_ENTRIES = 20_000  # tables in a list: buses of a grid, events of a scenario
+MAX_VALUES = 1_000_000
+MAX_ENTRIES = 20_000  # tables in a list: buses of a grid, events of a scenario
 
 # Plain words that are no text.
 CORE_SCHEMA = {
@@ -99,10 +99,10 @@ def _check_size(text: str) -> None:
         inside[-1] += size
         if len(inside) > DEEPEST:
             raise _too_much(event, f"{DEEPEST} levels")
-        if inside[-1] > MOST_VALUES:
-            raise _too_much(event, f"{MOST_VALUES} values, aliases written out")
-        if tables[-1] > MOST_ENTRIES:
-            raise _too_much(event, f"{MOST_ENTRIES} tables in a list")
+        if inside[-1] > MAX_VALUES:
+            raise _too_much(event, f"{MAX_VALUES} values, aliases written out")
+        if tables[-1] > MAX_ENTRIES:
+            raise _too_much(event, f"{MAX_ENTRIES} tables in a list")
 
 
 def _too_much(event: Any, limit: str) -> yaml.MarkedYAMLError:

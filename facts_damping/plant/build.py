@@ -138,8 +138,8 @@ class _Ports:
         self.rows: list[tuple[int, int, float, float]] = []
         self.places: list[Place] = []
 
-    def add(self, kind: int, row: int, place: Place, least: float = 0.0, most: float = math.inf) -> int:
-        self.rows.append((kind, row, least, most))
+    def add(self, kind: int, row: int, place: Place, minimum: float = 0.0, maximum: float = math.inf) -> int:
+        self.rows.append((kind, row, minimum, maximum))
         self.places.append(place)
         return len(self.rows) - 1
 
@@ -274,7 +274,7 @@ def _devices(
             places, sizes = [Place(bus) for bus in device.buses], [magnitude[bus] for bus in device.buses]
         site = Site(states.offset, 2 * math.pi * system.frequency, sizes[0], sizes[-1], system.base_power)
         start = devices.install(rows[d], device, site)
-        rows[d]["port"] = ports.add(DEVICE, d, places[0], start.least, start.most)
+        rows[d]["port"] = ports.add(DEVICE, d, places[0], start.minimum, start.maximum)
         for place in places[1:]:
             rows[d]["other"] = ports.add(OTHER_END, d, place)
         names = devices.states_of(device)

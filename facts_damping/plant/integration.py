@@ -43,15 +43,15 @@ def _runge_kutta(
                 reference[d] = state.reference[d]
             move_noise(plant, work, elapsed)
         else:
-            share = h if part == 3 else 0.5 * h
+            fraction = h if part == 3 else 0.5 * h
             for i in range(x.size):
-                trial[i] = x[i] + share * k[part - 1, i]
+                trial[i] = x[i] + fraction * k[part - 1, i]
             for d in range(reference.size):
-                reference[d] = state.reference[d] + share * ramp[d]
+                reference[d] = state.reference[d] + fraction * ramp[d]
                 row = plant.devices[d]
                 if row.response_time > 0.0:
-                    trial[row.lag] = first_order_lag(x[row.lag], state.reference[d], ramp[d], row.response_time, share)
-            move_noise(plant, work, elapsed + share)
+                    trial[row.lag] = first_order_lag(x[row.lag], state.reference[d], ramp[d], row.response_time, fraction)
+            move_noise(plant, work, elapsed + fraction)
         derivatives(plant, trial, reference, state.source, stage, k[part], work)
     for i in range(x.size):
         x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
 MAX_ITERATIONS = 40
-SMALLEST_SHARE = 1e-3  # smallest share of a Newton step
+SMALLEST_FRACTION = 1e-3  # smallest fraction of a Newton step
 ATTEMPTS = 5  # number of starts of Newton's method
 LAST_CHANGE = 1e-9  # relative; the remaining error is of the order of its square
 
@@ -109,24 +109,24 @@ def _newton(
 
     A step that does not reduce the sum of squares is halved: limits cause kinks at which full steps may oscillate.
     """
-    before, share = math.inf, 1.0
+    before, fraction = math.inf, 1.0
     for _ in range(MAX_ITERATIONS):
         total = _mismatch(plant, x, reference, source, stage, work)
         if total == 0.0:
             return True
-        if total < before or share < SMALLEST_SHARE:
+        if total < before or fraction < SMALLEST_FRACTION:
             _newton_matrix(plant, stage, work)
             if not _eliminate(work.matrix, work.change):
                 return False
-            before, share = total, 1.0
+            before, fraction = total, 1.0
             for i in range(work.step.size):
                 work.step[i] = work.change[i]
             for p in range(source.size):
                 source[p] += complex(work.step[2 * p], work.step[2 * p + 1])
         else:
-            share *= 0.5
+            fraction *= 0.5
             for p in range(source.size):
-                source[p] -= share * complex(work.step[2 * p], work.step[2 * p + 1])
+                source[p] -= fraction * complex(work.step[2 * p], work.step[2 * p + 1])
     return False
 
 
@@ -141,9 +141,9 @@ def _newton_single_port(plant: Plant, x: Float1, reference: Float1, source: Comp
     q0 = work.given[0]
     square = q0.real * q0.real + q0.imag * q0.imag
     m = magnitude(q0 + h * source[0])
-    least = max(plant.ports[0].least, SMALL)
+    minimum = max(plant.ports[0].minimum, SMALL)
     for _ in range(MAX_ITERATIONS):
-        if not m > least:
+        if not m > minimum:
             return False
         value, slope = characteristic(plant, x, reference, stage, 0, m, work)
         a, b = h * value, h * slope
@@ -159,7 +159,7 @@ def _newton_single_port(plant: Plant, x: Float1, reference: Float1, source: Comp
             direction = q0 / complex(m - a.real, -a.imag)
             source[0] = value * direction
             work.response[0] = m * direction
-            return bool(least < m <= plant.ports[0].most)
+            return bool(minimum < m <= plant.ports[0].maximum)
     return False
 
 
@@ -169,7 +169,7 @@ def _block(plant: Plant, work: Work) -> bool:
     more = False
     for p in range(plant.ports.size):
         size = magnitude(work.response[p])
-        if not work.blocked[p] and (size < plant.ports[p].least or size > plant.ports[p].most):
+        if not work.blocked[p] and (size < plant.ports[p].minimum or size > plant.ports[p].maximum):
             work.blocked[p] = more = True
     return more
 
@@ -180,13 +180,13 @@ def _release(plant: Plant, source: NDArray[np.complex128], work: Work) -> bool:
 
     It starts as an impedance, from high voltage, to find the higher of the two voltages at which it draws its power.
     """
-    furthest, most = -1, 1.0
+    furthest, maximum = -1, 1.0
     for p in range(plant.ports.size):
         if work.low[p]:
             d = plant.loads[plant.ports[p].row]
             above = magnitude(work.response[p]) / (d.V0 * d.V_min)
-            if above > most:
-                furthest, most = p, above
+            if above > maximum:
+                furthest, maximum = p, above
     if furthest >= 0:
         work.low[furthest] = False
         source[furthest] = 0.0

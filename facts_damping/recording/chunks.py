@@ -24,12 +24,12 @@ INSIDE = frozenset((Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE))  # kinds of 
 
 
 PLAIN = frozenset((Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHUNK_INDEX))  # kinds that a recording has in any number
-MOST_OTHERS, OTHERS_A_CHUNK = 10_000, 200  # limits for other records: indices of channels in chunks, schemas, ...
+MAX_OTHERS, OTHERS_A_CHUNK = 10_000, 200  # limits for other records: indices of channels in chunks, schemas, ...
 
 
 def check_counts(data: bytes, name: str) -> None:
     """Raise RecordingError, before reading, if a file has too many records: a million take one second to read."""
-    at, others, allowed = len(MCAP0_MAGIC), 0, MOST_OTHERS
+    at, others, allowed = len(MCAP0_MAGIC), 0, MAX_OTHERS
     while at + HEAD.size <= len(data):
         opcode, length = HEAD.unpack_from(data, at)
         allowed += OTHERS_A_CHUNK * (opcode == Opcode.CHUNK)

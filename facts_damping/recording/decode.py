@@ -240,7 +240,7 @@ def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArra
                     state=_known(STATES.index, message.state, source.topic),
                     cause=_known(cause_code, message.cause, source.topic),
                     refused=_known(cause_code, message.refused, source.topic),
-                    share=message.share,
+                    fraction=message.fraction,
                     values=values,
                     probe_gain=message.probe_gain,
                     probe_phase=message.probe_phase_rad,

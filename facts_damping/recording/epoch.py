@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.recording.decode import time_ns
-from facts_damping.recording.events import MOST_TICKS
+from facts_damping.recording.events import MAX_TICKS
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -26,11 +26,11 @@ def subtract_epoch(messages: Mapping[str, Sequence[Block]], plant: Iterable[str]
     found = [block for topic in plant for block in messages[topic]]
     none = np.zeros(0, np.int64)
     stamps = np.concatenate([none, *(time_ns(block.message.header.stamp) for block in found)])
-    told = (np.minimum(np.asarray(block.message.tick, np.uint64), np.uint64(MOST_TICKS)) for block in found)
+    told = (np.minimum(np.asarray(block.message.tick, np.uint64), np.uint64(MAX_TICKS)) for block in found)
     ticks = np.concatenate([none, *(one.astype(np.int64) for one in told)])
     if not len(stamps) or np.median(stamps) < SIMULATED_NS:
         return
-    stamps, ticks = stamps[ticks < MOST_TICKS], ticks[ticks < MOST_TICKS]
+    stamps, ticks = stamps[ticks < MAX_TICKS], ticks[ticks < MAX_TICKS]
     if not (isinstance(frame_rate, int) and frame_rate > 0):
         steps = np.diff(stamps)[np.diff(ticks) == 1]
         frame_rate = round(NANOSECONDS / np.median(steps)) if len(steps) and np.median(steps) > 0 else 0

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 ROLES = ("plant", "link", "controller", "identifier", "supervisor")
 KINDS = ("start", *COMMANDS, "weights", "parameter", "link", "event", "rearm", "release", "pause", "resume", "step")
-MOST_TICKS = 10**9  # upper bound of any run
+MAX_TICKS = 10**9  # upper bound of any run
 ENDED, STOPPED = 2, "stopped"  # state of an ended RunState; the reason if the run was stopped early
 TIME = r"[0-9]{1,18}"  # ns
 
@@ -52,14 +52,14 @@ def events(found: Iterable[Block]) -> list[dict[str, Any]]:
 
 def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
     """Totals refused by each node: `node`, `topic`, `cause`, `source`, `count` (its largest: counters only grow)."""
-    most: dict[tuple[str, str, str, str], int] = {}
+    maximum: dict[tuple[str, str, str, str], int] = {}
     for block in found:
         for entry in block.message.refused:
             key = (block.message.node, entry.topic, entry.cause, entry.source)
-            most[key] = max(most.get(key, 0), int(np.max(entry.count)))
+            maximum[key] = max(maximum.get(key, 0), int(np.max(entry.count)))
     return [
         {"node": node, "topic": topic, "cause": cause, "source": source, "count": count}
-        for (node, topic, cause, source), count in most.items()
+        for (node, topic, cause, source), count in maximum.items()
     ]
 
 
@@ -81,7 +81,7 @@ def changes(found: Iterable[Block]) -> list[RunChange]:
                     RunChange(int(tick), message.node, message.role, int(index), message.kind, message.name, value),
                 )
                 for row, tick, index in zip(block.rows, message.tick, message.index, strict=True)
-                if tick < MOST_TICKS
+                if tick < MAX_TICKS
             ]
     return [change for _, change in sorted(told, key=lambda one: (one[1].tick, one[0]))]
 

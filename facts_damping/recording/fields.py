@@ -45,7 +45,7 @@ FIELDS: dict[str, dict[str, str]] = {
     | {"monitors": "string[]", "values": "float64[]"}
     | dict.fromkeys(
         (
-            "share",
+            "fraction",
             "probe_gain",
             "probe_phase_rad",
             "probe_coherence",

@@ -30,7 +30,7 @@ NAMES: dict[str, list[tuple[str, str, str]]] = {
 }
 # Kinds whose stamp is that of their tick.
 TIMED = ("frames", "state", "delivered", "issued", "supervised", "supervision", "applied")
-MOST_TICKS = 2**53  # used if the run does not state its number of ticks
+MAX_TICKS = 2**53  # used if the run does not state its number of ticks
 SHOWN = 20  # characters of a foreign name in a note
 LISTED = 5  # foreign names listed in notes
 
@@ -51,7 +51,7 @@ def expected(configuration: Mapping[str, Any]) -> Expected:
         names = {kind: [row["name"] for row in system[f"{kind}s"]] for kind in ("station", "machine")}
     if configuration.get("devices") is not None:
         names["device"] = configuration["devices"]
-    ticks = MOST_TICKS
+    ticks = MAX_TICKS
     if isinstance(rate, int) and isinstance(duration, int | float):
         ticks = max(1, round(duration * rate))
     return Expected(names, rate, ticks)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 FIRST = ("tie_power", "differences")  # the first of these that has data opens the report
 TIME = ("differences", "tie_power", "speeds", "voltage", "centre_of_angle")
 LEARNT = ("jacobian", "learning_rate")
-MOST_EVENTS = 12  # listed one by one
+MAX_EVENTS = 12  # listed one by one
 
 
 def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:

@@ -38,7 +38,7 @@ SENTENCES = {
     "fallback those of another one, in all others zero.",
     "monitors": "What supervisors watch, beside its limit, which is 1: what came above 0.3 of it, drawn up to 3. What "
     "stays above the limit has the controller fall back, or trips it.",
-    "latency": "Share of all frames or setpoints that took at most so long: a vertical line is a constant delay, a "
+    "latency": "Fraction of all frames or setpoints that took at most so long: a vertical line is a constant delay, a "
     "slope is jitter.",
 }
 

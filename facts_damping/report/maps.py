@@ -60,8 +60,8 @@ def _thinned(found: Distribution) -> tuple[tuple[float, float, float, float], ND
     return extent, (np.round(values / scale, DIGITS) * scale).astype(np.float32)
 
 
-def _blocks(values: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    """Group rows into at most `most` blocks of nearly equal size: by column, the largest value by magnitude of each."""
-    starts = np.linspace(0, len(values), min(len(values), most) + 1).astype(int)[:-1]
+def _blocks(values: NDArray[np.float64], maximum: int) -> NDArray[np.float64]:
+    """Group rows into at most `maximum` blocks of nearly equal size: by column, the largest value by magnitude of each."""
+    starts = np.linspace(0, len(values), min(len(values), maximum) + 1).astype(int)[:-1]
     high, low = np.maximum.reduceat(values, starts), np.minimum.reduceat(values, starts)
     return np.where(high >= -low, high, low)

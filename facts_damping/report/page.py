@@ -14,7 +14,7 @@ from markupsafe import Markup
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.errors import InputError
 from facts_damping.escaping import escaped
-from facts_damping.report.build import MOST_EVENTS, build
+from facts_damping.report.build import MAX_EVENTS, build
 from facts_damping.report.contents import ReportedRun, ReportTable
 from facts_damping.report.drawing import draw
 from facts_damping.terminal import write_whole
@@ -89,6 +89,6 @@ def page(report: Report) -> str:
 
 def _events(report: Report) -> str:
     """Grid events in one line."""
-    named = [f"{at:g} s {what}" for at, what in report.events[:MOST_EVENTS]]
+    named = [f"{at:g} s {what}" for at, what in report.events[:MAX_EVENTS]]
     more = len(report.events) - len(named)
     return "; ".join(named) + (f"; and {more} more" if more else "")

@@ -117,10 +117,10 @@ def effort(runs: Sequence[ReportedRun]) -> ReportTable:
         for i, device in enumerate(run.record.device_names):
             setpoint = table["setpoint"][:, i]
             figures = np.abs(setpoint).max(), np.sqrt(np.mean(setpoint**2))
-            share = duty.get(device)
+            fraction = duty.get(device)
             rows.append([
                 Cell(run.name), Cell(device), *(Cell(format(one, ".4f")) for one in figures),
-                Cell(_number(None if share is None else 100 * share, ".1f")),
+                Cell(_number(None if fraction is None else 100 * fraction, ".1f")),
             ])  # fmt: skip
     head = ["run", "device", "largest setpoint [p.u.]", "root mean square [p.u.]", "at the limit [% of frames]"]
     sentence = (
@@ -135,8 +135,8 @@ def supervision(runs: Sequence[ReportedRun]) -> list[ReportTable]:
     told = [(run.name, one) for run in runs for one in run.summary.get("supervision") or ()]
     if not told:
         return []
-    shares = [
-        [run, one["controller"], *(f"{100 * share:.1f}" for share in one["shares"].values()), probe_text(one["probe"])]
+    fractions = [
+        [run, one["controller"], *(f"{100 * fraction:.1f}" for fraction in one["fractions"].values()), probe_text(one["probe"])]
         for run, one in told
     ]
     changes = [
@@ -147,9 +147,9 @@ def supervision(runs: Sequence[ReportedRun]) -> list[ReportTable]:
     return [
         ReportTable(
             "supervisors", "Time in each state",
-            "Share of the run's frames in each state, and what the newest probe says: how the plant answers, beside "
+            "Fraction of the run's frames in each state, and what the newest probe says: how the plant answers, beside "
             "how it should.",
-            ["run", "controller", *(f"{state} [%]" for state in STATES), "probe"], [list(map(Cell, r)) for r in shares],
+            ["run", "controller", *(f"{state} [%]" for state in STATES), "probe"], [list(map(Cell, r)) for r in fractions],
         ),
         ReportTable(
             "changes", "Changes of state",

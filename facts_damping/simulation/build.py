@@ -207,10 +207,10 @@ def _check_probes(case: Case, given: Supervision, made: Supervisors, plant: Resi
         over = math.ceil(start * rate) + devices * math.ceil(own["probe_s"] * rate - 1e-6)
         if math.ceil(case.run.arm_at * rate) < over:
             many = f" of {devices} devices" if devices > 1 else ""
-            least = math.ceil(over / rate * 1000.0) / 1000.0
+            minimum = math.ceil(over / rate * 1000.0) / 1000.0
             raise InputError(
                 f"arm_at: {case.run.arm_at:g} given, but the probe{many} before it is not over then; "
-                f"allowed: from {least:g} on"
+                f"allowed: from {minimum:g} on"
             )
 
 

@@ -51,8 +51,8 @@ class StepTimes(NamedTuple):
 
     def __str__(self) -> str:
         """One line of text."""
-        mean, p99, most = (f"{1e6 * value:.0f}" for value in self[1:])
-        return f"{self.steps} steps of {mean} us, 99 % within {p99} us, longest {most} us"
+        mean, p99, maximum = (f"{1e6 * value:.0f}" for value in self[1:])
+        return f"{self.steps} steps of {mean} us, 99 % within {p99} us, longest {maximum} us"
 
 
 class Program:

@@ -287,7 +287,7 @@ def beside(case: Case, record: Record, issued: NDArray[Any]) -> list[dict[str, A
     """Compare recorded and replayed setpoints, a row per device: rms, difference, correlation, saturation duty.
 
     With supervision, compares the setpoints that act (`acted`). All are sampled once a tick; `correlation` is None if
-    one of the two is constant; the duty is the share of ticks at the device's limit.
+    one of the two is constant; the duty is the fraction of ticks at the device's limit.
     """
     found = []
     for d, name in enumerate(case.run.devices):

@@ -85,8 +85,8 @@ class NodeReplay:
     ) -> None:
         """`delivered`: by link and tick (DELIVERY); `acting`: setpoints that went down the links, by tick."""
         self._case, self._record, self._delivered, self._acting = case, record, delivered, acting
-        most = max(len(rows) for link in delivered for rows in link)
-        self._control = control_system(case, most)
+        maximum = max(len(rows) for link in delivered for rows in link)
+        self._control = control_system(case, maximum)
         self._out, self._devices = self._control.issued, record.devices[0]
         self._programs = connect(case, self._control.bank_state)
         self._changed = ReplayedChanges(case, record, self._control)

@@ -37,9 +37,9 @@ class Stepper:
         self._goes_on, self._own = True, loop.control.bank.code.copy()
         names = [list(controller.signals) for controller in case.controllers]
         stations = [station.name for station in case.system.stations]
-        self._names, most = names, max(map(len, names), default=0)
+        self._names, maximum = names, max(map(len, names), default=0)
         self._eyes = (*inputs(names, case.system.signals, stations, case.system.frequency),)
-        self._sensed = sensed(len(names), most, len(stations))
+        self._sensed = sensed(len(names), maximum, len(stations))
         self._restarts = Restarts(loop.control.bank, loop.control.bank_state)
         self.step(None)
 

@@ -29,8 +29,8 @@ STEP = 1e-6  # of the central differences, p.u., rad
 NEGLIGIBLE = 0.02  # participation of a state in a mode below which it is not listed
 ANGLE = "voltage_angle"
 TURNING = {"frequency": 1, "rocof": 2}  # channels that are derivatives of the voltage's angle, and their order
-SWING_SHARE = 0.5  # least participation of rotor angles and speeds in an electromechanical mode
-COMMON_SHARE = 0.2  # the same for a mode with all machines in phase, in which governors participate
+SWING_FRACTION = 0.5  # least participation of rotor angles and speeds in an electromechanical mode
+COMMON_FRACTION = 0.2  # the same for a mode with all machines in phase, in which governors participate
 
 
 class LinearModel(NamedTuple):
@@ -236,13 +236,13 @@ def mode(
 
     `left` as in w A = lambda w. The speeds of the system's machines are among the states.
     """
-    share = np.abs(left * right)
-    share /= share.sum()
-    listed = {names[k]: float(share[k]) for k in np.argsort(-share) if share[k] >= NEGLIGIBLE}
+    fraction = np.abs(left * right)
+    fraction /= fraction.sum()
+    listed = {names[k]: float(fraction[k]) for k in np.argsort(-fraction) if fraction[k] >= NEGLIGIBLE}
     size = abs(eigenvalue)
     ratio = float(-eigenvalue.real / size) if size > 0 else 0.0
     shape = _shape(names, right)
-    label = _label(_swing_share(names, share), shape, system)
+    label = _label(_swing_fraction(names, fraction), shape, system)
     return Eigenmode(eigenvalue, float(eigenvalue.imag / (2 * np.pi)), ratio, listed, label, shape, [])
 
 
@@ -259,13 +259,13 @@ def _shape(names: Sequence[str], vector: NDArray[Any]) -> dict[str, complex]:
     speeds = {
         name.removesuffix(".omega"): complex(vector[k]) for k, name in enumerate(names) if name.endswith(".omega")
     }
-    most = max(speeds.values(), key=abs, default=0j)
-    return {name: value / most if most else value for name, value in speeds.items()}
+    maximum = max(speeds.values(), key=abs, default=0j)
+    return {name: value / maximum if maximum else value for name, value in speeds.items()}
 
 
-def _swing_share(names: Sequence[str], share: NDArray[np.float64]) -> float:
+def _swing_fraction(names: Sequence[str], fraction: NDArray[np.float64]) -> float:
     """Sum of the participations of rotor angles and speeds in a mode."""
-    return float(sum(s for name, s in zip(names, share, strict=True) if name.endswith((".delta", ".omega"))))
+    return float(sum(s for name, s in zip(names, fraction, strict=True) if name.endswith((".delta", ".omega"))))
 
 
 def _label(swing: float, shape: dict[str, complex], system: System | None) -> str:
@@ -274,7 +274,7 @@ def _label(swing: float, shape: dict[str, complex], system: System | None) -> st
     sum_A (sum H S) |mean_A|^2 against sum H S |v|^2, means weighted by H S: interarea if the areas' means have more
     than half.
     """
-    if system is None or swing < COMMON_SHARE:
+    if system is None or swing < COMMON_FRACTION:
         return "control"
     inertia = {m.name: m.H * m.rating for m in system.machines}
     areas: dict[str, list[str]] = {}
@@ -289,7 +289,7 @@ def _label(swing: float, shape: dict[str, complex], system: System | None) -> st
     together = moving(list(inertia))
     if not system.infinite_buses and together > 0.5 * total:
         return "common"
-    if swing < SWING_SHARE:
+    if swing < SWING_FRACTION:
         return "control"
     if "" in areas:
         return "electromechanical"

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 SHOWN_STATES = 4
 # Limits for large systems: modes in a picture, machines per side and residues per mode in a table.
-MOST_MODES, MOST_MACHINES, MOST_RESIDUES = 12, 8, 12
-MOST_LISTED, WELL_DAMPED = 60, 0.3  # largest number of modes in a table; beyond it, only those up to this damping ratio
+MAX_MODES, MAX_MACHINES, MAX_RESIDUES = 12, 8, 12
+MAX_LISTED, WELL_DAMPED = 60, 0.3  # largest number of modes in a table; beyond it, only those up to this damping ratio
 BAND_HZ = (0.1, 2.5)  # band of modes in the picture of a large system: electromechanical swings
 
 
@@ -119,18 +119,18 @@ def modes_text(modal: Modal) -> Iterator[str]:
     yield "\n     real 1/s   imag rad/s         Hz  damping ratio  kind               participation"
     shown = _listed(modal)
     for mode in shown:
-        most = ", ".join(f"{state} {share:.2f}" for state, share in list(mode.participation.items())[:SHOWN_STATES])
+        maximum = ", ".join(f"{state} {fraction:.2f}" for state, fraction in list(mode.participation.items())[:SHOWN_STATES])
         yield (
             f"{mode.eigenvalue.real:13.5f} {mode.eigenvalue.imag:12.5f} {mode.frequency_hz:10.4f} "
-            f"{mode.damping_ratio:14.4f}  {mode.label:<17}  {most}"
+            f"{mode.damping_ratio:14.4f}  {mode.label:<17}  {maximum}"
         )
     if len(shown) < len(modal.modes):
         yield f"and {len(modal.modes) - len(shown)} with a damping ratio above {WELL_DAMPED:g}, all in --json"
     for mode in shown_modes(modal):
         yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: machines that swing against each other"
         for group in _groups(mode):
-            more = f", and {len(group) - MOST_MACHINES} that swing less" if len(group) > MOST_MACHINES else ""
-            yield "  " + ", ".join(f"{name} {abs(value):.2f}" for name, value in group[:MOST_MACHINES]) + more
+            more = f", and {len(group) - MAX_MACHINES} that swing less" if len(group) > MAX_MACHINES else ""
+            yield "  " + ", ".join(f"{name} {abs(value):.2f}" for name, value in group[:MAX_MACHINES]) + more
         if mode.residues:
             yield "  device       signal       residue 1/s  angle deg   u = K y: sign  lead deg"
         for r in _largest(mode.residues):
@@ -143,25 +143,25 @@ def modes_text(modal: Modal) -> Iterator[str]:
 
 def _listed(modal: Modal) -> list[linearisation.Eigenmode]:
     """The modes of the table: all, or for a large system those that are not well damped."""
-    if len(modal.modes) <= MOST_LISTED:
+    if len(modal.modes) <= MAX_LISTED:
         return modal.modes
     return [mode for mode in modal.modes if mode.damping_ratio <= WELL_DAMPED]
 
 
 def _largest(residues: Sequence[linearisation.Residue]) -> list[linearisation.Residue]:
     """All residues in their order; if there are many, the largest, sorted by size."""
-    if len(residues) <= MOST_RESIDUES:
+    if len(residues) <= MAX_RESIDUES:
         return list(residues)
-    return sorted(residues, key=lambda one: -one.magnitude)[:MOST_RESIDUES]
+    return sorted(residues, key=lambda one: -one.magnitude)[:MAX_RESIDUES]
 
 
 def shown_modes(modal: Modal) -> list[linearisation.Eigenmode]:
     """The modes with drawn shapes: all, or for a large system the least damped ones in the band."""
-    if len(modal.swings) <= MOST_MODES:
+    if len(modal.swings) <= MAX_MODES:
         return modal.swings
     low, high = BAND_HZ
     own = [mode for mode in modal.swings if low <= mode.frequency_hz <= high] or modal.swings
-    return sorted(own, key=lambda mode: mode.damping_ratio)[:MOST_MODES]
+    return sorted(own, key=lambda mode: mode.damping_ratio)[:MAX_MODES]
 
 
 def _interactions_text(modal: Modal) -> Iterator[str]:

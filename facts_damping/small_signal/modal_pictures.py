@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.small_signal import one_line
-from facts_damping.small_signal.modal_analysis import MOST_MACHINES, MOST_MODES, shown_modes
+from facts_damping.small_signal.modal_analysis import MAX_MACHINES, MAX_MODES, shown_modes
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ BODE_HZ = (0.05, 5.0)
 def plot(modal: Modal, folder: Path) -> list[Path]:
     """Draw one_line.png, mode_shapes.png, and with installed devices transfer_functions.png into a folder."""
     interarea = [mode for mode in modal.swings if mode.label == "interarea"] or shown_modes(modal)
-    least = min(interarea, key=lambda mode: mode.damping_ratio, default=None)
-    made = [one_line.draw(modal.system, modal.built.flow, modal.devices, least, folder / "one_line.png")]
+    minimum = min(interarea, key=lambda mode: mode.damping_ratio, default=None)
+    made = [one_line.draw(modal.system, modal.built.flow, modal.devices, minimum, folder / "one_line.png")]
     if modal.swings:
         made.append(_plot_shapes(modal, folder / "mode_shapes.png"))
     if modal.devices and modal.system.signals:
@@ -59,10 +59,10 @@ def _label_places(shape: Mapping[str, complex]) -> dict[str, tuple[float, float]
 
     If there are many machines, only those with the largest swing are labelled.
     """
-    if len(shape) > MOST_MODES:
+    if len(shape) > MAX_MODES:
         far = [name for name in shape if abs(shape[name]) > APART]
-        most = sorted(far, key=lambda name: -abs(shape[name]))[:MOST_MACHINES]
-        return {name: (float(np.angle(shape[name])), 1.08 * abs(shape[name])) for name in most}
+        maximum = sorted(far, key=lambda name: -abs(shape[name]))[:MAX_MACHINES]
+        return {name: (float(np.angle(shape[name])), 1.08 * abs(shape[name])) for name in maximum}
     found = {name: (float(np.angle(v)), 1.08 * abs(v)) for name, v in shape.items() if abs(v) > SHORT}
     before = -np.inf
     for angle, name in sorted((float(np.angle(v)), name) for name, v in shape.items() if abs(v) <= SHORT):
@@ -97,9 +97,9 @@ def _plot_transfer(modal: Modal, path: Path) -> Path:
 def _clearest(modal: Modal, device: int) -> list[int]:
     """The signals drawn for a device: all, or if there are many, those with the largest residues in any mode."""
     signals = list(modal.system.signals)
-    if len(signals) <= MOST_MACHINES:
+    if len(signals) <= MAX_MACHINES:
         return list(range(len(signals)))
     size = dict.fromkeys(signals, 0.0)
     for residue in (r for mode in shown_modes(modal) for r in mode.residues if r.device == modal.devices[device]):
         size[residue.signal] = max(size[residue.signal], residue.magnitude)
-    return sorted(signals.index(name) for name in sorted(signals, key=lambda name: -size[name])[:MOST_MACHINES])
+    return sorted(signals.index(name) for name in sorted(signals, key=lambda name: -size[name])[:MAX_MACHINES])

@@ -116,10 +116,10 @@ def draw(
 
 def _branches(axes: Axes, at: Places, found: list[tuple[str, str, float]]) -> None:
     """Draw branches with a width by power and an arrow in its direction; the largest are labelled."""
-    most = max((power for *_, power in found), default=1.0) or 1.0
+    maximum = max((power for *_, power in found), default=1.0) or 1.0
     for place, (a, b, power) in enumerate(sorted(found, key=lambda one: -one[2])):
         start, end = at[a], at[b]
-        width = THINNEST + (WIDEST - THINNEST) * power / most
+        width = THINNEST + (WIDEST - THINNEST) * power / maximum
         axes.plot(*np.transpose([start, end]), color="0.75", lw=width, zorder=1, solid_capstyle="round")
         middle, onward = start + 0.5 * (end - start), start + 0.54 * (end - start)
         tip = {"arrowstyle": "-|>", "color": "0.4", "mutation_scale": 6.0 + width}

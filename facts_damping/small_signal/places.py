@@ -36,7 +36,7 @@ NEW = "damper"  # name of a new device in the system
 STATCOM: dict[str, Any] = {"setpoint_max": 0.1, "rate_max": 10.0, "I_max": 1.0}  # p.u., data of the STATCOM in two_area
 SPEED: Channel = "speed_deviation"
 FLOW: Channel = "active_power"
-MOST_AREAS = 8  # with more areas there are too many pairs
+MAX_AREAS = 8  # with more areas there are too many pairs
 NEAR = 0.5  # largest `linearisation.unlike` of the same mode
 
 
@@ -119,7 +119,7 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
             more.append(Station(name=stations[m.name], machine=m.name))
     weights = {"_".join(["w", *names]): _difference([stations[name] for name in names]) for names in _opposed(modes)}
     means = _mean_speeds(system, stations)
-    for a, b in combinations(means, 2) if len(means) <= MOST_AREAS else ():
+    for a, b in combinations(means, 2) if len(means) <= MAX_AREAS else ():
         weights[f"w_{a}_{b}"] = {**means[a], **{station: -w for station, w in means[b].items()}}
     there = [s.weights for s in system.signals.values() if s.channel == SPEED]
     there += [{station: -w for station, w in own.items()} for own in there]

@@ -92,8 +92,8 @@ def residues(
     swings = [mode for mode in linearisation.modes(model.A, built.state_names, system) if mode.swings]
     if not swings:
         return None
-    least = min(swings, key=lambda mode: mode.damping_ratio)
-    eigenvalue, v, w = eigenvalue_near(model.A, least.eigenvalue)
+    minimum = min(swings, key=lambda mode: mode.damping_ratio)
+    eigenvalue, v, w = eigenvalue_near(model.A, minimum.eigenvalue)
     swing = times(model.gain(eigenvalue), product(model.seen[0], v))
     from_inputs = times(over(product(w, model.B), product(w, v)), model.late(eigenvalue))
     residue = times(swing[:, None], from_inputs)

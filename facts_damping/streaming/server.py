@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
     Address = tuple[str, int]
 
-MOST_WAITING = 1 << 18  # bytes of unsent data at which a slow client is dropped
+MAX_WAITING = 1 << 18  # bytes of unsent data at which a slow client is dropped
 CONFIGURATION_S = 60.0  # s between configurations to fixed receivers
-MOST_ASKING = 256  # UDP addresses with data turned on; beyond, the oldest is removed
+MAX_ASKING = 256  # UDP addresses with data turned on; beyond, the oldest is removed
 LONGEST = 1024  # bytes of the longest command
 CHUNK = 4096
 
@@ -92,7 +92,7 @@ class Server:
 
     def _too_slow(self, client: asyncio.StreamWriter) -> bool:
         """Whether a client is too far behind; if so, it is dropped."""
-        if client.transport.get_write_buffer_size() <= MOST_WAITING:
+        if client.transport.get_write_buffer_size() <= MAX_WAITING:
             return False
         self.counts.dropped += 1
         self._clients.pop(client, None)
@@ -154,7 +154,7 @@ class Server:
         if turned is False:
             self._asking.pop(address, None)
         elif turned and address not in self._asking:
-            if len(self._asking) >= MOST_ASKING:
+            if len(self._asking) >= MAX_ASKING:
                 self._asking.pop(next(iter(self._asking)))
                 self.counts.dropped += 1
             self._asking[address] = None

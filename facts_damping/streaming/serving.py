@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from facts_damping.c37118 import session, stations
 from facts_damping.c37118.configuration import FORMATS, Site
 from facts_damping.errors import InputError, check_known, one_line
-from facts_damping.parameters.streams import MOST_ID
+from facts_damping.parameters.streams import MAX_ID
 from facts_damping.streaming.concentrator import grid_stations
 from facts_damping.streaming.server import Server
 from facts_damping.terminal import some_of
@@ -36,9 +36,9 @@ class Serving(NamedTuple):
 def servers(case: Case, asked: Serving, now: Callable[[], tuple[int, int]]) -> list[Server]:
     """The servers, not yet started; `now`: time of their answers. Raises `InputError`."""
     grid, rate, measured = grid_stations(case), case.run.frame_rate, case.measurement
-    if asked.idcode + len(grid) > MOST_ID:
+    if asked.idcode + len(grid) > MAX_ID:
         given = f"idcode: {asked.idcode} given with {len(grid)} stations"
-        raise InputError(f"{given}; allowed: 1 to {MOST_ID - len(grid)}")
+        raise InputError(f"{given}; allowed: 1 to {MAX_ID - len(grid)}")
     formats, ranges = _formats(asked.format), (measured.voltage_range, measured.current_range)
     late, sample = round(1e6 * case.filter.delay / rate), 1e6 / (rate * case.filter.per_frame)
     service, window = "P" if measured.filter == "p_class" else "M", round(2 * case.filter.side * sample)

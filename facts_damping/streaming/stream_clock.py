@@ -38,7 +38,7 @@ class Following:
         self.next, self.moved = 0, 0  # the next tick; number of changes of the time base
         self._rate, self._wait_s = rate, wait_s
         self._due_s = math.inf  # when tick 0 was due, by this computer's clock
-        self._least_s = -math.inf  # earliest plausible value of `_due_s`
+        self._min_s = -math.inf  # earliest plausible value of `_due_s`
         self._off_s = math.inf  # since when all instants have been out of range
 
     def put(self, instant: int, said: StationReport, now_s: float) -> None:
@@ -46,7 +46,7 @@ class Following:
         if self.first is None:
             self._begin(instant, now_s)
         begun_s = now_s - self.tick(instant) / self._rate
-        if begun_s < self._least_s or not self.alignment.put(instant, said):
+        if begun_s < self._min_s or not self.alignment.put(instant, said):
             self._off_s = min(self._off_s, now_s)
             if now_s - self._off_s > OFF_S:
                 self.moved += 1
@@ -54,14 +54,14 @@ class Following:
             return
         self._off_s = math.inf
         self._due_s = min(self._due_s + LEAK / self._rate, begun_s)
-        self._least_s = max(self._least_s - LEAK / self._rate, self._due_s - JUMP_S)
+        self._min_s = max(self._min_s - LEAK / self._rate, self._due_s - JUMP_S)
 
     def _begin(self, instant: int, now_s: float) -> None:
         """Take an instant as the present: the first one, or after the source changed, paused or was set back."""
         self.alignment.forget()
         self.first, self._off_s = instant - max(0, self.next - self.ahead), math.inf
         self._due_s = now_s - self.tick(instant) / self._rate
-        self._least_s = self._due_s - JUMP_S
+        self._min_s = self._due_s - JUMP_S
 
     def tick(self, instant: int) -> int:
         """Tick of an instant."""

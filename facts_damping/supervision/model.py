@@ -51,9 +51,9 @@ SETTINGS = np.dtype(
         ("sigma", "f8"),  # 1/s, and omega in rad/s: eigenvalue of the watched mode; omega 0: no mode
         ("omega", "f8"),
         ("cycle", "i8"),  # ticks in a cycle of the mode
-        ("amplitude", "f8"),  # of each tone of a probe, share of the device's limit
+        ("amplitude", "f8"),  # of each tone of a probe, fraction of the device's limit
         ("probe_s", "f8"),  # s, duration of the probe of one device
-        ("apart", "f8"),  # distance of each tone from the mode, share of omega
+        ("apart", "f8"),  # distance of each tone from the mode, fraction of omega
         ("coherence", "f8"),
         ("gain", "f8"),
         ("phase", "f8"),  # rad
@@ -188,16 +188,16 @@ def supervisors(
     """Build the supervisors of controllers, in shadow; `limits`: p.u., of all installed devices in order."""
     n, order = len(watched), list(limits)
     own = [controllers[one.controller] for one in watched]
-    most = max([len(c.devices) for c in own], default=0)
+    maximum = max([len(c.devices) for c in own], default=0)
     made, held = inputs([c.signals for c in own], signals, stations, nominal)
     settings, thresholds = np.zeros(n, SETTINGS), np.zeros((n, len(MONITORS)), THRESHOLD)
-    devices, used = np.zeros((n, most), DEVICE), np.zeros((n, len(CHANNELS)), np.bool_)
+    devices, used = np.zeros((n, maximum), DEVICE), np.zeros((n, len(CHANNELS)), np.bool_)
     devices["place"] = UNSET
     for s, one in enumerate(watched):
         _set(settings[s], one, given, frame_rate, nominal)
         _thresholds(thresholds[s], given, settings[s])
         for d, name in enumerate(own[s].devices):
-            devices[s, d] = order.index(name), limits[name] * given.authority.share, one.residue[d]
+            devices[s, d] = order.index(name), limits[name] * given.authority.fraction, one.residue[d]
         for name in own[s].signals:
             used[s, list(CHANNELS).index(signals[name].channel)] = True
     ticks = max([CYCLES_KEPT * int(one["cycle"]) + 1 for one in settings], default=1)
@@ -215,9 +215,9 @@ def supervisors(
         rows=np.zeros(n, SUPERVISOR),
         held=held,
         stations=np.zeros((n, len(stations)), STATION),
-        commanded=np.zeros((n, most), COMMANDED),
+        commanded=np.zeros((n, maximum), COMMANDED),
         past=np.zeros((n, ticks, 4)),
-        phasors=np.zeros((n, 1 + most, 3)),
+        phasors=np.zeros((n, 1 + maximum, 3)),
         expected=np.zeros((n, round(LATEST_S * frame_rate) + 1), np.complex128),
         sums=np.zeros((n, 2, UNKNOWNS + 1, UNKNOWNS + 1)),
     )

@@ -33,11 +33,11 @@ SMOOTHING = 0.1  # s, time constant of a station's mismatches
 LATENCY = 1.0  # s, time constant of the mean latency
 STILL_HZ = 5e-4  # Hz: this close to the nominal frequency an angle may stay constant
 SATURATION = 2.0  # s, window
-REVERSAL = 0.1  # share of the limit: least swing back that counts as a reversal
-ACTS = 0.05  # share of the limit: least output that affects the grid
-WORKS = 0.2  # share of the limit: least output that must damp the oscillation
-LEAST_POWER = 0.1  # p.u., least base for comparing powers
-LEAST_LYAPUNOV = 1e-3  # least base for its relative rise: an error of 1/20 of `scale`
+REVERSAL = 0.1  # fraction of the limit: least swing back that counts as a reversal
+ACTS = 0.05  # fraction of the limit: least output that affects the grid
+WORKS = 0.2  # fraction of the limit: least output that must damp the oscillation
+MIN_POWER = 0.1  # p.u., least base for comparing powers
+MIN_LYAPUNOV = 1e-3  # least base for its relative rise: an error of 1/20 of `scale`
 PHASOR = 0.25  # rate of the phasor filters / omega of the mode
 
 
@@ -62,15 +62,15 @@ def check_entry(made: Supervisors, state: SupervisorState, s: int, entry: Any) -
         station.angle = station.angle_at_start = values[_ANGLE]
         return
     dt = (entry.measured_ns - before_ns) * 1e-9
-    share = 1.0 - exp(-dt / SMOOTHING)
+    fraction = 1.0 - exp(-dt / SMOOTHING)
     if math.isfinite(off) and math.isfinite(values[_ANGLE]):
         turn = values[_ANGLE] - station.angle - TURN * off * dt
         turn -= TURN * math.floor(turn / TURN + 0.5)
-        station.turning += share * (-turn / (TURN * dt) - station.turning)
+        station.turning += fraction * (-turn / (TURN * dt) - station.turning)
         station.angle += turn + TURN * off * dt
     slip = values[_SPEED] * made.settings[s].nominal - off
     if math.isfinite(slip):
-        station.slipping += share * (slip - station.slipping)
+        station.slipping += fraction * (slip - station.slipping)
 
 
 @compiled
@@ -80,9 +80,9 @@ def update_signals(made: Supervisors, state: SupervisorState, s: int, since_ns: 
     latency = (arrival_ns - state.held.newest_ns[s]) * 1e-9
     if row.arrived_ns == UNSET:
         row.latency = latency
-    share = 1.0 - exp(-dt / LATENCY)
-    row.latency += share * (latency - row.latency)
-    row.jitter += share * (abs(latency - row.latency) - row.jitter)
+    fraction = 1.0 - exp(-dt / LATENCY)
+    row.latency += fraction * (latency - row.latency)
+    row.jitter += fraction * (abs(latency - row.latency) - row.jitter)
     row.arrived_ns = arrival_ns
     omega = made.settings[s].omega
     if omega > 0.0:
@@ -116,12 +116,12 @@ def update_filters(made: Supervisors, state: SupervisorState, s: int, tick: int)
 
 
 @compiled
-def _turn(device: Any, u: float, least: float) -> float:
-    """1 if an output has reversed by more than `least` from its newest extreme, else 0."""
+def _turn(device: Any, u: float, minimum: float) -> float:
+    """1 if an output has reversed by more than `minimum` from its newest extreme, else 0."""
     moved, before = u - device.extreme, device.direction
     if before * moved > 0.0:
         device.extreme = u
-    elif abs(moved) > least:
+    elif abs(moved) > minimum:
         device.extreme, device.direction = u, math.copysign(1.0, moved)
         return 1.0 if before != 0.0 else 0.0
     return 0.0
@@ -156,7 +156,7 @@ def check_data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -
     value[MISALIGNED] = (newest - oldest) * 1e-9
     for i in range(made.ends.shape[0]):
         a, b = held.entry[s, made.ends[i, 0], _POWER], held.entry[s, made.ends[i, 1], _POWER]
-        value[POWERS] = max(value[POWERS], abs(a + b) / max(abs(a), abs(b), LEAST_POWER))
+        value[POWERS] = max(value[POWERS], abs(a + b) / max(abs(a), abs(b), MIN_POWER))
     value[LOCAL] = 0.0
     if row.state == FALLBACK:
         value[LOCAL] = (end_ns - max(row.reserve_ns, row.begun_ns)) * 1e-9
@@ -179,7 +179,7 @@ def controller(made: Supervisors, state: SupervisorState, s: int, end_ns: int, l
     if row.norm_at_start == 0.0:
         row.norm_at_start = row.norm
     value[WEIGHTS] = row.norm / row.norm_at_start if row.norm > 0.0 else 0.0
-    value[LYAPUNOV] = max(0.0, -row.fall) / max(row.lyapunov, LEAST_LYAPUNOV)
+    value[LYAPUNOV] = max(0.0, -row.fall) / max(row.lyapunov, MIN_LYAPUNOV)
 
 
 @compiled
@@ -269,17 +269,17 @@ def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
     tick, cycle = state.rows[s].tick, own.cycle
     if tick + 1 < CYCLES_KEPT * cycle:
         return 0.0
-    least, later = math.inf, 0.0
+    minimum, later = math.inf, 0.0
     for k in range(CYCLES_KEPT):
-        low, high, most = math.inf, -math.inf, 0.0
+        low, high, maximum = math.inf, -math.inf, 0.0
         for i in range(k * cycle, (k + 1) * cycle):
             place = past[(tick - i) % size]
-            low, high, most = min(low, place[0]), max(high, place[0]), max(most, place[1])
-        if k < CYCLES_KEPT - 1 and most <= WORKS:
+            low, high, maximum = min(low, place[0]), max(high, place[0]), max(maximum, place[1])
+        if k < CYCLES_KEPT - 1 and maximum <= WORKS:
             return 0.0
         if k > 0:
-            least = min(least, later / (high - low) if high > low else math.inf)
+            minimum = min(minimum, later / (high - low) if high > low else math.inf)
         later = high - low
-    if not 0.0 < least < math.inf:
+    if not 0.0 < minimum < math.inf:
         return 0.0
-    return float(log(least) * own.frame_rate / cycle - own.sigma)
+    return float(log(minimum) * own.frame_rate / cycle - own.sigma)

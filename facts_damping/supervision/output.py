@@ -117,7 +117,7 @@ def _write(
 ) -> None:
     """Write a device's setpoint at a time: the acting source's, ramped, limited in size, energy and rate."""
     row, own = state.rows[s], made.settings[s]
-    device, b, limit = state.commanded[s, d], share(row, at_ns), made.devices[s, d].limit
+    device, b, limit = state.commanded[s, d], fraction(row, at_ns), made.devices[s, d].limit
     v, before = min(max(device.given[source_of(row.state)], -limit), limit), device.output
     if b < 1.0:
         v = (1.0 - b) * device.begun + b * v
@@ -160,7 +160,7 @@ def _commanded(made: Supervisors, s: int) -> int:
 
 
 @compiled
-def share(row: Any, at_ns: int) -> float:
-    """Completed share of the ramp since the newest change of state, 0 to 1."""
+def fraction(row: Any, at_ns: int) -> float:
+    """Completed fraction of the ramp since the newest change of state, 0 to 1."""
     since = (at_ns - row.begun_ns) * 1e-9
     return 1.0 if since >= row.ramp else max(0.0, since / row.ramp)

@@ -4,7 +4,7 @@
 
 z is the modal state of the linearised plant, and R the residue from setpoint to signal. Least squares give g: the gain
 and phase of the response relative to the known one. a and b model the mode's free swing, c and d the grid's drift. The
-coherence is the share of the residual sum of squares without z that z explains.
+coherence is the fraction of the residual sum of squares without z that z explains.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from facts_damping.monitor_table import ARMED, FALLBACK
 from facts_damping.signals import Deliveries, DeviceTruths, Setpoints, Supervisions
 from facts_damping.supervision import monitors, probe
 from facts_damping.supervision.model import Supervisors, SupervisorState, begin
-from facts_damping.supervision.output import emit_zero, forward_setpoints, share
+from facts_damping.supervision.output import emit_zero, forward_setpoints, fraction
 from facts_damping.supervision.states import finish_probe, handle_commands, judge
 
 
@@ -111,7 +111,7 @@ def write_status(made: Supervisors, state: SupervisorState, s: int, tick: int, o
     if row.tick != tick:
         return False
     told.tick, told.controller, told.state = row.tick, own.controller, row.state
-    told.cause, told.refused, told.share = row.cause, row.refused, share(row, row.now_ns)
+    told.cause, told.refused, told.fraction = row.cause, row.refused, fraction(row, row.now_ns)
     for m in range(row.values.size):
         told.values[m] = row.values[m]
     told.probe_gain = told.probe_phase = told.probe_coherence = math.nan

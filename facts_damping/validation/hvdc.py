@@ -18,7 +18,7 @@ BASE = 100.0  # MVA
 LINK = {"name": "hvdc", "kind": "hvdc", "P_max": 1000.0, "setpoint_max": 0.5, "rate_max": 10.0}
 BUS: dict[str, float] = {"nominal_voltage": 230.0}
 
-# What the link of the first table is: order (MW), share lost, resistance (p.u.), power factor of both ends.
+# What the link of the first table is: order (MW), fraction lost, resistance (p.u.), power factor of both ends.
 LINKS = ((200.0, 0.0, 0.0, 0.99), (200.0, 0.015, 0.01, 0.9), (400.0, 0.03, 0.005, 0.95))
 SPUR = 0.05  # p.u., reactance between an infinite bus and the rectifier's
 

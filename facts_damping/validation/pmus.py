@@ -50,7 +50,7 @@ CLASSES = {
     "p_class": Limits(2.0, 0.8, 0.4, 2.0, 0.06, 2.3, 0.4, 2 / NOMINAL, 4.5 / NOMINAL, 6 / NOMINAL, 0.05, 2 / RATE),
     "m_class": Limits(5.0, 0.1, 0.1, 5.0, 0.3, 14.0, 0.2, 7 / RATE, 14 / RATE, 14 / RATE, 0.1, 7 / RATE),
 }
-TVE, FE = 0.01, 0.005  # share, Hz
+TVE, FE = 0.01, 0.005  # fraction, Hz
 DYNAMIC_TVE, RAMP_FE = 0.03, 0.01
 OUT_OF_BAND_TVE, OUT_OF_BAND_FE = 0.013, 0.01
 

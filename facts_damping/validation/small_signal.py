@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 CLOSE = 0.01  # 1/s
 SAME_EQUATIONS = 1e-5  # 1/s, what differences of the derivatives leave of the eigenvalues
 MACHINES = ("G1", "G2", "G3", "G4")
-CURRENT = {"P_shares": {"current": 1.0}}
-POWER = {"P_shares": {"power": 1.0}, "Q_shares": {"power": 1.0}}
+CURRENT = {"P_fractions": {"current": 1.0}}
+POWER = {"P_fractions": {"power": 1.0}, "Q_fractions": {"power": 1.0}}
 SATURATION = {"S10": 0.0392, "S12": 0.2227}
 STATIC = [{"machine": g, "model": "static", "KA": 200, "TR": 0.01} for g in MACHINES]
 STABILISERS = [{"machine": g} for g in MACHINES]  # the defaults are the book's
@@ -50,7 +50,7 @@ EXCITATION = {
     "kundur_12_6_thyristor_pss": ("stabiliser", "book_thyristor_stabiliser"),
 }
 SWINGS = ("interarea", "local to area 1", "local to area 2")
-SAME_MODEL = (0.005, (0.004, 0.004, 0.004))  # share of a frequency; damping ratios of the three
+SAME_MODEL = (0.005, (0.004, 0.004, 0.004))  # fraction of a frequency; damping ratios of the three
 OTHER_SATURATION = (0.015, (0.005, 0.022, 0.022))
 # Of kundur_12_6_thyristor, as the book has it, read off a figure to 0.002 and 0.02 1/s: config/references/README.md.
 PRINTED = (0.031 + 3.85j, -0.491 + 7.16j, -0.497 + 7.35j)
@@ -127,7 +127,7 @@ def _swings(values: NDArray[np.complex128]) -> list[complex]:
 def _apart(
     what: str, ours: Sequence[complex], theirs: Sequence[complex], allowed: tuple[float, Sequence[float]]
 ) -> list[Row]:
-    """Frequencies and damping ratios of the swings; allowed: a share of the frequencies, differences of the ratios."""
+    """Frequencies and damping ratios of the swings; allowed: a fraction of the frequencies, differences of the ratios."""
     rows = []
     for name, a, b, damping in zip(SWINGS, ours, theirs, allowed[1], strict=True):
         hertz = b.imag / (2 * np.pi)
@@ -166,7 +166,7 @@ def book() -> ValidationTable:
         "the equations of Kundur 1994; as printed: his figures, read off a plot of them. He saturates both mutual "
         "inductances, GENROU the transient circuits alone: so our local modes are damped by 0.006 to 0.02 more"
     )
-    command = "facts-damping modes kundur_12_6_thyristor_tgr --set 'loads.*.P_shares={current: 1}' \\\n"
+    command = "facts-damping modes kundur_12_6_thyristor_tgr --set 'loads.*.P_fractions={current: 1}' \\\n"
     command += "        --set 'machines.*.S10=0.0392' --set 'machines.*.S12=0.2227'"
     return ValidationTable("Example 12.6 with the book's loads and saturation", source, command, rows)
 

@@ -184,7 +184,7 @@ def _supervisor(case: Case, c: int, here: str, spoken: dict[str, str]) -> list[T
     }
     panels = [
         Panel("state", words, STATES),
-        Panel("share of the newest change", [Curve(topic, "share", "share")]),
+        Panel("fraction of the newest change", [Curve(topic, "fraction", "fraction")]),
         Panel("probe beside the known answer", [Curve(topic, field, label) for field, label in probe.items()]),
         Panel("what the probe says of the controller", [Curve(topic, field, label) for field, label in worth.items()]),
     ]

@@ -78,8 +78,8 @@ def at_equal_error(rungs: Sequence[Rung], error: float = EQUAL_ERROR) -> Equal |
         if one.error <= error:
             took = one.wall_s
             if before is not None:
-                share = math.log(before.error / error) / math.log(before.error / one.error)
-                took = before.wall_s * (one.wall_s / before.wall_s) ** share
+                fraction = math.log(before.error / error) / math.log(before.error / one.error)
+                took = before.wall_s * (one.wall_s / before.wall_s) ** fraction
             return Equal(one.step_s, one.error, one.wall_s, took)
         before = one
     return None

@@ -124,8 +124,8 @@ def _sweep(field: Field) -> None:
         many = VARIED.get(name, OTHERS) // OTHERS
         step = sweep_step(field.results[name].rungs)
         for i in range(many):
-            share = (turn * many + i + 0.5) / (many * OTHERS)
-            took.setdefault(name, []).append(one.ask(step, 1.0 + SPREAD * (share - 0.5))["total_s"])
+            fraction = (turn * many + i + 0.5) / (many * OTHERS)
+            took.setdefault(name, []).append(one.ask(step, 1.0 + SPREAD * (fraction - 0.5))["total_s"])
 
     for turn in range(OTHERS):
         each(field, lambda name, one, row, turn=turn: some(name, one, row, turn))  # type: ignore[misc]

@@ -85,8 +85,8 @@ class Signs(NamedTuple):
     agree: int
     agree_as_printed: int
     missing: int  # without our figures
-    share: float
-    share_as_printed: float
+    fraction: float
+    fraction_as_printed: float
 
 
 def compare(

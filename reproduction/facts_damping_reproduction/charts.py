@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from facts_damping_reproduction.ranking import Ranking
 
 SHOWN = "ITAE"  # of ensembles
-LEAST = -100.0  # %, worse improvements are drawn there
+MINIMUM = -100.0  # %, worse improvements are drawn there
 MARKERS = "os^D"
 
 
@@ -33,7 +33,7 @@ def improvements(title: str, compared: Sequence[Compared]) -> Figure:
     for axis, index in zip(axes, THESIS_INDICES, strict=True):
         for colour, marker, scenario in zip(COLOURS, MARKERS, scenarios, strict=False):
             own = [c for c in kept if (c.cell.scenario, c.cell.quantity) == (scenario, index)]
-            places = [(c.cell.corrected, LEAST if c.ours is None else max(c.ours, LEAST)) for c in own]
+            places = [(c.cell.corrected, MINIMUM if c.ours is None else max(c.ours, MINIMUM)) for c in own]
             axis.plot(*np.array(places).reshape(-1, 2).T, marker, color=colour, ms=4, alpha=0.8, label=scenario)
         axis.axline((0.0, 0.0), slope=1.0, color="0.6", lw=0.8)
         axis.axhline(0.0, color="0.6", lw=0.8, ls="--")
@@ -73,12 +73,12 @@ def ensemble(system: str, kept: Sequence[Spread], plain: Mapping[tuple[str, str]
     for axis, scenario in zip(axes[0], scenarios, strict=True):
         for one in kept:
             if one.scenario == scenario and one.who in whos:
-                row, inner = whos.index(one.who), np.maximum(one.over_llc, LEAST)
+                row, inner = whos.index(one.who), np.maximum(one.over_llc, MINIMUM)
                 axis.plot(inner[1:], [row, row], color=COLOURS[0], lw=2.5, alpha=0.6)
                 axis.plot(inner[0], row, "o", color=COLOURS[0], ms=4, label="median and its 95 % interval")
                 own = plain.get((scenario, one.who))
                 if own is not None:
-                    axis.plot(max(own, LEAST), row, "x", color=COLOURS[1], ms=5, label="the scenario as it is")
+                    axis.plot(max(own, MINIMUM), row, "x", color=COLOURS[1], ms=5, label="the scenario as it is")
         axis.set(title=scenario, xlabel=f"improvement of {SHOWN} over LLC [%]")
         axis.grid(visible=True, color="0.92")
     axes[0, 0].set_yticks(range(len(whos)), whos, fontsize="small")
@@ -96,8 +96,8 @@ def verdict(signs: Sequence[Signs], rankings: Sequence[Ranking]) -> Figure:
     whole = [one for one in signs if one.table == "all" and one.what.startswith(start)]
     figure = Figure(figsize=(10.0, 3.0), layout="constrained")
     axes: Any = figure.subplots(1, 2)
-    shares = [100.0 * one.share for one in whole]
-    bars = axes[0].barh(range(len(whole)), shares, color=[COLOURS[0] if one > 95.0 else COLOURS[1] for one in shares])
+    fractions = [100.0 * one.fraction for one in whole]
+    bars = axes[0].barh(range(len(whole)), fractions, color=[COLOURS[0] if one > 95.0 else COLOURS[1] for one in fractions])
     axes[0].bar_label(bars, [f" {one.agree} of {one.statements}" for one in whole], fontsize="small")
     axes[0].set_yticks(range(len(whole)), [f"over {one.what.removeprefix(start)}" for one in whole])
     axes[0].invert_yaxis()
@@ -117,7 +117,7 @@ def variants(told: Sequence[Told]) -> Figure:
     figure = Figure(figsize=(10.0, 1.4 + 0.27 * len(names)), layout="constrained")
     axes: Any = figure.subplots(1, 2, sharey=True)
     for axis, field, label in zip(
-        axes, ("signs", "rho"), ("share of equal signs", "mean rank correlation"), strict=True
+        axes, ("signs", "rho"), ("fraction of equal signs", "mean rank correlation"), strict=True
     ):
         for colour, marker, table in zip(COLOURS, MARKERS * 2, tables, strict=False):
             own = [(getattr(one, field), names.index(one.variant)) for one in told if one.table == table]

@@ -55,7 +55,7 @@ def reproduce(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, pages.document(found, judged))
     for title, one in (("the scenarios as they are", judged.plain), ("medians over the ensembles", judged.drawn)):
         if one.signs:
-            signs, ranks = ("statements", "agree", "share"), ("rankings", "mean_rho", "same_best", "same_second")
+            signs, ranks = ("statements", "agree", "fraction"), ("rankings", "mean_rho", "same_best", "same_second")
             lines = [*markdown(one.signs, ["table", "what"], signs), "", *markdown(one.totals, ["table"], ranks)]
             say(arguments, "\n".join([f"Agreement with the thesis, {title}:", "", *lines, ""]))
     for path in written:

@@ -51,7 +51,7 @@ class Spread(NamedTuple):
     figure: Interval
     over_llc: Interval  # %
     over_tuned: Interval  # %
-    best: float  # share of the draws in which it is the best of all
+    best: float  # fraction of the draws in which it is the best of all
 
 
 class Firmness(NamedTuple):
@@ -62,7 +62,7 @@ class Firmness(NamedTuple):
     quantity: str
     scheme: str
     first: str  # of the scenario as it is
-    first_in_draws: float  # share of the draws in which it is first
+    first_in_draws: float  # fraction of the draws in which it is first
     first_of_medians: str
     rho: float | None  # Spearman's, between the order of the scenario as it is and that of the medians
     rho_in_draws: float  # its mean between the order of the scenario as it is and that of a draw

@@ -47,7 +47,7 @@ class Told(NamedTuple):
 
     variant: str
     table: str
-    signs: float  # share of the improvements with the thesis's sign
+    signs: float  # fraction of the improvements with the thesis's sign
     rho: float | None  # mean rank correlation with the thesis
     rho_own: float | None  # the same with our own orders in the set-up of the tables
     same_best: int
@@ -168,7 +168,7 @@ def told(variant: str, cells: Sequence[Cell], figures: Figures, base: Figures) -
             figures[run] is None for run in {agreement.ComparedRun(c.system, c.scenario, c.who) for c in own}
         )
         rho_own = float(np.mean(known)) if known else None
-        told = (signs.share, ranks.mean_rho, rho_own, ranks.same_best, ranks.rankings, unstable)
+        told = (signs.fraction, ranks.mean_rho, rho_own, ranks.same_best, ranks.rankings, unstable)
         found.append(Told(variant, table, *told))
     return found
 

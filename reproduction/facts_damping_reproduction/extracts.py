@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 JUDGED = ("ITAE", "ISE")  # of the way to the bound: one that weighs late deviations, one that the bound is made for
 
 
-def share(found: Agreement, over: str) -> str:
+def fraction(found: Agreement, over: str) -> str:
     """How many of the improvements over a controller have the thesis's sign: `66 of 100 (66.0 %)`."""
     signs = [one for one in found.signs_by_reference if (one.table, one.what) == ("all", f"improvement over {over}")]
-    return f"{signs[0].agree} of {signs[0].statements} ({100 * signs[0].share:.1f} %)" if signs else "none"
+    return f"{signs[0].agree} of {signs[0].statements} ({100 * signs[0].fraction:.1f} %)" if signs else "none"
 
 
 def rho(found: Agreement) -> str:
@@ -47,7 +47,7 @@ def firm(findings: Findings) -> str:
         spread = f"{100 * first.mean():.0f} ({100 * first.min():.0f} to {100 * first.max():.0f})"
         drawn = float(np.mean([one.rho_in_draws for one in own]))
         rows.append([*key, f"{same} of {len(own)}", spread, f"{np.mean(known):.2f}", f"{drawn:.2f}"])
-    titles = ["first is first by medians", "share of draws in which it is first [%]", "rho, medians", "rho, draws"]
+    titles = ["first is first by medians", "fraction of draws in which it is first [%]", "rho, medians", "rho, draws"]
     return "\n".join(table(["system", "scheme", *titles], rows, left=2, markdown=True))
 
 
@@ -91,11 +91,11 @@ def reached(findings: Findings, system: str) -> str:
     """How much of the way from LLC to the bound every controller comes, %, in the scenarios as they are."""
     kept = [one for one in findings.reached if one.system == system and one.quantity in JUDGED]
     columns = list(dict.fromkeys((one.scenario, one.quantity) for one in kept))
-    at = {(one.who, one.scenario, one.quantity): one.share for one in kept}
+    at = {(one.who, one.scenario, one.quantity): one.fraction for one in kept}
     rows = []
     for who in dict.fromkeys(one.who for one in kept):
-        shares = [at[who, scenario, quantity] for scenario, quantity in columns]
-        rows.append([who, *("-" if one is None else f"{one:.0f}" for one in shares)])
+        fractions = [at[who, scenario, quantity] for scenario, quantity in columns]
+        rows.append([who, *("-" if one is None else f"{one:.0f}" for one in fractions)])
     return "\n".join(table(["controller", *(" ".join(one) for one in columns)], rows, markdown=True))
 
 
@@ -157,7 +157,7 @@ def _two(value: float | None) -> str:
 
 
 ALL: tuple[Callable[..., str], ...] = (
-    share,
+    fraction,
     rho,
     firm,
     decided,

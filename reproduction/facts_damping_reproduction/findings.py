@@ -30,13 +30,13 @@ class Agreement(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """Share of the improvement from LLC to the bound that a controller reaches, %; none: a run is without figures."""
+    """Fraction of the improvement from LLC to the bound that a controller reaches, %; none: a run is without figures."""
 
     system: str
     scenario: str
     who: str
     quantity: str
-    share: float | None
+    fraction: float | None
 
 
 class Findings(NamedTuple):

@@ -50,9 +50,9 @@ def gather(folder: Path, jobs: int, draws: int | None = None) -> HeldOut:
     events = f"held_out_{who.SYSTEM}"
 
     def run(title: str, name: str, own: Sequence[Contender], number: int | None, **more: Any) -> Rows:
-        most = number if draws is None else min(draws, number or draws)
+        maximum = number if draws is None else min(draws, number or draws)
         axis = {"name": "who", "labels": [one.label for one in own], "rows": [one.changes for one in own]}
-        return carry_out(shipped(name, axis, most, **more), title, files.new_folder(folder / "runs"), jobs)
+        return carry_out(shipped(name, axis, maximum, **more), title, files.new_folder(folder / "runs"), jobs)
 
     return HeldOut(
         everybody,

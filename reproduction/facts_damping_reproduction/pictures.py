@@ -154,7 +154,7 @@ def distributions(title: str, shown: Sequence[tuple[ControllerId, Record]], sign
     axes: Any = figure.subplots(len(signals), len(shown), sharex=True, sharey=True, squeeze=False)
     for row, signal in zip(axes, signals, strict=True):
         found = [_distribution(record, signal) for _, record in shown]
-        most = max((float(np.abs(one.values).max()) for one in found if one is not None), default=0.0) or 1.0
+        maximum = max((float(np.abs(one.values).max()) for one in found if one is not None), default=0.0) or 1.0
         image = None
         for axis, one in zip(row, found, strict=True):
             if one is None:
@@ -162,7 +162,7 @@ def distributions(title: str, shown: Sequence[tuple[ControllerId, Record]], sign
                 continue
             extent = (one.time_s[0], one.time_s[-1], one.frequency_hz[0], one.frequency_hz[-1])
             image = axis.imshow(
-                one.values.T, cmap=MAP, vmin=-most, vmax=most, origin="lower", aspect="auto", extent=extent
+                one.values.T, cmap=MAP, vmin=-maximum, vmax=maximum, origin="lower", aspect="auto", extent=extent
             )
         if image is not None:
             figure.colorbar(image, ax=list(row), pad=0.01).set_label("W [(p.u.)²/Hz]", fontsize="x-small")

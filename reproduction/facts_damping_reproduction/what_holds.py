@@ -40,8 +40,8 @@ class Ranked(NamedTuple):
     over_none: Effect
     converged: int  # runs of `checked` that half the step leaves as they are
     checked: int
-    saturated: float  # share of the time at a limit, without an event
-    tripped: float  # share of the draws
+    saturated: float  # fraction of the time at a limit, without an event
+    tripped: float  # fraction of the draws
 
     @property
     def place(self) -> bool:

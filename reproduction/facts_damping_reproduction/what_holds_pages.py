@@ -115,10 +115,10 @@ def _signed(ratio: float) -> str:
 
 def span(one: Borne) -> str:
     """Up to which delay it is better than no control, ms."""
-    most = max(one.by_delay)
+    maximum = max(one.by_delay)
     if one.helps_to is None:
         return "none"
-    return f"{'> ' if one.helps_to == most else ''}{1000.0 * one.helps_to:.0f}"
+    return f"{'> ' if one.helps_to == maximum else ''}{1000.0 * one.helps_to:.0f}"
 
 
 def finalist_table(told: Judgement) -> str:

@@ -147,10 +147,10 @@ def test_saturation_duty_of_each_device(swing_record: Callable[..., Record]) -> 
 
 @given(values=st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=50))
 def test_cdf_is_the_share_that_is_not_above(values: list[float]) -> None:
-    x, share = cdf(np.array(values))
-    for one, part in zip(x, share, strict=True):
+    x, fraction = cdf(np.array(values))
+    for one, part in zip(x, fraction, strict=True):
         assert part <= np.mean(np.array(values) <= one) + 1e-12
-    assert share[-1] == 1.0
+    assert fraction[-1] == 1.0
     assert x.tolist() == sorted(values)
 
 

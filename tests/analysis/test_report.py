@@ -91,16 +91,16 @@ def unstable(record: Record) -> Record:
 
 
 @given(arrays(np.float64, st.integers(0, 4000), elements=st.floats(-1e6, 1e6, allow_nan=False)), st.integers(10, 500))
-def test_an_envelope_has_all_extremes_in_order_and_few_points(values: Any, most: int) -> None:
+def test_an_envelope_has_all_extremes_in_order_and_few_points(values: Any, maximum: int) -> None:
     x = np.arange(len(values), dtype=float)
-    at, shown = envelope(x, values, most)
-    assert len(at) == len(shown) <= max(most, min(len(x), most)) + 2
+    at, shown = envelope(x, values, maximum)
+    assert len(at) == len(shown) <= max(maximum, min(len(x), maximum)) + 2
     assert np.all(np.diff(at) >= 0)
     if len(values):
         assert (shown.max(), shown.min()) == (values.max(), values.min())
         assert np.isin(shown, values).all()
         assert np.isin(at, x).all()
-        size = -(-2 * len(x) // most) if len(x) > most else 1
+        size = -(-2 * len(x) // maximum) if len(x) > maximum else 1
         for time, value in zip(at, shown, strict=True):  # each value is from the block that it is drawn in
             block = int(time) // size * size
             assert value in values[block : block + size]
@@ -130,8 +130,8 @@ def test_a_long_trace_has_the_first_minute_after_the_event_in_full() -> None:
 
 def test_steps_are_the_distribution_and_few() -> None:
     values = np.sort(np.random.default_rng(1).gamma(2.0, 20.0, 50_000))
-    shares = np.arange(1, len(values) + 1) / len(values)
-    x, y = steps(np.append(values[0], values), np.append(0.0, shares), 600)
+    fractions = np.arange(1, len(values) + 1) / len(values)
+    x, y = steps(np.append(values[0], values), np.append(0.0, fractions), 600)
     assert len(x) <= 600
     assert (y[0], y[-1], x[-1]) == (0.0, 1.0, values[-1])
     asked = np.quantile(values, [0.1, 0.5, 0.9])

@@ -123,9 +123,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(method: str) -> None:
             ):
                 low, high = interval(value, error)
                 held.append(low <= true <= high)
-    share = np.mean(np.reshape(held, (200, 4)), axis=0)
-    assert (share >= 0.9).all()
-    assert (share <= 0.99).all()
+    fraction = np.mean(np.reshape(held, (200, 4)), axis=0)
+    assert (fraction >= 0.9).all()
+    assert (fraction <= 0.99).all()
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -41,7 +41,7 @@ WRONG_SIGN = "controllers.0.faults=[{kind: wrong_sign, start: 2}]"
 def told(ticks: int, **changes: Any) -> Any:
     """Rows of a supervisor in shadow that has found nothing."""
     made = np.zeros(ticks, SUPERVISION)
-    made["tick"], made["state"], made["share"] = np.arange(ticks), SHADOW, 1.0
+    made["tick"], made["state"], made["fraction"] = np.arange(ticks), SHADOW, 1.0
     made["cause"] = made["refused"] = NO_CAUSE
     for name in ("probe_gain", "probe_phase", "probe_coherence", "added_damping", "phase_margin", "gain_margin"):
         made[name] = np.nan
@@ -81,7 +81,7 @@ def test_changes_have_time_cause_value_and_the_run_s_limit(watched: Callable[[An
     assert [row["value"] for row in found["changes"]] == [None, 0.41, None, 0.21, None]
     assert (found["changes"][1]["limit"], found["changes"][1]["unit"]) == (0.4, "s")
     assert found["changes"][3]["limit"] == 0.05
-    assert found["shares"] == pytest.approx(
+    assert found["fractions"] == pytest.approx(
         {"disarmed": 0.25, "shadow": 0.025, "armed": 0.325, "fallback": 0.15, "tripped": 0.25}
     )
     assert (found["controller"], found["state"], found["trips"], found["probe"]) == (
@@ -145,7 +145,7 @@ def test_a_supervisor_that_fails_is_silent(watched: Callable[[Any], dict[str, An
         (19.5, "silent"),
     ]
     assert found["state"] == "silent"
-    assert sum(found["shares"].values()) == pytest.approx(len(kept) / 1200)
+    assert sum(found["fractions"].values()) == pytest.approx(len(kept) / 1200)
 
 
 def test_the_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:

@@ -114,7 +114,7 @@ def test_mutated_streams_end_nothing_and_are_counted() -> None:
             del raw[int(rng.integers(4, len(raw))) :]
         if i % 3 == 2:
             raw += raw[: int(rng.integers(len(raw)))]
-        if i % 2 and len(raw) >= frame.LEAST:
+        if i % 2 and len(raw) >= frame.MINIMUM:
             raw[0], raw[2:4] = frame.SYNC, len(raw).to_bytes(2, "big")
             raw[-2:] = crc_hqx(bytes(raw[:-2]), 0xFFFF).to_bytes(2, "big")
         given += 1

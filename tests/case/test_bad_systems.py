@@ -129,17 +129,17 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
     ),
     "negative inertia": ("two_area", {"machines.0.H": -6.5}, "machines.0.H: -6.5 given; allowed: greater than 0"),
     "no inertia": ("two_area", {"machines.0.H": 0.0}, "machines.0.H: 0.0 given; allowed: greater than 0"),
-    "shares above one": (
+    "fractions above one": (
         "two_area",
-        {"loads.0.P_shares": {"impedance": 0.5, "power": 0.6}},
-        "loads.0.P_shares: impedance + current + power must be 1, given 1.1",
+        {"loads.0.P_fractions": {"impedance": 0.5, "power": 0.6}},
+        "loads.0.P_fractions: impedance + current + power must be 1, given 1.1",
     ),
-    "shares below one": ("two_area", {"loads.1.Q_shares": {"current": 0.5}}, "loads.1.Q_shares: impedance + current"),
-    "no shares": ("two_area", {"loads.1.Q_shares": {}}, "must be 1, given 0"),
-    "negative share": (
+    "fractions below one": ("two_area", {"loads.1.Q_fractions": {"current": 0.5}}, "loads.1.Q_fractions: impedance + current"),
+    "no fractions": ("two_area", {"loads.1.Q_fractions": {}}, "must be 1, given 0"),
+    "negative fraction": (
         "two_area",
-        {"loads.1.Q_shares": {"impedance": 1.2, "power": -0.2}},
-        "loads.1.Q_shares.impedance: 1.2 given; allowed: less than or equal to 1",
+        {"loads.1.Q_fractions": {"impedance": 1.2, "power": -0.2}},
+        "loads.1.Q_fractions.impedance: 1.2 given; allowed: less than or equal to 1",
     ),
     "load that is an impedance from no voltage on": ("two_area", {"loads.1.V_min": 0.0}, "loads.1.V_min: 0.0 given"),
     "stabiliser of an unknown machine": (
@@ -305,7 +305,7 @@ def _polite() -> Iterator[None]:
         "two in one line",
         "statcom without a limit of its current",
         "negative inertia",
-        "shares above one",
+        "fractions above one",
         "stabiliser without an exciter",
         "slack machine beside an infinite bus",
     ],

@@ -54,7 +54,7 @@ def test_the_deployment_has_what_its_page_says() -> None:
     assert case.run.load_noise is not None
     assert all(one.enabled for one in case.system.governors)
     assert [one.enabled for one in case.system.stabilisers] == [True, False, True, False]
-    assert {one.P_shares.current for one in case.system.loads} == {1.0}
+    assert {one.P_fractions.current for one in case.system.loads} == {1.0}
     assert {(one.response_time, one.dead_time) for one in case.system.devices} == {(0.015, 0.002)}
     assert [one.model_dump()["g"] for one in case.system.devices] == [0.004, 0.01]
     assert case.controllers[0].signals == ["frequency"]

@@ -33,8 +33,8 @@ REFUSED: list[tuple[list[str], str]] = [
     ([ON, "supervision.monitors=all"], "supervision.monitors"),
     ([ON, "supervision.arming.ramp=-1"], "supervision.arming.ramp: -1 given"),
     ([ON, "supervision.arming.recovery=soon"], "supervision.arming.recovery: 'soon' given"),
-    ([ON, "supervision.authority.share=0"], "supervision.authority.share: 0 given"),
-    ([ON, "supervision.authority.share=1.01"], "supervision.authority.share: 1.01 given"),
+    ([ON, "supervision.authority.fraction=0"], "supervision.authority.fraction: 0 given"),
+    ([ON, "supervision.authority.fraction=1.01"], "supervision.authority.fraction: 1.01 given"),
     ([ON, "supervision.authority.rate=0"], "supervision.authority.rate: 0 given"),
     ([ON, "supervision.authority.energy=61"], "supervision.authority.energy: 61 given"),
     ([ON, "supervision.probe.amplitude=0.6"], "supervision.probe.amplitude: 0.6 given"),
@@ -100,8 +100,8 @@ def test_a_probe_that_is_not_over_when_a_controller_is_to_be_armed_is_refused(se
     case = load_case(None, sets)
     with pytest.raises(InputError, match=said) as caught:
         build_supervisors(case)
-    least = str(caught.value).split()[-2]
-    build_supervisors(load_case(None, [*sets, f"arm_at={least}"]))
+    minimum = str(caught.value).split()[-2]
+    build_supervisors(load_case(None, [*sets, f"arm_at={minimum}"]))
 
 
 def test_a_probe_needs_a_mode(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import pytest
 from facts_damping.analysis.measures import columns, event_times, speed_differences
 from facts_damping.analysis.verdict import DAMPED, judge
 from facts_damping.case.loading import load_case
-from facts_damping.control.compensation import MOST_LEAD, compensate, compensators, lead, phasor
+from facts_damping.control.compensation import MAX_LEAD, compensate, compensators, lead, phasor
 from facts_damping.control.table import COMPENSATION_PARAMETERS, SETTINGS
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
@@ -64,8 +64,8 @@ def test_lead_off_the_mode_is_what_its_transfer_function_says(omega: float) -> N
 
 
 def test_lead_stays_at_what_two_sections_reach() -> None:
-    assert led(3.0).tobytes() == led(2.0 * MOST_LEAD).tobytes()
-    assert not np.array_equal(led(2.0 * MOST_LEAD), led(1.9 * MOST_LEAD))
+    assert led(3.0).tobytes() == led(2.0 * MAX_LEAD).tobytes()
+    assert not np.array_equal(led(2.0 * MAX_LEAD), led(1.9 * MAX_LEAD))
 
 
 def test_lead_starts_at_rest() -> None:

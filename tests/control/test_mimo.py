@@ -79,9 +79,9 @@ class Reference:
         swing = np.array([1.0, RATIO * 1j])
         change = np.array(scale) * CHANGE_SCALE / SCALE
         phasors = np.stack([swing / scale, swing * (1 - 1 / TURN) / change], axis=1).ravel()
-        share = np.cos(np.angle(phasors) - np.angle(phasors[0] + phasors[1]))
-        share[:2] = 1.0
-        self.h = np.outer(share * spread, [-1, 1])
+        fraction = np.cos(np.angle(phasors) - np.angle(phasors[0] + phasors[1]))
+        fraction[:2] = 1.0
+        self.h = np.outer(fraction * spread, [-1, 1])
         self.s = np.full((m, 2), width)
         self.w = np.zeros((2, k, 1 + m))
         self.w[:, :, 0] = np.outer([-1, 1], -np.array(weight))

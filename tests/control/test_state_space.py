@@ -12,7 +12,7 @@ from scipy.signal import dlsim
 
 from facts_damping.control.bank import act, bank
 from facts_damping.control.inputs import IMPLAUSIBLE
-from facts_damping.control.state_space import MOST_MISSED, StateSpace
+from facts_damping.control.state_space import MAX_MISSED, StateSpace
 from facts_damping.control.table import defaults, kind
 from facts_damping.parameters.run import Controller
 from facts_damping.signals import NANOSECONDS, SETPOINT
@@ -135,7 +135,7 @@ def test_after_a_very_long_gap_it_begins_anew() -> None:
     one, y = Given(own, LIMITS), np.array([1e-3])
     first = one.frame(0, y)
     one.frame(1, 5 * y)
-    assert one.frame(2 + MOST_MISSED, y) == first
+    assert one.frame(2 + MAX_MISSED, y) == first
     assert one.frame(100 * NANOSECONDS // FRAMES, y) == first  # a spoofed stamp, days ahead
 
 

@@ -79,7 +79,7 @@ def build(
 
     Args:
         base: system base, MVA; governors need that of their machine
-        P: shares of constant power, current and impedance in the loads' active power
+        P: fractions of constant power, current and impedance in the loads' active power
         Q: the same for their reactive power
         controls: models of ANDES at every machine and their data; a dict has a value for each machine
         taps: transformers in the place of those of the same name, or beside them

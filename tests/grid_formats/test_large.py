@@ -14,7 +14,7 @@ from facts_damping.case.loading import load_system, make_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.small_signal import modal_analysis, modal_pictures, one_line
-from facts_damping.small_signal.modal_analysis import MOST_MACHINES, MOST_MODES, MOST_RESIDUES
+from facts_damping.small_signal.modal_analysis import MAX_MACHINES, MAX_MODES, MAX_RESIDUES
 from tests.andes_cases import CASES
 
 if TYPE_CHECKING:
@@ -47,15 +47,15 @@ def record(system_file: Path) -> Record:
 def test_the_modes_of_a_large_grid_fit_the_eye(modal: Modal, tmp_path: Path) -> None:
     lines = list(modal_analysis.modes_text(modal))
     assert len(lines) < 450
-    assert sum(line.startswith("\n") and "swing against each other" in line for line in lines) == MOST_MODES
+    assert sum(line.startswith("\n") and "swing against each other" in line for line in lines) == MAX_MODES
     assert any(line.startswith("and ") and line.endswith("all in --json") for line in lines)
     few = dict(list(modal.system.signals.items())[:2])  # zeros of a transfer function of 500 states take a while
     document = modal_analysis.document(modal._replace(system=modal.system.model_copy(update={"signals": few})))
     rows = [len(mode["residues"]) for mode in document["modes"] if mode["residues"]]
     assert set(rows) == {47}  # all of them
-    assert max(line.count(",") for line in lines if line.startswith("  G")) <= MOST_MACHINES
+    assert max(line.count(",") for line in lines if line.startswith("  G")) <= MAX_MACHINES
     tables = "\n".join(lines).split("residue 1/s")[1:]
-    assert all(table.count("  damper ") == MOST_RESIDUES for table in tables)
+    assert all(table.count("  damper ") == MAX_RESIDUES for table in tables)
     assert modal_analysis.shown_modes(modal) == sorted(
         modal_analysis.shown_modes(modal), key=lambda mode: mode.damping_ratio
     )

@@ -89,7 +89,7 @@ def various() -> Row:
     system["exciters"] = [{**FEEDBACK, "machine": "G2"}, {**DC, "machine": "G3"}, {**STATIC, "machine": "G4"}]
     system["stabilisers"] = [{"machine": "G2", "K": 5.0}, {"machine": "G4", "T1": 0.1, "T2": 0.03}]
     system["governors"] = [{"machine": "G1", "Dt": 0.5}, {"machine": "G3", "r": 0.3, "Tw": 1.5, "R": 0.04}]
-    system["loads"] = [{**row, "P_shares": MIXED_P, "Q_shares": MIXED_Q} for row in system["loads"]]
+    system["loads"] = [{**row, "P_fractions": MIXED_P, "Q_fractions": MIXED_Q} for row in system["loads"]]
     return system
 
 
@@ -284,17 +284,17 @@ CASES: dict[str, Case] = {
     "in_lines_limited": Case(in_lines_limited, [fault()], BEYOND, 1.5, 5e-8),
     "in_lines_out": Case(in_lines, OUT_AND_IN, IN_LINES, 1.6, 1e-8),
     "dc": Case(lambda: content("kundur_12_6_dc"), [fault(bus="B8")], {}, 3.0, 1e-9),
-    "current": Case(lambda: kundur(load={"P_shares": CURRENT}), [fault()], {}, 1.2, 1e-9),
-    "mixture": Case(lambda: kundur(load={"P_shares": MIXED_P, "Q_shares": MIXED_Q}), [fault()], {}, 1.2, 1e-9),
+    "current": Case(lambda: kundur(load={"P_fractions": CURRENT}), [fault()], {}, 1.2, 1e-9),
+    "mixture": Case(lambda: kundur(load={"P_fractions": MIXED_P, "Q_fractions": MIXED_Q}), [fault()], {}, 1.2, 1e-9),
     "power": Case(
-        lambda: kundur(load={"P_shares": POWER, "Q_shares": POWER}, exciters=at_all(**STATIC)),
+        lambda: kundur(load={"P_fractions": POWER, "Q_fractions": POWER}, exciters=at_all(**STATIC)),
         [fault(duration=0.05)],
         {},
         1.1,
         1e-9,
     ),
     "nominal": Case(
-        lambda: kundur(load={"P_shares": MIXED_P, "Q_shares": CURRENT, "at": "nominal", "V_min": 0.8}),
+        lambda: kundur(load={"P_fractions": MIXED_P, "Q_fractions": CURRENT, "at": "nominal", "V_min": 0.8}),
         [fault()],
         {},
         1.2,
@@ -335,7 +335,7 @@ CASES: dict[str, Case] = {
     "reduction_limited": Case(reduced, [fault()], {}, 1.5, 1e-6),
     "trip": Case(
         lambda: kundur(
-            load={"P_shares": CURRENT}, exciters=at_all(**STATIC, minimum=-5.0, maximum=6.0), governors=at_all()
+            load={"P_fractions": CURRENT}, exciters=at_all(**STATIC, minimum=-5.0, maximum=6.0), governors=at_all()
         ),
         TRIP,
         {},

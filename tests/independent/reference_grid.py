@@ -74,9 +74,9 @@ def timeline(events: Sequence[Event]) -> list[tuple[float, Stage]]:
     return stages
 
 
-def pi_section(line: Line, share: float, line_model: str) -> tuple[complex, complex]:
-    """Series and one shunt admittance of a share of a line's length."""
-    z, y = complex(line.r, line.x) * line.length * share, 1j * line.b * line.length * share
+def pi_section(line: Line, fraction: float, line_model: str) -> tuple[complex, complex]:
+    """Series and one shunt admittance of a fraction of a line's length."""
+    z, y = complex(line.r, line.x) * line.length * fraction, 1j * line.b * line.length * fraction
     if line_model == "distributed" and y:
         characteristic, g = cmath.sqrt(z / y), cmath.sqrt(z * y)
         # From V1 = cosh(g) V2 + Zc sinh(g) I2: series Zc sinh(g), shunt (cosh(g) - 1)/(Zc sinh(g)).
@@ -118,8 +118,8 @@ class Grid:
             self.Y[at, at] += 1.0 / impedance if impedance else 0.0
         self.bolted = sorted(at for at, impedance in present.items() if not impedance)
 
-    def _line(self, system: System, line: Line, share: float, start: str, stop: str) -> None:
-        series, shunt = pi_section(line, share, system.line_model)
+    def _line(self, system: System, line: Line, fraction: float, start: str, stop: str) -> None:
+        series, shunt = pi_section(line, fraction, system.line_model)
         both = [self.row[start], self.row[stop]]
         self.Y[np.ix_(both, both)] += [[series + shunt, -series], [-series, series + shunt]]
 
@@ -133,8 +133,8 @@ class Loads:
         self.at = np.array([buses.index(load.bus) for load in system.loads], dtype=int)
         self.S = np.array([complex(load.P, load.Q) / system.base_power for load in system.loads], complex)
         self.nominal = np.array([load.at == "nominal" for load in system.loads], dtype=bool)
-        self.P_shares = np.array([list(load.P_shares.model_dump().values()) for load in system.loads]).reshape(-1, 3).T
-        self.Q_shares = np.array([list(load.Q_shares.model_dump().values()) for load in system.loads]).reshape(-1, 3).T
+        self.P_fractions = np.array([list(load.P_fractions.model_dump().values()) for load in system.loads]).reshape(-1, 3).T
+        self.Q_fractions = np.array([list(load.Q_fractions.model_dump().values()) for load in system.loads]).reshape(-1, 3).T
         self.V_min = np.array([load.V_min for load in system.loads])
         self.V0 = np.ones(len(system.loads))
 
@@ -142,8 +142,8 @@ class Loads:
         """Current drawn by each load: the conjugate of S/V, written with S/|V|^2 so that V = 0 has an answer."""
         at = V[self.at]
         r = np.maximum(np.abs(at) / self.V0, self.V_min)
-        G = self.P_shares[0] + self.P_shares[1] / r + self.P_shares[2] / r**2
-        B = self.Q_shares[0] + self.Q_shares[1] / r + self.Q_shares[2] / r**2
+        G = self.P_fractions[0] + self.P_fractions[1] / r + self.P_fractions[2] / r**2
+        B = self.Q_fractions[0] + self.Q_fractions[1] / r + self.Q_fractions[2] / r**2
         return np.asarray(scale * (self.S.real * G - 1j * self.S.imag * B) * at / self.V0**2)
 
 

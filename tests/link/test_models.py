@@ -1,4 +1,4 @@
-"""What each kind of stage does: moments and shares against the textbook, order, alignment, disturbed data, changes."""
+"""What each kind of stage does: moments and fractions against the textbook, order, alignment, disturbed data, changes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RATE, STATIONS, DEVICES = 50, 3, 2
 SOUND = np.zeros(STATIONS, np.int64)  # status of entries
 CROWD = 30  # stations, of which one frame gives many draws
 PERIOD_NS = 20_000_000
-MANY = 2_000  # frames of the crowd of which shares are taken
+MANY = 2_000  # frames of the crowd of which fractions are taken
 one_stage: TypeAdapter[Any] = TypeAdapter(Stage)
 
 
@@ -147,17 +147,17 @@ def test_losses_come_in_bursts_of_the_length_that_the_chain_has() -> None:
     for own in there.T:
         edges = np.flatnonzero(np.diff(np.concatenate([[True], own, [True]])))
         lengths += (edges[1::2] - edges[::2]).tolist()
-    share, both = p_gb / (p_gb + p_bg), p_gb + p_bg
-    error = math.sqrt(share * (1.0 - share) / there.size * (2.0 - both) / both)  # of a chain of two states
-    assert abs((~there).mean() - share) < 3.0 * error
+    fraction, both = p_gb / (p_gb + p_bg), p_gb + p_bg
+    error = math.sqrt(fraction * (1.0 - fraction) / there.size * (2.0 - both) / both)  # of a chain of two states
+    assert abs((~there).mean() - fraction) < 3.0 * error
     spread = math.sqrt((1.0 - p_bg) / p_bg**2 / len(lengths))
     assert abs(np.mean(lengths) - 1.0 / p_bg) < 3.0 * spread
 
 
 def test_a_good_state_may_lose_and_a_bad_one_may_deliver() -> None:
     stage = {"model": "gilbert_elliott", "p_GB": 0.1, "p_BG": 0.1, "loss_G": 0.05, "loss_B": 0.5}
-    there, share = len(up([stage], MANY, stations=CROWD)) / (MANY * CROWD), (0.05 + 0.5) / 2.0
-    assert abs(1.0 - there - share) < 3.0 * math.sqrt(share / (MANY * CROWD) * (2.0 - 0.2) / 0.2)
+    there, fraction = len(up([stage], MANY, stations=CROWD)) / (MANY * CROWD), (0.05 + 0.5) / 2.0
+    assert abs(1.0 - there - fraction) < 3.0 * math.sqrt(fraction / (MANY * CROWD) * (2.0 - 0.2) / 0.2)
 
 
 def test_copies_go_their_own_way() -> None:
@@ -316,14 +316,14 @@ def added(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> NDArra
 
 
 def test_flipped_bits_are_one_of_an_entry_and_as_many_as_is_said() -> None:
-    n, share = 4000, 0.1
-    series = added([{"model": "flip", "probability": share}], n)
+    n, fraction = 4000, 0.1
+    series = added([{"model": "flip", "probability": fraction}], n)
     words = series.view(np.int64)
     turned = np.array([int(word).bit_count() for word in np.abs(words.ravel())]).reshape(words.shape)
     negative = words < 0  # of zero the sign's bit alone
     entries = ((turned > 0) | negative).sum(axis=2)
     assert set(np.unique(entries)) == {0, 1}
-    assert abs(entries.mean() - share) < 4.0 * math.sqrt(share * (1.0 - share) / entries.size)
+    assert abs(entries.mean() - fraction) < 4.0 * math.sqrt(fraction * (1.0 - fraction) / entries.size)
     bits = np.unique(words)
     assert {int(word) & (2**64 - 1) for word in bits} <= {0, *(1 << k for k in range(64))}
     assert len(bits) > 60
@@ -433,7 +433,7 @@ def stage(model: str, **fields: Any) -> st.SearchStrategy[dict[str, Any]]:
     return st.fixed_dictionaries({"model": st.just(model), **some, **fields})
 
 
-delays, shares = st.floats(0.0, 1.0), st.floats(0.0, 1.0)
+delays, fractions = st.floats(0.0, 1.0), st.floats(0.0, 1.0)
 anything = st.one_of(
     stage("constant", delay=delays),
     stage("uniform", low=st.floats(0.0, 0.1), high=st.floats(0.1, 1.0)),
@@ -441,9 +441,9 @@ anything = st.one_of(
     stage("gamma", delay=delays, shape=st.floats(0.1, 9.0), scale=st.floats(0.0, 0.2)),
     stage("lognormal", median=st.floats(0.0, 0.3), sigma=st.floats(0.0, 3.0)),
     stage("trace", delays=st.lists(st.none() | delays, min_size=1, max_size=9)),
-    stage("bernoulli", loss=shares),
-    stage("gilbert_elliott", p_GB=shares, p_BG=shares),
-    stage("duplicate", probability=shares),
+    stage("bernoulli", loss=fractions),
+    stage("gilbert_elliott", p_GB=fractions, p_BG=fractions),
+    stage("duplicate", probability=fractions),
     stage("in_order"),
     stage("playout", delay=delays),
     stage("freeze"),

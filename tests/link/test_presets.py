@@ -165,8 +165,8 @@ BAD: list[tuple[Any, str]] = [
     ({"up": [{"delay": -1.0}]}, "link.up.0.delay: -1.0 given; allowed: greater than or equal to 0"),
     ({"up": [{"model": "bernoulli", "loss": 1.5}]}, "link.up.0.loss: 1.5 given; allowed: less than or equal to 1"),
     (
-        {"up": [{"model": "bernoulli", "share": 0.5, "loss": 0.5}]},
-        "link.up.0.share: 0.5 given; allowed for model bernoulli: stage, channels",
+        {"up": [{"model": "bernoulli", "fraction": 0.5, "loss": 0.5}]},
+        "link.up.0.fraction: 0.5 given; allowed for model bernoulli: stage, channels",
     ),
     ({"down": [{"model": "wait", "wait": 0.1}]}, "down.0.model: 'wait' given; allowed: up only"),
     ({"down": [{"model": "freeze", "measurement": "active_power"}]}, "down.0.measurement: given; allowed: up only"),

@@ -151,11 +151,11 @@ def test_where_nothing_fires_the_output_is_zero_and_nothing_is_learnt() -> None:
 @given(x=st.floats(-3, 3))
 def test_splines_are_a_partition_of_unity(x: float) -> None:
     for function in (spline, nearest_point):
-        shares = np.zeros(POINTS)
-        value, _ = function(np.ones(POINTS), x, shares)
+        fractions = np.zeros(POINTS)
+        value, _ = function(np.ones(POINTS), x, fractions)
         assert value == pytest.approx(1.0, abs=1e-15)
-        assert shares.sum() == pytest.approx(1.0, abs=1e-15)
-        assert (shares >= 0).all()
+        assert fractions.sum() == pytest.approx(1.0, abs=1e-15)
+        assert (fractions >= 0).all()
 
 
 def test_an_interpolated_spline_is_scipys() -> None:

@@ -34,7 +34,7 @@ IN_2038 = 2_145_916_800 * NANOSECONDS
 FLOATS = (0.0, -0.0, 0.05, -0.1, 1e308, float("nan"), float("inf"), -float("inf"), 5e-324)
 NAMES = ("", "G1", "sssc", "statcom", "wan_link", "controller_0_LLC", "B8W", "\n", "x" * 300, "ünï\t", "\x00")
 RAW = 3  # one in so many is no message at all
-MOST = 12  # entries of a sequence
+MAXIMUM = 12  # entries of a sequence
 
 
 def value(rng: Generator, kind: Any, field: str) -> Any:
@@ -56,7 +56,7 @@ def value(rng: Generator, kind: Any, field: str) -> Any:
     if isinstance(kind, Array):
         return [value(rng, kind.value_type, field) for _ in range(kind.size)]
     if isinstance(kind, AbstractSequence):
-        return [value(rng, kind.value_type, field) for _ in range(rng.integers(MOST))]
+        return [value(rng, kind.value_type, field) for _ in range(rng.integers(MAXIMUM))]
     return str(NAMES[rng.integers(len(NAMES))])
 
 

@@ -190,10 +190,10 @@ def test_real_time_with_own_links_loses_nothing_and_its_recording_may_be_cut(tmp
     assert (outcome.messages_lost, outcome.deadline_misses) == (0, 0)
     file, computed, ticks = next(outcome.recording.glob("*.mcap")), loop.run(case), [0]
     assert_same(load(outcome.recording), computed)
-    for share in (0.3, 0.5, 0.7):
+    for fraction in (0.3, 0.5, 0.7):
         cut = tmp_path / "cut.mcap"
         shutil.copy(file, cut)
-        os.truncate(cut, int(share * file.stat().st_size))
+        os.truncate(cut, int(fraction * file.stat().st_size))
         recorded = load(cut)
         ticks.append(len(recorded.time_ns))
         assert any("the end is missing" in note for note in recorded.notes)

@@ -18,7 +18,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import DEGRADED, main
 from facts_damping.nodes.admission.message_filter import MessageFilter
 from facts_damping.nodes.admission.publishers import KNOW_S
-from facts_damping.nodes.admission.refusals import MOST, TELL_S
+from facts_damping.nodes.admission.refusals import MAXIMUM, TELL_S
 from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import SUBSCRIBER_QOS
 from facts_damping.nodes.transport.cdr import Refused
@@ -121,10 +121,10 @@ def test_who_publishes_is_known_and_counts_up(node: Node) -> None:
     assert not one.send(b"1", OWN, 5)
     assert one.send(b"1", OWN, 6)
     assert sorted(one.causes()) == ["publisher", "sequence"]
-    for i in range(2 * MOST):
+    for i in range(2 * MAXIMUM):
         one.send(b"2", i.to_bytes(16, "big"))
-    assert len(one.message_filter.refusals._refused) <= MOST + 1
-    assert one.message_filter.refusals._refused.total() == 2 * MOST + 2
+    assert len(one.message_filter.refusals._refused) <= MAXIMUM + 1
+    assert one.message_filter.refusals._refused.total() == 2 * MAXIMUM + 2
 
 
 def sound(data: bytes) -> tuple[int]:

@@ -310,9 +310,9 @@ def test_a_database_that_is_cut_is_read_up_to_there_or_refused(
     (file,) = bag.glob("*.db3")
     data = file.read_bytes()
     run, whole = str(graphs["decentralised"].parent / "run.yaml"), load(bag)
-    for share in np.linspace(0.0, 1.0, 24, endpoint=False):
+    for fraction in np.linspace(0.0, 1.0, 24, endpoint=False):
         cut = tmp_path / "cut.db3"
-        cut.write_bytes(data[: int(share * len(data))])
+        cut.write_bytes(data[: int(fraction * len(data))])
         status = main(["replay", str(cut), "--run", run])
         assert status in (0, 2)
         if status == 0:

@@ -276,12 +276,12 @@ def test_a_limited_state_stays_within_its_limits_and_leaves_them_at_once(errors:
 
 
 @pytest.mark.parametrize(
-    ("loading", "share"),
+    ("loading", "fraction"),
     [(-0.1, 1.0), (0.0, 1.0), (0.2, 0.8846), (0.433, 0.7502), (0.6, 0.6245), (0.75, 0.4330), (0.9, 0.1732), (1.2, 0.0)],
 )
-def test_a_rectifier_is_that_of_the_standard(loading: float, share: float) -> None:
+def test_a_rectifier_is_that_of_the_standard(loading: float, fraction: float) -> None:
     """IEEE Std 421.5, annex D: three modes of commutation."""
-    assert blocks._rectified(2.0, 2.0 * loading) == pytest.approx(2.0 * share, abs=2e-4)
+    assert blocks._rectified(2.0, 2.0 * loading) == pytest.approx(2.0 * fraction, abs=2e-4)
 
 
 def test_the_source_of_a_compound_exciter_is_that_of_the_standard() -> None:
@@ -312,5 +312,5 @@ def test_what_cannot_be_is_refused() -> None:
 def test_blocks_fit_into_their_rows() -> None:
     for model in MODELS:
         control = block_controls.control(made(model))
-        assert control.rows["inputs"].max() <= blocks.MOST_INPUTS
+        assert control.rows["inputs"].max() <= blocks.MAX_INPUTS
         assert len(set(control.states)) == len(control.states)

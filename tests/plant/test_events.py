@@ -73,7 +73,7 @@ def test_a_line_that_goes_out_and_comes_in_leaves_no_trace() -> None:
 
 
 def test_steps_are_relative_to_the_start() -> None:
-    """A second step replaces the first: both are shares of what was at the start."""
+    """A second step replaces the first: both are fractions of what was at the start."""
     rows = [
         at(1.0, "load_step", load="load_2", change=-0.1),
         at(2.0, "load_step", load="load_2", change=0.2),

@@ -47,7 +47,7 @@ def test_the_books_equations_with_thyristor_exciters_give_the_books_eigenvalues(
 @pytest.mark.parametrize("name", kundur_circuits.SYSTEMS)
 def test_without_saturation_the_plant_with_exciters_has_the_books_equations(name: str) -> None:
     found = kundur_circuits.eigenvalues(shipped(name), None)
-    fields = [{**load.model_dump(), "P_shares": CURRENT, "Q_shares": IMPEDANCE} for load in shipped(name).loads]
+    fields = [{**load.model_dump(), "P_fractions": CURRENT, "Q_fractions": IMPEDANCE} for load in shipped(name).loads]
     ours = np.asarray(np.linalg.eigvals(linearise(plant(changed(shipped(name), loads=fields)))[0]))
     assert furthest(far(found, leave=2), far(ours, leave=2)) < 1e-4
 

@@ -61,7 +61,7 @@ def test_a_load_step_ends_at_the_frequency_at_which_the_load_draws_what_it_did(c
 def test_reactive_power_follows_the_frequency_by_its_own_factor() -> None:
     """With kqf alone and a lossless machine, P and so the speed stay; off the nominal speed Q does what it should."""
     event = {"time": 1.0, "kind": "mechanical_power_step", "machine": "G", "change": 1e-4}
-    record = run([event], Q=30.0, Q_shares={"power": 1.0}, kqf=-2.0)
+    record = run([event], Q=30.0, Q_fractions={"power": 1.0}, kqf=-2.0)
     speed, drawn = record.machines["speed_deviation"][:, 0], record.frames[:, 0, 4]
     assert speed[-1] == pytest.approx(1e-4 * P * 59 / (2 * H), rel=1e-3)
     assert drawn[-1] == pytest.approx(0.3 * (1 - 2.0 * speed[-1]), rel=1e-6)  # the filter is 40 ms late

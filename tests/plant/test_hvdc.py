@@ -133,8 +133,8 @@ def test_its_modulation_is_that_of_the_swing_equation(
     gain = 5.0
     closed = modal.model.A + gain * modal.model.B @ modal.model.C
     damped = np.linalg.eigvals(closed)
-    least = damped[np.abs(damped.imag) > 1.0]
-    assert least.real == pytest.approx(-gain * slope / 2.0, rel=1e-3)
+    minimum = damped[np.abs(damped.imag) > 1.0]
+    assert minimum.real == pytest.approx(-gain * slope / 2.0, rel=1e-3)
 
 
 @cache
@@ -143,7 +143,7 @@ def as_loads() -> System:
     system = shipped("two_area_hvdc")
     q = tangent(0.9)
     given_there = 2.0 * (1.0 - 0.015) - 0.01 * 2.0**2
-    constant = {"P_shares": {"power": 1.0}, "Q_shares": {"power": 1.0}, "V_min": 0.7}
+    constant = {"P_fractions": {"power": 1.0}, "Q_fractions": {"power": 1.0}, "V_min": 0.7}
     loads = [
         *(load.model_dump() for load in system.loads),
         {"name": "rectifier", "bus": "B7", "P": 200.0, "Q": 200.0 * q, **constant},

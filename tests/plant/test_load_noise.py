@@ -90,7 +90,7 @@ def test_the_machine_gives_what_the_load_draws(rate: int) -> None:
 
 def test_an_impedance_is_scaled_as_a_whole() -> None:
     """P + j Q over |V|^2, at 60 Hz as the frames have it; V0 is 1 p.u."""
-    asked = case(P_shares={"impedance": 1.0}, Q=20.0)
+    asked = case(P_fractions={"impedance": 1.0}, Q=20.0)
     drawn = draw(asked.run.load_noise, asked.system.loads, 2.0, 3)["load"][::2]
     frame = loop.run(asked).frames[:, 0]
     for channel, power, own in ((3, P, 0), (4, 0.2, 1)):

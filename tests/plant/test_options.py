@@ -56,8 +56,8 @@ def machines(**fields: Any) -> dict[str, Any]:
 
 
 def loads(P: dict[str, float], Q: dict[str, float], **fields: Any) -> dict[str, Any]:
-    """The loads with shares of their active and reactive power."""
-    return {"loads": [{**load.model_dump(), "P_shares": P, "Q_shares": Q, **fields} for load in system().loads]}
+    """The loads with fractions of their active and reactive power."""
+    return {"loads": [{**load.model_dump(), "P_fractions": P, "Q_fractions": Q, **fields} for load in system().loads]}
 
 
 def tapped() -> dict[str, Any]:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from tests.plant.running import Trace
 
 BOTH = ["sssc", "statcom"]
-POWER = {"P_shares": {"power": 1.0}, "Q_shares": {"power": 1.0}}
+POWER = {"P_fractions": {"power": 1.0}, "Q_fractions": {"power": 1.0}}
 
 SVC = {
     "name": "svc",
@@ -68,8 +68,8 @@ MACHINES: list[dict[str, Any]] = [
 
 
 @st.composite
-def shares(draw: st.DrawFn) -> dict[str, float]:
-    """Shares of impedance, current and power."""
+def fractions(draw: st.DrawFn) -> dict[str, float]:
+    """Fractions of impedance, current and power."""
     first, second = sorted((draw(st.floats(0, 1)), draw(st.floats(0, 1))))
     return {"impedance": first, "current": second - first, "power": 1 - second}
 
@@ -80,13 +80,13 @@ def systems(draw: st.DrawFn) -> System:
     rows = shipped("two_area").model_dump(by_alias=True)
     for load in rows["loads"]:
         load |= {
-            "P_shares": draw(shares()),
-            "Q_shares": draw(shares()),
+            "P_fractions": draw(fractions()),
+            "Q_fractions": draw(fractions()),
             "V_min": draw(st.floats(0.5, 0.9)),
             "at": draw(st.sampled_from(["nominal", "solved"])),
         }
     rows["loads"].append(
-        {"name": "load_3", "bus": "B6", "P": 80.0, "Q": draw(st.floats(-40, 40)), "P_shares": draw(shares())}
+        {"name": "load_3", "bus": "B6", "P": 80.0, "Q": draw(st.floats(-40, 40)), "P_fractions": draw(fractions())}
     )
     rows["machines"] = [{**m, **draw(st.sampled_from(MACHINES))} for m in rows["machines"]]
     taps = [{"tap": draw(st.floats(0.97, 1.03)), "phase_shift": draw(st.floats(-3, 3))} for _ in rows["transformers"]]
@@ -98,8 +98,8 @@ def zip_power(load: Load, voltage: NDArray[np.float64], reference: float) -> NDA
     """What a load draws at voltages |V|, p.u.: P [z r^2 + i r + p], below V_min P [z + (i V_min + p) / V_min^2] r^2."""
     r, low = voltage / reference, load.V_min
     drawn = []
-    for share, rated in ((load.P_shares, load.P), (load.Q_shares, load.Q)):
-        z, i, p = share.impedance, share.current, share.power
+    for fraction, rated in ((load.P_fractions, load.P), (load.Q_fractions, load.Q)):
+        z, i, p = fraction.impedance, fraction.current, fraction.power
         drawn.append(rated / 100 * np.where(r >= low, z * r**2 + i * r + p, (z + (i * low + p) / low**2) * r**2))
     return np.asarray(drawn[0] + 1j * drawn[1])
 
@@ -258,7 +258,7 @@ def of_all_kinds() -> Built:
     system = shipped("two_area")
     machines = [{**m.model_dump(), "Xq2": 0.22 if m.name == "G3" else 0.25} for m in system.machines]
     mixed = {"impedance": 0.2, "current": 0.5, "power": 0.3}
-    loads = [{**load.model_dump(), "P_shares": mixed, "Q_shares": {"power": 1.0}} for load in system.loads]
+    loads = [{**load.model_dump(), "P_fractions": mixed, "Q_fractions": {"power": 1.0}} for load in system.loads]
     devices = [*(d.model_dump(by_alias=True) for d in system.devices), SVC, HVDC]
     return plant(changed(system, machines=machines, loads=loads, devices=devices), installed=[*BOTH, "svc", "hvdc"])
 

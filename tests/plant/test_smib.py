@@ -59,10 +59,10 @@ def test_loading_is_the_scenario_s_dispatch(loading: str) -> None:
     """0.75, 0.4, 1.0 of 2100 MVA at the machine's terminals; the infinite bus takes what load and losses leave."""
     system = shipped("smib", None, loading)
     built = plant(system)
-    share = {"nominal": 0.75, "light": 0.4, "heavy": 1.0}[loading]
-    assert built.flow.generation["G1"].real == pytest.approx(21 * share, abs=1e-9)
+    fraction = {"nominal": 0.75, "light": 0.4, "heavy": 1.0}[loading]
+    assert built.flow.generation["G1"].real == pytest.approx(21 * fraction, abs=1e-9)
     trace = follow(built, [0.0])
-    assert trace.frames[0, 0, ACTIVE] == pytest.approx(21 * share, abs=1e-9)
+    assert trace.frames[0, 0, ACTIVE] == pytest.approx(21 * fraction, abs=1e-9)
     load = 2.5 * abs(built.flow.voltage[1]) ** 2
     losses = built.flow.generation["G1"] + built.flow.generation["GRID"] - load
     assert 0.1 < losses.real < 0.05 * 21
@@ -205,12 +205,12 @@ def test_classical_machine_swings_with_the_textbook_s_frequency() -> None:
     assert swing(textbook()) == pytest.approx((expected, 0), abs=1e-8)
 
 
-@pytest.mark.parametrize(("share", "stable"), [(0.998, True), (1.002, False)])
-def test_critical_clearing_time_is_that_of_equal_areas(share: float, *, stable: bool) -> None:
+@pytest.mark.parametrize(("fraction", "stable"), [(0.998, True), (1.002, False)])
+def test_critical_clearing_time_is_that_of_equal_areas(fraction: float, *, stable: bool) -> None:
     """A fault at the infinite bus leaves Pe = 0: cos(d_c) = (pi - 2 d_0) sin(d_0) - cos(d_0) (Kundur 1994, 13.1)."""
     _, delta = textbook_start()
     critical = math.acos((math.pi - 2 * delta) * math.sin(delta) - math.cos(delta))
     time = math.sqrt(4 * H * (critical - delta) / (2 * math.pi * 60 * P))
-    fault = {"time": 0.1, "kind": "fault", "bus": "B4", "duration": share * time}
+    fault = {"time": 0.1, "kind": "fault", "bus": "B4", "duration": fraction * time}
     trace = follow(plant(textbook(), fault), frame_times(3, 240))
     assert trace.sound.all() == stable

@@ -104,9 +104,9 @@ def equations(d: Sssc, current: float) -> NDArray[np.float64]:
     so that e = u - v_q - xs |I| = -(x_ac - xs I vdc) / (1 + Kp); v_p only acts on |I| by its square.
     """
     x_ac, x_dc, vdc, _ = np.eye(4)
-    share = min(1.0, d.I_rated / current)
+    fraction = min(1.0, d.I_rated / current)
     e = -(x_ac - d.xs * current * vdc) / (1 + d.Kp)
-    return np.array([d.Ki * e, -d.Kdi * vdc, share * (x_dc - d.Kd * vdc) * current / d.tau, np.zeros(4)])
+    return np.array([d.Ki * e, -d.Kdi * vdc, fraction * (x_dc - d.Kd * vdc) * current / d.tau, np.zeros(4)])
 
 
 SMALL = 1e-5  # p.u.

@@ -80,10 +80,10 @@ def test_what_supervisors_say_has_columns_by_monitor() -> None:
     record = loop.run(load_case(None, given))
     arrays, place = record.arrays, "supervision.controller_0_LLC"
     names = [name.removeprefix(f"{place}.") for name in arrays if name.startswith(place)]
-    assert names == ["state", "share", *MONITORS]
+    assert names == ["state", "fraction", *MONITORS]
     assert {name: record.units[f"{place}.{name}"] for name in MONITORS} == {n: row.unit for n, row in MONITORS.items()}
     assert arrays[f"{place}.state"].tolist() == [1.0] * 30 + [2.0] * 90
-    assert arrays[f"{place}.share"][[29, 59, 119]] == pytest.approx([1.0, 0.5, 1.0])
+    assert arrays[f"{place}.fraction"][[29, 59, 119]] == pytest.approx([1.0, 0.5, 1.0])
     assert arrays[f"{place}.frequency"].tobytes() == record.supervision["values"][:, CODES["frequency"]].tobytes()
     said = arrays["supervised.controller_0_LLC.sssc_pu"]
     assert not said[:30].any()

@@ -94,12 +94,12 @@ def test_the_whole_file_is_sound(whole: bytes, record: Record) -> None:
     assert len(found.time_ns) == 60
 
 
-@given(share=st.floats(0.0, 1.0))
+@given(fraction=st.floats(0.0, 1.0))
 @example(0.0)
 @example(0.5)
 @FUZZ
-def test_cut_anywhere(whole: bytes, record: Record, share: float) -> None:
-    found = read(whole[: int(share * (len(whole) - 1))])
+def test_cut_anywhere(whole: bytes, record: Record, fraction: float) -> None:
+    found = read(whole[: int(fraction * (len(whole) - 1))])
     assert_sound(found, record)
     assert isinstance(found, str) or found.notes
 

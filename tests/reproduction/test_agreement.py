@@ -88,7 +88,7 @@ def test_the_thesis_agrees_with_itself() -> None:
     found = stated(as_printed())
     assert contradictions(found) == []
     rows = signs(found)
-    assert all(row.share == 1.0 and row.missing == 0 for row in rows)
+    assert all(row.fraction == 1.0 and row.missing == 0 for row in rows)
     assert {(row.table, row.what): row.statements for row in rows} == {
         ("4.1", "improvement"): 336,
         ("4.2", "improvement"): 252,
@@ -111,7 +111,7 @@ def test_the_thesis_agrees_with_itself() -> None:
 
 def test_the_thesis_turned_round_agrees_nowhere() -> None:
     found = stated(as_printed(), reversed_cells())
-    assert [row.share for row in signs(found)] == [0.0] * 16
+    assert [row.fraction for row in signs(found)] == [0.0] * 16
     assert len(contradictions(found)) == len(found) == 1540
 
 
@@ -148,7 +148,7 @@ def test_a_slip_whose_sign_is_wrong_counts_in_one_reading_only() -> None:
     found = [c._replace(printed=-c.printed) if c.reason else c for c in CELLS]
     last = signs(stated(as_printed(), found))[-1]
     assert (last.agree, last.agree_as_printed) == (1540, 1540 - 25)
-    assert last.share_as_printed == pytest.approx(1515 / 1540)
+    assert last.fraction_as_printed == pytest.approx(1515 / 1540)
 
 
 def test_an_unstable_run_contradicts_everything_that_is_said_of_it() -> None:
@@ -284,4 +284,4 @@ def test_rows_go_into_markdown_csv_and_json() -> None:
     lines = markdown(compared[:2], ["controller", "against", "reason"], ["printed", "ours"])
     assert lines[0] == "| controller | against | reason | printed | ours |"
     assert lines[2] == "| ANFTSC | MISO LLC |  | 47.01 | 47.01 |"
-    assert markdown(signs(found)[-1:], ["what"], ["agree", "share"], ".1%")[2] == "| all | 1540 | 100.0% |"
+    assert markdown(signs(found)[-1:], ["what"], ["agree", "fraction"], ".1%")[2] == "| all | 1540 | 100.0% |"

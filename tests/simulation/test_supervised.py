@@ -37,7 +37,7 @@ RUNS = {
     "fallback by its own link": FALLBACK,
     "indirect": ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "link=delay_100ms"],
     "two of several inputs": [*decentralised("HBsWC", "indirect"), "link=csg"],
-    "authority": ["supervision.authority={share: 0.5, rate: 1.0, energy: 0.4}", "link=pdci"],
+    "authority": ["supervision.authority={fraction: 0.5, rate: 1.0, energy: 0.4}", "link=pdci"],
     "probe": ["supervision.probe={start: 1.2, cycles: 2}", "arm_at=4.5", "scenario=[]"],
     "faults": [
         *("controllers.0.name=HBsWC", "controllers.0.scheme=direct", f"controllers.0.faults={json.dumps(FAULTS)}"),

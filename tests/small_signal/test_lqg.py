@@ -138,8 +138,8 @@ def test_the_reduced_model_is_near_the_plant_and_small(which: str) -> None:
         for C, c in ((whole.C, small.C), (whole.Z, small.Z)):
             full = np.array([C @ np.linalg.solve(one * np.eye(len(whole.A)) - whole.A, B) for one in s])
             less = np.array([c @ np.linalg.solve(one * np.eye(len(small.A)) - small.A, b) for one in s])
-            most = np.abs(full).max(axis=(0, 2))[:, None]
-            assert (np.abs(less - full).max(axis=0) < 0.03 * most).all()
+            maximum = np.abs(full).max(axis=(0, 2))[:, None]
+            assert (np.abs(less - full).max(axis=0) < 0.03 * maximum).all()
 
 
 def reduced_of(case: Case) -> DesignModel:
@@ -200,12 +200,12 @@ def test_no_other_gains_cost_less(which: str, lag: float) -> None:
         assert np.abs(np.linalg.eigvals(loop_)).max() < 1.0
         return float(np.trace(Z @ V @ Z.T) + 1e-5 * np.sum(np.diag(of_u) / limits**2))
 
-    least, random = cost(own), np.random.default_rng(1)
+    minimum, random = cost(own), np.random.default_rng(1)
     dearer = []
     for _ in range(10):
         K = own.K * (1 + 0.02 * random.normal(size=own.K.shape))
         M = own.M * (1 + 0.02 * random.normal(size=own.M.shape))
-        dearer += [cost(own._replace(K=K)) / least - 1.0, cost(own._replace(M=M)) / least - 1.0]
+        dearer += [cost(own._replace(K=K)) / minimum - 1.0, cost(own._replace(M=M)) / minimum - 1.0]
     assert min(dearer) > 0.0
     assert max(dearer) < 0.1  # near an optimum the cost is flat
 

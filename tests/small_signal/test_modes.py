@@ -190,5 +190,5 @@ def test_modes_of_a_known_oscillator() -> None:
 
 def test_swings_take_place_in_rotors_of_their_own_area() -> None:
     for mode, area in zip(swings(plant("two_area"))[1:], (("G1", "G2"), ("G3", "G4")), strict=True):
-        share = {g: mode.participation.get(f"{g}.omega", 0.0) for g in ("G1", "G2", "G3", "G4")}
-        assert sum(share[g] for g in area) > 0.3 > 5 * sum(share[g] for g in share if g not in area)
+        fraction = {g: mode.participation.get(f"{g}.omega", 0.0) for g in ("G1", "G2", "G3", "G4")}
+        assert sum(fraction[g] for g in area) > 0.3 > 5 * sum(fraction[g] for g in fraction if g not in area)

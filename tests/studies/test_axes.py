@@ -142,7 +142,7 @@ def test_bisection_brackets_the_edge(edge: float, coarse: int, tolerance: float)
     assert low < edge <= high
     assert high - low <= tolerance * (1 + 1e-6) or high - low <= 1 / (coarse - 1) * (1 + 1e-6) <= tolerance * (1 + 1e-6)
     assert again == []
-    assert tried <= margins.most_runs(spec)
+    assert tried <= margins.max_runs(spec)
 
 
 def test_a_run_that_holds_again_is_noticed_and_the_first_edge_is_the_margin() -> None:
@@ -210,7 +210,7 @@ def test_shares_have_wilson_s_interval() -> None:
     told = margins.failed_fraction(3, 20)
     z, p, n = 1.959964, 0.15, 20
     middle, half = (p + z**2 / 2 / n) / (1 + z**2 / n), z * np.sqrt(p * (1 - p) / n + z**2 / 4 / n**2) / (1 + z**2 / n)
-    assert (told["runs"], told["failed"], told["share"]) == (20, 3, 0.15)
+    assert (told["runs"], told["failed"], told["fraction"]) == (20, 3, 0.15)
     assert told["low"] == pytest.approx(middle - half)
     assert told["high"] == pytest.approx(middle + half)
 

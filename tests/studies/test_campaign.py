@@ -183,9 +183,9 @@ def test_another_campaign_s_folder_is_refused(small: Path, tmp_path: Path) -> No
 
 def test_healthy_is_the_share_in_which_nothing_fails() -> None:
     base_runs = {"it": {"run": "two_area_supervised"}}
-    for share in (0.0, 0.25, 1.0):
-        own = campaign.weights(Campaign.model_validate({"draws": 1, "base_runs": base_runs, "healthy": share}))
-        assert own.get("none", 0.0) / sum(own.values()) == pytest.approx(share)
+    for fraction in (0.0, 0.25, 1.0):
+        own = campaign.weights(Campaign.model_validate({"draws": 1, "base_runs": base_runs, "healthy": fraction}))
+        assert own.get("none", 0.0) / sum(own.values()) == pytest.approx(fraction)
 
 
 def test_of_graphs_one_fault_in_two_is_done_to_a_node(small: Path) -> None:

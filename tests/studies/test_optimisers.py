@@ -23,7 +23,7 @@ class Bowl:
 
     def __init__(self, seed: int) -> None:
         random = np.random.default_rng(seed)
-        self.least = random.uniform(0.2, 0.8, SIZE)
+        self.minimum = random.uniform(0.2, 0.8, SIZE)
         axes, _ = np.linalg.qr(random.normal(size=(SIZE, SIZE)))
         self.turn = axes * np.geomspace(1.0, 10.0, SIZE)
         self.asked: list[tuple[float, ...]] = []
@@ -31,7 +31,7 @@ class Bowl:
 
     def __call__(self, at: NDArray[np.float64]) -> float:
         self.asked.append(tuple(at))
-        self.told.append(float(np.linalg.norm((at - self.least) @ self.turn)))
+        self.told.append(float(np.linalg.norm((at - self.minimum) @ self.turn)))
         return self.told[-1]
 
 
@@ -48,7 +48,7 @@ def search(method: str, seed: int, generations: int) -> tuple[Bowl, Found]:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_least_is_found(method: str, seed: int) -> None:
     bowl, found = search(method, seed, 120)
-    np.testing.assert_allclose(found.best, bowl.least, atol=1e-3)
+    np.testing.assert_allclose(found.best, bowl.minimum, atol=1e-3)
 
 
 @every_method

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facts_damping.studies.sweeps.paired import LEAST, Effect, agree, by_draw, effect
+from facts_damping.studies.sweeps.paired import MINIMUM, Effect, agree, by_draw, effect
 
 
 def rows(values: list[float | None], event: str = "a") -> list[dict[str, object]]:
@@ -31,7 +31,7 @@ def test_groups_count_alike_whatever_their_draws() -> None:
 
 
 def test_too_few_pairs_have_no_interval() -> None:
-    one = found(rows([1.0] * (LEAST - 1)), rows([2.0] * (LEAST - 1)))
+    one = found(rows([1.0] * (MINIMUM - 1)), rows([2.0] * (MINIMUM - 1)))
     assert (one.ratio, one.low, one.high, one.better) == (None, None, None, None)
 
 

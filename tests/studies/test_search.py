@@ -288,7 +288,7 @@ def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.M
         return entry._replace(controller=Controller(), scores=(*entry.scores, made))
 
     def judge(_task: SearchTask, against: Sequence[int], entry: Entry) -> Entry:
-        last = GROWTH ** (most - 1)
+        last = GROWTH ** (maximum - 1)
         assert list(against) == list(range(last, last + GROWTH * last))  # no rung had them
         return entry._replace(scores=(*entry.scores, Score(value(entry.structure, 99), {}, 0.0)))
 
@@ -296,19 +296,19 @@ def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.M
     monkeypatch.setattr(study, "judge", judge)
     monkeypatch.setattr(study, "draws", lambda _system, _link, number, *_: list(range(number)))
     every = structures(load_system("smib"), [], [])
-    most = rungs(len(every))
+    maximum = rungs(len(every))
     found = search(SearchTask("smib", None, (), 9600, 1), [], 1, quiet)
     assert {entry.structure for entry in found} == set(every)
     left = [one for one in every if not one.is_reference]
-    assert [len(left) // KEPT**number for number in range(most)] == [64, 16, 4]
-    for number in range(most):
+    assert [len(left) // KEPT**number for number in range(maximum)] == [64, 16, 4]
+    for number in range(maximum):
         there = {entry.structure for entry in found if len(entry.scores) > number and not entry.structure.is_reference}
         assert there == set(left)
         left = sorted(left, key=lambda one: value(one, number))[: len(left) // KEPT]
-    assert found[0].scores[-1].value == min(e.scores[-1].value for e in found if len(e.scores) == most + 1)
+    assert found[0].scores[-1].value == min(e.scores[-1].value for e in found if len(e.scores) == maximum + 1)
     (opponent,) = [entry for entry in found if entry.structure.is_reference]
-    assert len(opponent.scores) == most + 1
-    # An equal share of the budget a rung: 3200 runs of 65, 17 and 5 structures on 1, 2 and 4 draws, 16 a generation.
+    assert len(opponent.scores) == maximum + 1
+    # An equal fraction of the budget a rung: 3200 runs of 65, 17 and 5 structures on 1, 2 and 4 draws, 16 a generation.
     assert sorted(set(asked)) == [(0, 1, 3), (1, 2, 6), (2, 4, 10)]
 
 

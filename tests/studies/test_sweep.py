@@ -179,11 +179,11 @@ sweep:
     (row,) = [r for r in found["rows"] if r["latency_max_ms"] == pytest.approx(70.0) and r["latency_p0_ms"] == 0.0][:1]
     assert (row["controller"], row["scheme"]) == ("ANFTSC+HBsWC", "indirect")
     assert (row["controllers.0.link.up.0.delay"], row["controllers.1.link.up.1.delay"]) == (0, 0.05)
-    assert [share["runs"] for share in found["shares"]] == [2] * 18
-    for share in found["shares"]:
-        own = [row for row in found["rows"] if all(row[name] == share[name] for name in row if name in share)]
-        figure = {"unstable": "stable", "not_damped": "damped"}[share["criterion"]]
-        assert share["failed"] == sum(not row[figure] for row in own)
+    assert [fraction["runs"] for fraction in found["fractions"]] == [2] * 18
+    for fraction in found["fractions"]:
+        own = [row for row in found["rows"] if all(row[name] == fraction[name] for name in row if name in fraction)]
+        figure = {"unstable": "stable", "not_damped": "damped"}[fraction["criterion"]]
+        assert fraction["failed"] == sum(not row[figure] for row in own)
 
 
 def test_a_run_that_fails_is_a_row(tmp_path: Path) -> None:
@@ -257,7 +257,7 @@ def test_seeds_make_one_margin_and_shares(tmp_path: Path) -> None:
     assert one["per_seed"] == [one["margin_s"]] * 3
     assert 0 < one["high_s"] - one["low_s"] <= 0.02 * (1 + 1e-9)
     assert {row["seed"] for row in found["rows"]} == {1, 2, 3}
-    by_value = {share["link.up.1.delay"]: share for share in found["shares"] if share["criterion"] == "unstable"}
+    by_value = {fraction["link.up.1.delay"]: fraction for fraction in found["fractions"] if fraction["criterion"] == "unstable"}
     assert by_value[0.0]["runs"] == by_value[0.4]["failed"] == 3
     assert by_value[0.4]["low"] == pytest.approx(0.4385, abs=1e-4)  # Wilson's, of 3 of 3: 3 / (3 + 1.96^2)
 
@@ -295,12 +295,12 @@ modes: false
 check_step: true
 """
     found = swept(tmp_path, study(tmp_path, text))
-    for share in found["shares"]:
-        own = [row for row in found["rows"] if row["delay"] == share["delay"]]
-        holds = "damped" if share["criterion"] == "not_damped" else None
+    for fraction in found["fractions"]:
+        own = [row for row in found["rows"] if row["delay"] == fraction["delay"]]
+        holds = "damped" if fraction["criterion"] == "not_damped" else None
         told = [[row[v] == holds if holds else row[v] != "lost synchronism" for row in own] for v in VERDICTS]
-        assert share["not_converged"] == sum(a != b for a, b in zip(*told, strict=True))
-    assert sum(share["not_converged"] for share in found["shares"]) > 0
+        assert fraction["not_converged"] == sum(a != b for a, b in zip(*told, strict=True))
+    assert sum(fraction["not_converged"] for fraction in found["fractions"]) > 0
 
 
 VERDICTS = ("verdict", "verdict_half_step")

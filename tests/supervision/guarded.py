@@ -36,7 +36,7 @@ class Told(NamedTuple):
     state: str
     cause: str
     refused: str
-    share: float
+    fraction: float
     values: dict[str, float]
 
 
@@ -114,7 +114,7 @@ class Guarded:
         row = self._told[0]
         values = dict(zip(MONITORS, row["values"].tolist(), strict=True))
         cause, refused = (cause_name(int(row[name])) for name in ("cause", "refused"))
-        return Told(self._out[:end_of].copy(), STATES[row["state"]], cause, refused, float(row["share"]), values)
+        return Told(self._out[:end_of].copy(), STATES[row["state"]], cause, refused, float(row["fraction"]), values)
 
     def arm(self, ticks: int = 3) -> None:
         """Some quiet ticks, and armed with the last of them."""

@@ -129,18 +129,18 @@ def test_states_are_those_of_a_model_by_other_means(
 @settings(max_examples=80)
 @given(
     script=scripts(devices=2),
-    share=st.sampled_from([1.0, 0.4]),
+    fraction=st.sampled_from([1.0, 0.4]),
     rate=st.sampled_from([None, 0.5]),
     follows=FOLLOWS,
 )
 def test_whatever_it_is_told_its_setpoints_stay_within_authority_and_ramps(
-    script: list[Tick], share: float, rate: float | None, follows: dict[str, str]
+    script: list[Tick], fraction: float, rate: float | None, follows: dict[str, str]
 ) -> None:
     """From what was said last before a change, b of a ramp's time later, no further than b of what is allowed."""
-    supervision = shuffled(follows, {"share": share, "rate": rate})
+    supervision = shuffled(follows, {"fraction": fraction, "rate": rate})
     guarded, model = Guarded(supervision, list(LIMITS)), model_of(supervision, None)
     limits, heard, before = guarded.limits, {0: (0, 0.0), 1: (0, 0.0)}, (model.state, model.entered)
-    assert limits == pytest.approx(share * np.array(list(LIMITS.values())))
+    assert limits == pytest.approx(fraction * np.array(list(LIMITS.values())))
     begun, ramp = {0: 0.0, 1: 0.0}, RAMPS["trip_ramp"]
 
     def change() -> None:
@@ -176,7 +176,7 @@ def test_whatever_it_is_told_its_setpoints_stay_within_authority_and_ramps(
 def test_a_ramp_has_its_share_of_what_is_allowed_however_much_is_asked_for() -> None:
     """From 0 to all that a controller may have in the ramp's time, also where it asks for more."""
     for asked in (0.3, 1e300):
-        guarded = Guarded({"monitors": watching(), "authority": {"share": 0.5}, "arming": {"ramp": 1.0}})
+        guarded = Guarded({"monitors": watching(), "authority": {"fraction": 0.5}, "arming": {"ramp": 1.0}})
         guarded.arm()
         begun = tick_ns(guarded.tick - 1, RATE)
         for _ in range(70):

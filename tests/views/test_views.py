@@ -226,7 +226,7 @@ def test_command_makes_layouts_of_a_recording_and_a_copy_by_simulated_time(recor
 def test_a_supervisor_has_its_state_its_setpoints_and_all_that_it_watches(recorded: Recorded) -> None:
     here, place = "/area_1/supervisor_0_LLC/state", '/setpoints[:]{device=="sssc"}.value_pu'
     paths = {path: label for _, path, label in foxglove_paths(recorded.foxglove)}
-    assert {f"{here}.{field}" for field in ("state", "cause", "refused", "share")} <= set(paths)
+    assert {f"{here}.{field}" for field in ("state", "cause", "refused", "fraction")} <= set(paths)
     watched = [name for name in MONITORS if name != "powers"]
     assert [label for path, label in paths.items() if path.startswith(f"{here}.values")] == watched
     assert [label for path, label in paths.items() if path.startswith(f"{here}.limits")] == [

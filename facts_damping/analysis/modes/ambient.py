@@ -5,7 +5,7 @@ system's own poles, `R_l = E[y(k+l) y(k)'] = C A^(l-1) G`. The block matrix `H_i
 system; its singular vectors give A, whose eigenvalues are the poles z = exp(s dt).
 
 Standard errors follow from the infinitesimal jackknife over B blocks of time: with p_b the estimate from covariances in
-which the weight of block b is reduced by the share e, `se^2 = (B - 1) / B sum_b ((p_b - mean p) / e)^2`.
+which the weight of block b is reduced by the fraction e, `se^2 = (B - 1) / B sum_b ((p_b - mean p) / e)^2`.
 
 Sources: P. van Overschee, B. De Moor, Subspace Identification for Linear Systems, Kluwer 1996, chapter 3; B. Peeters,
 G. De Roeck, Reference-based stochastic subspace identification for output-only modal analysis, Mech. Syst. Signal
@@ -27,24 +27,24 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 METHOD = "ssi"
-LEAST = 60.0  # s; with less, intervals are meaningless
+MINIMUM = 60.0  # s; with less, intervals are meaningless
 FIRST_LAG = 2  # samples; excludes measurement noise and the memory of filters up to 0.1 s
 ROWS = 15  # block rows: lags up to 3 s; covariances at longer lags are mostly random
 BLOCKS = 20  # of time
 LESS = 0.1  # of a block's weight: small enough that poles keep their identity
-ORDER, LEAST_ORDER = 8, 4  # poles
-SHARE = 0.02  # of the variance of all signals; weaker modes are negligible
-MOST_DAMPED = 0.3  # largest damping ratio of an oscillation
+ORDER, MIN_ORDER = 8, 4  # poles
+FRACTION = 0.02  # of the variance of all signals; weaker modes are negligible
+MAX_DAMPED = 0.3  # largest damping ratio of an oscillation
 STRONG = 0.05  # of the variance: an uncertain mode stronger than this was split by noise, so there are too many poles
 SURE = 0.1  # standard error of a damping ratio, and relative of a frequency; beyond it a pole is not reported
 
 
 class _Poles(NamedTuple):
-    """Model of covariances: poles, shapes and shares, R_l = sum_i shape_i share_i z_i^(l - l0)."""
+    """Model of covariances: poles, shapes and fractions, R_l = sum_i shape_i fraction_i z_i^(l - l0)."""
 
     z: NDArray[np.complex128]  # (poles,)
     shape: NDArray[np.complex128]  # (n, poles)
-    share: NDArray[np.complex128]  # (poles, n)
+    fraction: NDArray[np.complex128]  # (poles, n)
 
 
 def fit_ambient(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0) -> Fit | None:
@@ -58,7 +58,7 @@ def fit_ambient(time_s: NDArray[np.float64], signals: NDArray[np.float64], since
     """
     kept = time_s >= since
     x = np.reshape(signals, (len(time_s), -1))[kept]
-    if len(x) < 2 or np.ptp(time_s[kept]) < LEAST - 1.0 or not np.isfinite(x).all():
+    if len(x) < 2 or np.ptp(time_s[kept]) < MINIMUM - 1.0 or not np.isfinite(x).all():
         return None
     step = float(np.median(np.diff(time_s)))
     x, block = block_means(x, step)
@@ -66,7 +66,7 @@ def fit_ambient(time_s: NDArray[np.float64], signals: NDArray[np.float64], since
     size = np.maximum(x.std(axis=0), RESOLUTION)  # a signal at rest is not scaled up
     if np.ptp(x, axis=0).max() < RESOLUTION:
         return None
-    orders = range(max(ORDER, 2 * x.shape[1] + 2), LEAST_ORDER - 1, -2)
+    orders = range(max(ORDER, 2 * x.shape[1] + 2), MIN_ORDER - 1, -2)
     with threadpool_limits(1):  # as in `fit_ringdown`
         R = covariances(x / size)
         fits = []
@@ -119,7 +119,7 @@ def _identify(R: NDArray[np.float64], order: int) -> _Poles:
 def _covariances_of(model: _Poles, lags: int) -> NDArray[np.float64]:
     """Covariances of the model, (lags, n, n)."""
     powers = model.z ** np.arange(lags)[:, np.newaxis]
-    return np.asarray(np.einsum("ji,li,ik->ljk", model.shape, powers, model.share).real)
+    return np.asarray(np.einsum("ji,li,ik->ljk", model.shape, powers, model.fraction).real)
 
 
 def _modes(
@@ -129,11 +129,11 @@ def _modes(
     s = np.log(model.z) / dt
     found = []
     for i in np.flatnonzero((s.imag >= 2 * np.pi * BAND[0]) & (s.imag <= 2 * np.pi * BAND[1])):
-        variance = 2 * np.abs(model.shape[:, i] * model.share[i] * model.z[i] ** -FIRST_LAG)  # with its conjugate
+        variance = 2 * np.abs(model.shape[:, i] * model.fraction[i] * model.z[i] ** -FIRST_LAG)  # with its conjugate
         energy, (frequency, ratio) = float(variance.mean()), _figures(s[i])
         near = np.array([_figures(np.log(z[np.argmin(np.abs(z - model.z[i]))]) / dt) for z in less])
         frequency_error, ratio_error = (np.sqrt((BLOCKS - 1) * np.var(near, axis=0)) / LESS).tolist()
-        if energy < SHARE or ratio > MOST_DAMPED:
+        if energy < FRACTION or ratio > MAX_DAMPED:
             continue
         blocked = abs(np.mean(np.exp(s[i] * dt / block * np.arange(block))))  # factor of a block mean on the wave
         amplitude = np.sqrt(2 * variance) * size / blocked

@@ -107,7 +107,7 @@ def _choose(x: NDArray[np.float64], dt: float, method: str) -> tuple[NDArray[np.
 
 
 def _strong(x: NDArray[np.float64], dt: float, z: NDArray[np.complex128]) -> tuple[dict[complex, float], float]:
-    """Significant poles in the band, the strongest first, with energies; the share of energy that no pole explains.
+    """Significant poles in the band, the strongest first, with energies; the fraction of energy that no pole explains.
 
     Energies are from a fit of all poles to the signals (samples, n).
     """

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 SLIGHT, ROUND = 1e-6, 1e-7  # relative, absolute: smaller changes of a curve are round-off
 MANY, LARGEST = 12, 7  # curves of a kind in one axes; of more, those with the largest change, or the means of areas
-NEAR, MOST_SHOWN = 0.3, 3.0  # of its limit: a monitor is shown if it exceeded the first, drawn up to the second
+NEAR, MAX_SHOWN = 0.3, 3.0  # of its limit: a monitor is shown if it exceeded the first, drawn up to the second
 POWER, VOLTAGE = (list(CHANNELS).index(name) for name in ("active_power", "voltage_magnitude"))
 
 
@@ -77,8 +77,8 @@ def moves(picture: Picture, panel: Panel) -> bool:
         *([] if panel.dashed is None else [panel.dashed]),
     ]:
         known = values[np.isfinite(values)]
-        least = 0.0 if picture.logarithmic else ROUND
-        if len(known) and np.ptp(known) > max(SLIGHT * np.abs(known).max(), least):
+        minimum = 0.0 if picture.logarithmic else ROUND
+        if len(known) and np.ptp(known) > max(SLIGHT * np.abs(known).max(), minimum):
             return True
     return False
 
@@ -97,8 +97,8 @@ def shown(picture: Picture, panels: Sequence[dict[str, Panel]]) -> list[str]:
         curves = [curve.values for one in panels if name in one for curve in one[name].curves.values()]
         return max(float(np.ptp(values[np.isfinite(values)])) for values in curves if np.isfinite(values).any())
 
-    most = set(sorted(found, key=lambda name: -span(name))[:LARGEST])
-    return [name for name in found if name in most]
+    maximum = set(sorted(found, key=lambda name: -span(name))[:LARGEST])
+    return [name for name in found if name in maximum]
 
 
 def title_of(picture: Picture, panels: Sequence[dict[str, Panel]], names: Sequence[str]) -> str:
@@ -177,8 +177,8 @@ def _latencies(record: Record) -> list[Panel]:
     for hop, parts in hops_ms(record).items():
         curves = {}
         for name, values in parts.items():
-            x, share = cdf(values)
-            curves[name] = Curve(np.append(0.0, share), np.append(x[0], x), steps=True)
+            x, fraction = cdf(values)
+            curves[name] = Curve(np.append(0.0, fraction), np.append(x[0], x), steps=True)
         delayed = any(curve.x is not None and np.any(curve.x > 0.0) for curve in curves.values())
         found += [Panel(HOPS[hop], curves)] if delayed else []
     return found
@@ -193,7 +193,7 @@ def _states(record: Record) -> list[Panel]:
 
 def _monitors(record: Record) -> list[Panel]:
     return [
-        Panel(f"{name}\n{monitor}", {"": Curve(np.clip(values, 0.0, MOST_SHOWN))}, limits=(1.0,))
+        Panel(f"{name}\n{monitor}", {"": Curve(np.clip(values, 0.0, MAX_SHOWN))}, limits=(1.0,))
         for name, rows in supervised(record).items()
         for monitor, values in strained(record, rows, NEAR).items()
     ]

@@ -163,8 +163,8 @@ def _lines(
 
 def _near(panel: Panel) -> bool:
     """Whether a curve comes near its limits; otherwise drawing these would make it small."""
-    most = max(float(np.nanmax(np.abs(curve.values), initial=0.0)) for curve in panel.curves.values())
-    return most > NEAR * max(map(abs, panel.limits), default=0.0)
+    maximum = max(float(np.nanmax(np.abs(curve.values), initial=0.0)) for curve in panel.curves.values())
+    return maximum > NEAR * max(map(abs, panel.limits), default=0.0)
 
 
 def _name_regions(axes: Axes, found: Regions | None) -> None:

@@ -21,8 +21,8 @@ LINES = {
     "rms_difference_pu": "rms of the difference [p.u.]",
     "max_difference_pu": "largest difference [p.u.]",
     "correlation": "correlation",
-    "saturated_recorded": "at the limit, recorded [share]",
-    "saturated_replayed": "at the limit, replayed [share]",
+    "saturated_recorded": "at the limit, recorded [fraction]",
+    "saturated_replayed": "at the limit, replayed [fraction]",
 }
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 TELL_S = 1.0  # minimum wall time between two reports
-MOST = 200  # separate counts by topic, cause and publisher; further publishers are counted together as others
+MAXIMUM = 200  # separate counts by topic, cause and publisher; further publishers are counted together as others
 OTHERS = b""
 UNKNOWN = "_NODE_NAME_UNKNOWN_"  # the middleware's name of a node that it has not discovered yet
 
@@ -43,7 +43,7 @@ class Refusals:
         """Count a refused message or request."""
         if not self._refused:
             self._told_at = time.monotonic()  # report later: a new node's name is known only after its first message
-        if len(self._refused) < MOST or (topic, cause, publisher) in self._refused:
+        if len(self._refused) < MAXIMUM or (topic, cause, publisher) in self._refused:
             self._refused[topic, cause, publisher] += 1
         else:
             self._refused[topic, cause, OTHERS] += 1

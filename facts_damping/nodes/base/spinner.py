@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 REQUESTS_S = 0.05  # wall time between two checks for requests and for a stop signal
 HEARD_S = 2.0  # longest wall time that a stopped node waits for its last messages
-MOST = 100  # most messages of a subscription per turn, so that a flood does not starve the other subscriptions
+MAXIMUM = 100  # most messages of a subscription per turn, so that a flood does not starve the other subscriptions
 
 _told: ContextVar[Event | None] = ContextVar("_told", default=None)  # None: the process handles no signals
 
@@ -132,14 +132,14 @@ class Spinner:
         return served
 
     def take_all(self) -> bool:
-        """Serve the queued messages without waiting, at most `MOST` per subscription; also after a stop signal.
+        """Serve the queued messages without waiting, at most `MAXIMUM` per subscription; also after a stop signal.
 
         Returns whether there may be more.
         """
         self.serve()
         more = False
         for _, subscription in self._subscriptions:
-            more |= all(_take(subscription) is not None for _ in range(MOST))
+            more |= all(_take(subscription) is not None for _ in range(MAXIMUM))
         return more
 
     def serve(self) -> None:

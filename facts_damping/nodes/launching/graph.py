@@ -48,7 +48,7 @@ VIEW = "live_view"  # it only listens
 RUN_FILE = "run.yaml"  # in the folder of a graph: the run that its nodes read
 START_S = 60.0  # longest wait for a live view to start
 STOP_S = 15.0  # longest wait for a node to stop
-MOST_DOMAIN = 232
+MAX_DOMAIN = 232
 
 # Nodes log to /rosout and write lines to this process; ROS 2 leaves no log files behind.
 QUIET = ("--ros-args", "--disable-stdout-logs", "--disable-external-lib-logs")
@@ -372,8 +372,8 @@ def run(
 
 def check_domain(domain: str) -> None:
     """Raise `InputError` for a ROS_DOMAIN_ID for which DDS has no ports."""
-    if not (domain.isdecimal() and int(domain) <= MOST_DOMAIN):
-        raise InputError(f"ROS_DOMAIN_ID: '{domain}' given; allowed: 0 to {MOST_DOMAIN}")
+    if not (domain.isdecimal() and int(domain) <= MAX_DOMAIN):
+        raise InputError(f"ROS_DOMAIN_ID: '{domain}' given; allowed: 0 to {MAX_DOMAIN}")
 
 
 def _check_others(running: dict[str, Process], fallen: dict[str, str] | None = None) -> None:

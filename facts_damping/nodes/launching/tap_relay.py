@@ -27,7 +27,7 @@ LARGEST_PACKET = 65_536
 
 
 class Cable(NamedTuple):
-    """Effect of a cable on packets: delay and jitter in s, share that is lost."""
+    """Effect of a cable on packets: delay and jitter in s, fraction that is lost."""
 
     delay: float
     jitter: float
@@ -74,12 +74,12 @@ def main() -> None:
     parser.add_argument("far", help="name of the other")
     parser.add_argument("--delay", type=float, default=0.0, metavar="S", help="delay, s")
     parser.add_argument("--jitter", type=float, default=0.0, metavar="S", help="delay +- so much, s")
-    parser.add_argument("--loss", type=float, default=0.0, metavar="SHARE", help="share of packets that is lost")
+    parser.add_argument("--loss", type=float, default=0.0, metavar="FRACTION", help="fraction of packets that is lost")
     parser.add_argument("--seed", type=int, default=0, help="of jitter and loss")
     given = parser.parse_args()
-    for name, value, most in (("delay", given.delay, 60.0), ("jitter", given.jitter, 60.0), ("loss", given.loss, 1.0)):
-        if not 0.0 <= value <= most:
-            parser.error(f"--{name}: {value:g} given; allowed: 0 to {most:g}")
+    for name, value, maximum in (("delay", given.delay, 60.0), ("jitter", given.jitter, 60.0), ("loss", given.loss, 1.0)):
+        if not 0.0 <= value <= maximum:
+            parser.error(f"--{name}: {value:g} given; allowed: 0 to {maximum:g}")
     for name in (given.near, given.far):
         if not 0 < len(name) <= LONGEST_NAME or "/" in name or " " in name:
             parser.error(

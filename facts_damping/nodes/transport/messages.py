@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 # Number fields of a SupervisorState, and the field of SUPERVISION for each.
 TOLD = {
-    "share": "share",
+    "fraction": "fraction",
     "probe_gain": "probe_gain",
     "probe_phase_rad": "probe_phase",
     "probe_coherence": "probe_coherence",

@@ -52,8 +52,8 @@ class Quantity(NamedTuple):
 
     unit: str
     text: str
-    least: float = -1e4
-    most: float = 1e4
+    minimum: float = -1e4
+    maximum: float = 1e4
     time: bool = False
 
 
@@ -138,9 +138,9 @@ _EXCITERS = {
             Block("VI", "sum", "Vref + Vs - VT - VF", (), "VIMIN", "VIMAX"),
             Block("VB", "lead_lag", "VI", (1.0, "TC", "TB")),
             Block("VR", "lag", "VB", ("KA", "TA")),
-            Block("least", "sum", "VRMIN * Vt - KC * Ifd"),
-            Block("most", "sum", "VRMAX * Vt - KC * Ifd"),
-            Block("Efd", "sum", "VR", (), 1.0, 1.0, "least", "most"),
+            Block("minimum", "sum", "VRMIN * Vt - KC * Ifd"),
+            Block("maximum", "sum", "VRMAX * Vt - KC * Ifd"),
+            Block("Efd", "sum", "VR", (), 1.0, 1.0, "minimum", "maximum"),
         ),
     ),
     "ESST3A": Model(

@@ -207,7 +207,7 @@ class Hvdc(Transmission):
         ..., "p.u.", "limit of the setpoint, power added to the order", usual=0.5, gt=0, le=1000
     )
     rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", usual=10, gt=0, le=1e4)
-    loss: float = quantity(0.0, "-", "losses of the converters, as a share of the power", ge=0, le=0.2)
+    loss: float = quantity(0.0, "-", "losses of the converters, as a fraction of the power", ge=0, le=0.2)
     R: float = quantity(0.0, "p.u.", "resistance of the DC line, which loses R P^2", ge=0, le=10)
     pf_from: float = quantity(
         1.0, "-", "power factor of the rectifier, which draws reactive power; 1: none", ge=0.5, le=1

@@ -6,11 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from facts_damping.parameters.base import LEAST, Name, ParameterModel, quantity
+from facts_damping.parameters.base import MINIMUM, Name, ParameterModel, quantity
 
 
 def _other_than_zero(value: float) -> float:
-    if abs(value) < LEAST:
+    if abs(value) < MINIMUM:
         raise ValueError(f"{value:g} given; allowed: other than 0")
     return value
 
@@ -57,32 +57,32 @@ class Transformer(ParameterModel):
 SUM_TOLERANCE = 1e-9
 
 
-class Shares(ParameterModel):
-    """How the power of a load depends on its voltage: three shares whose sum must be 1.
+class Fractions(ParameterModel):
+    """How the power of a load depends on its voltage: three fractions whose sum must be 1.
 
-    A share that is not given is 0, so `{current: 1}` is a load of constant current.
+    A fraction that is not given is 0, so `{current: 1}` is a load of constant current.
     """
 
-    impedance: float = quantity(0.0, "-", "share of constant impedance, with the square of the voltage", ge=0, le=1)
-    current: float = quantity(0.0, "-", "share of constant current, with the voltage", ge=0, le=1)
-    power: float = quantity(0.0, "-", "share of constant power", ge=0, le=1)
+    impedance: float = quantity(0.0, "-", "fraction of constant impedance, with the square of the voltage", ge=0, le=1)
+    current: float = quantity(0.0, "-", "fraction of constant current, with the voltage", ge=0, le=1)
+    power: float = quantity(0.0, "-", "fraction of constant power", ge=0, le=1)
 
     @model_validator(mode="after")
-    def _sum(self) -> Shares:
+    def _sum(self) -> Fractions:
         total = self.impedance + self.current + self.power
         if abs(total - 1.0) > SUM_TOLERANCE:
             raise ValueError(f"impedance + current + power must be 1, given {total:g}")
         return self
 
 
-CONSTANT_IMPEDANCE = Shares(impedance=1.0)
+CONSTANT_IMPEDANCE = Fractions(impedance=1.0)
 
 
 class Load(ParameterModel):
     """A [load](network.md) that depends on voltage (ZIP model: impedance, current, power) and frequency.
 
-    `P(V) = P [z (V/V0)^2 + i V/V0 + p] (1 + kpf df)`, with the shares z, i and p and the reference voltage V0. The same
-    holds for Q with its own shares and `kqf`.
+    `P(V) = P [z (V/V0)^2 + i V/V0 + p] (1 + kpf df)`, with the fractions z, i and p and the reference voltage V0. The same
+    holds for Q with its own fractions and `kqf`.
     """
 
     name: Name = Field(..., description="name, unique among the loads")
@@ -92,14 +92,14 @@ class Load(ParameterModel):
     )
     P: float = quantity(..., "MW", "active power drawn at V0", ge=-1e5, le=1e5)
     Q: float = quantity(0.0, "Mvar", "reactive power drawn at V0", ge=-1e5, le=1e5)
-    P_shares: Shares = Field(
+    P_fractions: Fractions = Field(
         CONSTANT_IMPEDANCE, description="how P depends on the voltage; by default a constant impedance"
     )
-    Q_shares: Shares = Field(
+    Q_fractions: Fractions = Field(
         CONSTANT_IMPEDANCE, description="how Q depends on the voltage; by default a constant impedance"
     )
     V_min: float = quantity(
-        0.7, "p.u. of V0", "voltage below which the shares of current and power become an impedance", gt=0, le=1
+        0.7, "p.u. of V0", "voltage below which the fractions of current and power become an impedance", gt=0, le=1
     )
     kpf: float = quantity(
         0.0, "p.u./p.u.", "change of active power per deviation of the frequency at its bus", ge=-20, le=20

@@ -11,7 +11,7 @@ from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 def _std(default: float | None) -> Any:
     return quantity(
-        default, "-", "standard deviation of P and of Q, as a share of the power that the load draws", ge=0, le=0.2
+        default, "-", "standard deviation of P and of Q, as a fraction of the power that the load draws", ge=0, le=0.2
     )
 
 

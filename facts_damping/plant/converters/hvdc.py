@@ -67,7 +67,7 @@ def power_fraction(voltage: float, V_min: float) -> float:
 def power(d: Any, x: NDArray[np.float64], u: float, voltage: float) -> tuple[float, float]:
     """Power at the rectifier by the voltage of one end's bus, and its derivative by that voltage; p.u.
 
-    P = clip(P0 + u, P_min, P_max) min(share(V), share(V_to), share(V_from)). V_to and V_from are states: the lagged
+    P = clip(P0 + u, P_min, P_max) min(fraction(V), fraction(V_to), fraction(V_from)). V_to and V_from are states: the lagged
     voltages known to both ends.
     """
     order = min(max(d.P + u, d.P_min), d.P_max)

@@ -12,7 +12,7 @@ SALIENT, LOAD, DEVICE, OTHER_END = 0, 1, 2, 3  # the last: of a device at a seco
 
 # A port: its kind, the row of its table (machines, loads, devices), and the responses below and above which it is
 # blocked.
-PORT = np.dtype([("kind", "i8"), ("row", "i8"), ("least", "f8"), ("most", "f8")])
+PORT = np.dtype([("kind", "i8"), ("row", "i8"), ("minimum", "f8"), ("maximum", "f8")])
 
 
 class Site(NamedTuple):
@@ -30,5 +30,5 @@ class Start(NamedTuple):
 
     row: tuple[Any, ...]
     states: list[float]
-    least: float  # p.u.; 0: never for too small a response
-    most: float = math.inf  # p.u.
+    minimum: float  # p.u.; 0: never for too small a response
+    maximum: float = math.inf  # p.u.

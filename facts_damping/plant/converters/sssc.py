@@ -52,13 +52,13 @@ def start(device: Sssc, site: Site) -> Start:
             f"devices: {device.name} carries {magnitude:.3g} p.u. at the start; "
             f"allowed: at least I_min, {device.I_min:g}"
         )
-    most = device.I_rated if device.enforce_rating else math.inf
-    if magnitude > most:
+    maximum = device.I_rated if device.enforce_rating else math.inf
+    if magnitude > maximum:
         raise InputError(
             f"devices: {device.name} carries {magnitude:.4g} p.u. at the start; "
-            f"allowed: with enforce_rating at most I_rated, {most:g}"
+            f"allowed: with enforce_rating at most I_rated, {maximum:g}"
         )
-    share = min(1.0, device.I_rated / magnitude)
+    fraction = min(1.0, device.I_rated / magnitude)
     s_p, s_q = device.g / magnitude, device.xs * magnitude
     if s_p > device.vp_max or s_p * s_p + s_q * s_q > device.vc_max * device.vc_max:
         raise InputError(
@@ -66,13 +66,13 @@ def start(device: Sssc, site: Site) -> Start:
             f"at the start; allowed: vp_max {device.vp_max:g}, vc_max {device.vc_max:g} in all"
         )
     row = (site.offset, *(getattr(device, name) for name in FIELDS))
-    return Start(row, [0.0, s_p / share, 1.0], device.I_min, most)
+    return Start(row, [0.0, s_p / fraction, 1.0], device.I_min, maximum)
 
 
 def losses(device: Sssc, magnitude: float) -> float:
     """Resistance equivalent to the losses of the DC link at a current, g / |I|^2, p.u."""
-    most = max(magnitude, device.I_min)
-    return device.g / (most * most)
+    maximum = max(magnitude, device.I_min)
+    return device.g / (maximum * maximum)
 
 
 @compiled

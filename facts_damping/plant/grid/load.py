@@ -24,7 +24,7 @@ LOAD = np.dtype(
         ("P", "f8"),  # p.u., drawn at V0
         ("Q", "f8"),
         ("V0", "f8"),  # p.u.
-        ("P_current", "f8"),  # shares of constant current and constant power
+        ("P_current", "f8"),  # fractions of constant current and constant power
         ("P_power", "f8"),
         ("Q_current", "f8"),
         ("Q_power", "f8"),
@@ -37,22 +37,22 @@ LOAD = np.dtype(
     ]
 )
 STATE_NAMES = ["theta", "theta_w"]  # lagged angles of the bus voltage (rad)
-LEAST = 0.05  # p.u., voltage below which its angle is not used
+MINIMUM = 0.05  # p.u., voltage below which its angle is not used
 TURN = 2.0 * math.pi
 
 
 def row(load: Load, base_power: float, reference_voltage: float, port: int, offset: int) -> Any:
     """A row of LOAD; `offset`: index of its states if it depends on frequency."""
-    p, q = load.P_shares, load.Q_shares
+    p, q = load.P_fractions, load.Q_fractions
     power = load.P / base_power, load.Q / base_power
-    shares = p.current, p.power, q.current, q.power
+    fractions = p.current, p.power, q.current, q.power
     own = port, offset if depends_on_frequency(load) else -1, load.kpf, load.kqf, load.T_f
-    return (*power, reference_voltage, *shares, load.V_min, *own)
+    return (*power, reference_voltage, *fractions, load.V_min, *own)
 
 
 def is_impedance(load: Load) -> bool:
     """Whether a load is a pure constant impedance."""
-    return load.P_shares.impedance == load.Q_shares.impedance == 1.0 and not depends_on_frequency(load)
+    return load.P_fractions.impedance == load.Q_fractions.impedance == 1.0 and not depends_on_frequency(load)
 
 
 def depends_on_frequency(load: Load) -> bool:
@@ -64,7 +64,7 @@ def depends_on_frequency(load: Load) -> bool:
 def excess(r: float, current: float, power: float, v_min: float, low: bool) -> tuple[float, float]:
     """Power drawn beyond the impedance at r = V / V0, relative to the power at V0, and its derivative by r.
 
-    i r + p - (i + p) r^2; below V_min the shares i and p become an impedance: (i V_min + p) (r / V_min)^2. With `low`
+    i r + p - (i + p) r^2; below V_min the fractions i and p become an impedance: (i V_min + p) (r / V_min)^2. With `low`
     they are this impedance at any voltage.
     """
     if r >= v_min and not low:
@@ -87,7 +87,7 @@ def derivatives(d: Any, x: NDArray[np.float64], voltage: complex, dx: NDArray[np
     the voltage is nearly zero.
     """
     o = d.offset
-    if not magnitude(voltage) > LEAST:
+    if not magnitude(voltage) > MINIMUM:
         dx[o] = dx[o + 1] = 0.0
         return
     ahead = atan2(voltage.imag, voltage.real) - x[o]

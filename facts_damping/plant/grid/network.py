@@ -155,7 +155,7 @@ def admittance(names: list[str], present: list[Branch]) -> NDArray[np.complex128
 def shunts(system: System, topology: Topology, voltage: Mapping[str, float]) -> dict[str, complex]:
     """Shunt admittance at each bus from loads, capacitors and faults, p.u.; `voltage`: from the power flow.
 
-    A load counts as its impedance at its reference voltage, whatever its ZIP shares.
+    A load counts as its impedance at its reference voltage, whatever its ZIP fractions.
     """
     total: dict[str, complex] = {}
     for load in system.loads:

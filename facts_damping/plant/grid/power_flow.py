@@ -112,8 +112,8 @@ def demand(system: System, names: list[str], magnitude: NDArray[np.float64]) -> 
             drawn[0, i] += power
             continue
         r = float(magnitude[i])
-        for share, part in ((load.P_shares, power.real), (load.Q_shares, 1j * power.imag)):
-            beyond, slope = loads.excess(r, share.current, share.power, load.V_min, low=False)
+        for fraction, part in ((load.P_fractions, power.real), (load.Q_fractions, 1j * power.imag)):
+            beyond, slope = loads.excess(r, fraction.current, fraction.power, load.V_min, low=False)
             drawn[:, i] += part * np.array([r * r + beyond, 2 * r + slope])
     return drawn
 
@@ -169,7 +169,7 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     drawn = demand(system, names, magnitudes(voltage))[0] + taken
     net = times(voltage, np.conj(product(matrix, voltage))) + drawn
     generation = {
-        name: share for i in kept for name, share in _shared(held, names[i], complex(net[i]), system.base_power)
+        name: fraction for i in kept for name, fraction in _shared(held, names[i], complex(net[i]), system.base_power)
     }
     injection = -drawn
     for i in kept:

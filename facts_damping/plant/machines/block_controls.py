@@ -152,8 +152,8 @@ def _spread(blocks: Sequence[Block], data: Any) -> list[Block]:
         if block.kind != "ramp_tracking":
             made.append(block)
             continue
-        lead, lag, most, times = (_number(one, data) for one in block.constants)
-        parts = [(1.0, lead, lag) if i % max(1, int(most)) == 0 else (1.0, lag) for i in range(int(most * times))]
+        lead, lag, maximum, times = (_number(one, data) for one in block.constants)
+        parts = [(1.0, lead, lag) if i % max(1, int(maximum)) == 0 else (1.0, lag) for i in range(int(maximum * times))]
         before = block.inputs
         for i, constants in enumerate(parts):
             name = block.name if i == len(parts) - 1 else f"{block.name}_{i + 1}"

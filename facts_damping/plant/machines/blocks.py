@@ -24,7 +24,7 @@ ONE, NONE, VT, OMEGA, PE, PA, VREF, PREF, VS, IFD, VD, VQ, ID, IQ = range(len(SE
 ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
 
 SUM, LAG, LEAD_LAG, WASHOUT, RATE, SERVO, FIELD, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER = range(11)
-MOST_INPUTS = 5
+MAX_INPUTS = 5
 NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
 STATELESS = -1
 
@@ -33,8 +33,8 @@ BLOCK = np.dtype(
         ("kind", "i8"),
         ("state", "i8"),  # index of its (first) state in the plant's, or STATELESS
         ("inputs", "i8"),
-        ("source", "i8", (MOST_INPUTS,)),  # input signals
-        ("weight", "f8", (MOST_INPUTS,)),
+        ("source", "i8", (MAX_INPUTS,)),  # input signals
+        ("weight", "f8", (MAX_INPUTS,)),
         ("p", "f8", (4,)),
         ("low", "f8"),
         ("high", "f8"),

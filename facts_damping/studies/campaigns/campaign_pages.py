@@ -44,7 +44,7 @@ def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> list[str]:
     for name in names:
         asked = [row for row in rows if row.get(name) is not None]
         failed = [row for row in asked if not row[name]]
-        places = _most(failed, lambda row: f"{row['fault']}, {row['base_run']} {row.get('scenario', '')}".strip())
+        places = _max(failed, lambda row: f"{row['fault']}, {row['base_run']} {row.get('scenario', '')}".strip())
         lines.append([WORDS[name], str(len(asked)), str(len(failed)), percent(len(failed), len(asked)), places])
     return table(["what must hold", "cases", "violated", "%", "most frequent"], lines, 1, markdown=True)
 
@@ -57,7 +57,7 @@ def fault_table(rows: Rows) -> list[str]:
         found = [row["detected_s"] for row in own if row["detected_s"] is not None]
         if own:
             counts = [sum(row[name] is not None for row in own) for name in ("fallback_s", "tripped_s")]
-            causes = _most([row for row in own if row["detected_s"] is not None], _cause)
+            causes = _max([row for row in own if row["detected_s"] is not None], _cause)
             lines.append([fault, str(len(own)), *map(str, counts), *_times(found), causes])
     heads = ["fault", "armed", "fell back", "tripped", "median, s", "99 %, s", "monitor"]
     return table(heads, lines, 1, markdown=True)
@@ -230,7 +230,7 @@ def _cause(row: dict[str, Any]) -> str:
     return str(row["fallback_cause"] or row["cause"])
 
 
-def _most(rows: Rows, what: Callable[[dict[str, Any]], str]) -> str:
+def _max(rows: Rows, what: Callable[[dict[str, Any]], str]) -> str:
     found: dict[str, int] = {}
     for row in rows:
         found[what(row)] = found.get(what(row), 0) + 1
@@ -240,7 +240,7 @@ def _most(rows: Rows, what: Callable[[dict[str, Any]], str]) -> str:
 
 
 def percent(part: int, of: int) -> str:
-    """A share in per cent, to two digits after the point."""
+    """A fraction in per cent, to two digits after the point."""
     return f"{100.0 * part / of:.2f}" if of else "-"
 
 
@@ -254,7 +254,7 @@ def _ratios(rows: Rows, name: str) -> list[str]:
 
 
 def _interval(of: dict[str, Any]) -> str:
-    return f"{100 * of['share']:.2f} % ({100 * of['low']:.2f} to {100 * of['high']:.2f} %)" if "share" in of else "-"
+    return f"{100 * of['fraction']:.2f} % ({100 * of['low']:.2f} to {100 * of['high']:.2f} %)" if "fraction" in of else "-"
 
 
 def _both(values: Sequence[float]) -> str:

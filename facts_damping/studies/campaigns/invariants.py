@@ -27,14 +27,14 @@ HARM = 1.05  # ITAE relative to no control
 
 def limits(case: Case, record: Record, _late: int = 0) -> bool:
     """Setpoints stay within the device's limit and the authority, references within limit and rate."""
-    share = case.supervision.authority.share if case.supervision else 1.0
+    fraction = case.supervision.authority.fraction if case.supervision else 1.0
     for d, name in enumerate(case.run.devices):
         device = case.system.device(name)
         said = record.supervised["value"][record.supervised["device"] == d]
         reference = record.devices["reference"][:, d]
         steps = np.abs(np.diff(reference)) - device.rate_max * np.diff(record.time_s)
         if not (
-            np.all(np.abs(said) <= device.setpoint_max * share + TOLERANCE)
+            np.all(np.abs(said) <= device.setpoint_max * fraction + TOLERANCE)
             and np.all(np.abs(reference) <= device.setpoint_max + TOLERANCE)
             and np.all(steps <= TOLERANCE)
         ):

@@ -170,11 +170,11 @@ def _worth_a_look(task: Task, system: System, observability: np.ndarray[Any, Any
     kept = {task.signal} if task.signal is not None else set[str]()
     for row in np.abs(observability):
         for channel in (places.SPEED, places.FLOW):
-            kept |= set(most(names, row, channel, system)[:SIGNALS])
+            kept |= set(maximum(names, row, channel, system)[:SIGNALS])
     return [name for name in names if name in kept]
 
 
-def most(names: Sequence[str], values: Any, channel: str, system: System) -> list[str]:
+def maximum(names: Sequence[str], values: Any, channel: str, system: System) -> list[str]:
     """Signals of a channel, sorted by value, the largest first."""
     own = [(float(value), name) for name, value in zip(names, values, strict=True)]
     own = [one for one in own if system.signals[one[1]].channel == channel]

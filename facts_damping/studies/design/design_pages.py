@@ -11,7 +11,7 @@ from facts_damping.grid_formats.text import rows_text
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.small_signal.modal_analysis import figures
 from facts_damping.small_signal.places import FLOW, SPEED
-from facts_damping.studies.design.design import LONGEST_S, PLACES, SIGNALS, most
+from facts_damping.studies.design.design import LONGEST_S, PLACES, SIGNALS, maximum
 from facts_damping.terminal import save_picture, table, write_whole
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def clearest(found: Design, mode: int, channel: str) -> list[tuple[str, float]]:
     """Signals of a channel sorted by their amplitude in a mode, the largest first."""
     names, values = list(found.system.signals), np.abs(found.observability[mode])
     by_name = dict(zip(names, values.tolist(), strict=True))
-    return [(name, by_name[name]) for name in most(names, values, channel, found.system)[:SIGNALS]]
+    return [(name, by_name[name]) for name in maximum(names, values, channel, found.system)[:SIGNALS]]
 
 
 def text(found: Design) -> Iterator[str]:

@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 WASHOUT = 10.0  # s
 STEPS, BEYOND = 32, 4.0  # number of gains tried, up to this multiple of the gain given by the residue
-WORSE = 0.1  # share of its damping ratio that another mode may lose, if it then is below the wanted ratio
+WORSE = 0.1  # fraction of its damping ratio that another mode may lose, if it then is below the wanted ratio
 FIGURES = 4  # significant figures of parameters
-MOST_SPREAD = 6.0  # ln of T2 / T1: more than 90 degrees of both sections, at any damping
-MOST_GAIN = LEAD_LAG_PARAMETERS["gain"].high
+MAX_SPREAD = 6.0  # ln of T2 / T1: more than 90 degrees of both sections, at any damping
+MAX_GAIN = LEAD_LAG_PARAMETERS["gain"].high
 
 
 class LeadLag(NamedTuple):
@@ -91,7 +91,7 @@ def lead_lag(residue: complex, eigenvalue: complex, delay: float, frame_rate: in
         section = (1.0 + eigenvalue * T1) / (1.0 + eigenvalue * T1 * np.exp(exponent))
         return 2.0 * float(np.rad2deg(np.angle(section))) - lead
 
-    exponent = float(brentq(beyond, -MOST_SPREAD, MOST_SPREAD))
+    exponent = float(brentq(beyond, -MAX_SPREAD, MAX_SPREAD))
     T1 = float(np.exp(-0.5 * exponent)) / w
     return LeadLag(sign, lead, rounded(T1), rounded(T1 * float(np.exp(exponent))))
 
@@ -110,7 +110,7 @@ def tune(
     `run`: content of a run file with `LLC`. `residue`: from its device to its signal. `delay` (s): of its link.
     """
     first = _first_gain(law, residue, mode, wanted, delay, int(run["frame_rate"]))
-    gains = [0.0, *(np.linspace(BEYOND / STEPS, BEYOND, STEPS) * min(first, MOST_GAIN / BEYOND)).tolist()]
+    gains = [0.0, *(np.linspace(BEYOND / STEPS, BEYOND, STEPS) * min(first, MAX_GAIN / BEYOND)).tolist()]
     case = make_case(_with(run, law.parameters(1.0)), "design")
     loop = delayed_loop(case)
     listed: list[list[Eigenmode]] = []
@@ -184,14 +184,14 @@ def _harmless(
 ) -> tuple[int, Eigenmode | None]:
     """The number of gains, from the first, at which no other oscillation is too bad, and the first one that then is."""
     floors = [_floor(_ratio(track[0]), wanted) for track in tracks]
-    least = None
+    minimum = None
     for k, modes in enumerate(listed):
         swings = [(track[k], floor) for track, floor in zip(tracks, floors, strict=True)]
         own = {id(mode) for mode, _ in swings}
         rest = [mode for mode in modes if id(mode) not in own]
-        least = min((mode.damping_ratio for mode in rest), default=1.0) if least is None else least
+        minimum = min((mode.damping_ratio for mode in rest), default=1.0) if minimum is None else minimum
         del swings[target]
-        for mode, floor in [*swings, *((mode, _floor(least, wanted)) for mode in rest)]:
+        for mode, floor in [*swings, *((mode, _floor(minimum, wanted)) for mode in rest)]:
             if mode is not None and mode.damping_ratio < floor:
                 return k, mode
     return len(listed), None

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 ROW = 0.02  # s, between the rows of the table
 BEYOND = 0.1  # s, range of table and picture beyond the margin
 DPI = 130
-MOST = 7  # largest number of modes in terminal and picture
+MAXIMUM = 7  # largest number of modes in terminal and picture
 
 
 def names(found: Margin) -> list[str]:
@@ -47,7 +47,7 @@ def shown_to(found: Margin) -> float:
 def shown(found: Margin) -> list[tuple[str, Track]]:
     """The displayed modes with their names: all, or if there are many, those whose damping depends most on delay."""
     named = list(zip(names(found), found.tracks, strict=True))
-    if len(named) <= MOST:
+    if len(named) <= MAXIMUM:
         return named
     kept = found.delays <= shown_to(found) + 1e-9
 
@@ -55,8 +55,8 @@ def shown(found: Margin) -> list[tuple[str, Track]]:
         ratios = [mode.damping_ratio for mode, near in zip(track.modes, kept, strict=True) if near and mode is not None]
         return max(ratios, default=0.0) - min(ratios, default=0.0)
 
-    most = sorted(found.tracks, key=moved, reverse=True)[:MOST]
-    return [(name, track) for name, track in named if any(track is one for one in most)]
+    maximum = sorted(found.tracks, key=moved, reverse=True)[:MAXIMUM]
+    return [(name, track) for name, track in named if any(track is one for one in maximum)]
 
 
 def margin_text(found: Margin, beside: Beside | None) -> Iterator[str]:

@@ -60,7 +60,7 @@ def wanted(margin: Margin, failed: Mapping[float, bool | None]) -> list[float]:
 
 
 def held(margin: Margin, searches: Sequence[Mapping[float, bool | None]]) -> float | None:
-    """Share of the coarse grid's values at which the criterion holds, over all searches; None without any run."""
+    """Fraction of the coarse grid's values at which the criterion holds, over all searches; None without any run."""
     known = [not failed[value] for failed in searches for value in grid(margin) if failed.get(value) is not None]
     return float(np.mean(known)) if known else None
 
@@ -81,7 +81,7 @@ def edge(
     return low, high
 
 
-def most_runs(margin: Margin) -> int:
+def max_runs(margin: Margin) -> int:
     """Largest number of runs of a search, per criterion."""
     step = (margin.high - margin.low) / (margin.coarse - 1)
     return margin.coarse + len(margin.criteria) * max(0, int(np.ceil(np.log2(step / margin.tolerance) - 1e-9)))
@@ -127,9 +127,9 @@ def _end(values: np.ndarray[Any, Any], end: int, seed: int) -> float:
 
 
 def failed_fraction(failed: int, of: int) -> dict[str, float]:
-    """The share of failed runs with Wilson's 95 % interval."""
+    """The fraction of failed runs with Wilson's 95 % interval."""
     low, high = stats.binomtest(failed, of).proportion_ci(CONFIDENCE, method="wilson")
-    return {"runs": of, "failed": failed, "share": failed / of, "low": float(low), "high": float(high)}
+    return {"runs": of, "failed": failed, "fraction": failed / of, "low": float(low), "high": float(high)}
 
 
 def _finite(value: float) -> float | None:

@@ -58,15 +58,15 @@ def cma_es(
         seed=int(random.integers(2**32)),
         population_size=count,
     )
-    best, least = population[values.argmin()], values.min()
+    best, minimum = population[values.argmin()], values.min()
     for _ in range(generations - 1):
         population = np.array([search.ask() for _ in range(count)])
         values = np.array([objective(at) for at in population])
         search.tell(list(zip(population, values, strict=True)))
-        if values.min() < least:
-            best, least = population[values.argmin()], values.min()
+        if values.min() < minimum:
+            best, minimum = population[values.argmin()], values.min()
     population[values.argmax()] = best
-    return Found(best, float(least), population)
+    return Found(best, float(minimum), population)
 
 
 METHODS = {"differential-evolution": differential_evolution, "cma-es": cma_es}

@@ -1,11 +1,11 @@
 """Score of a controller on draws of a training ensemble, relative to a reference on the same draws.
 
     score = max_i mean_d log(I_id / I_id of the reference)      i: ITAE, IAE, ITSE, ISE (4.108); d: draws, or the worst
-            + UNDAMPED (share of draws whose oscillation grows, or is a limit cycle)
+            + UNDAMPED (fraction of draws whose oscillation grows, or is a limit cycle)
             + PRICE max(0, mean_d(effort - effort of the reference)),  effort = mean |u| / u_max
 
 The reference is LLC-tuned, or no control. A score of 0 equals the reference; below 0 all four indices are better, as
-geometric means over the draws. If only a share of the draws counts, the first mean is over the worst draws of each
+geometric means over the draws. If only a fraction of the draws counts, the first mean is over the worst draws of each
 index (conditional value at risk, Rockafellar and Uryasev 2000), so that large gains in a few draws do not compensate
 losses in others. With medians, the first term is the largest median of any index in any group of draws; the draws of
 a group have equal values on all axes of the study that are not random. A run that loses synchronism scores LOST or
@@ -49,7 +49,7 @@ INLINE = "custom"  # scenario name of draws with inline events
 class Figures(NamedTuple):
     """Figures of a run that the score uses."""
 
-    lasted: float  # share of its duration in synchronism
+    lasted: float  # fraction of its duration in synchronism
     indices: dict[str, float]
     effort: float  # mean setpoint relative to the devices' limits
     damped: bool  # neither growing nor a limit cycle
@@ -68,7 +68,7 @@ class Score(NamedTuple):
 
     value: float
     ratios: dict[str, float]  # geometric mean of each index relative to the reference
-    undamped: float  # share of draws
+    undamped: float  # fraction of draws
 
 
 def figures(record: Record) -> Figures:
@@ -78,10 +78,10 @@ def figures(record: Record) -> Figures:
         return Figures(min(float(record.time_s[-1]) / duration, 1.0 - 1e-9), {}, 0.0, damped=False)
     t, deviations = record.time_s, columns(speed_differences(record))
     limits = setpoint_limits(record.configuration)
-    share = np.abs(record.devices["setpoint"]) / np.array([limits[name] for name in record.device_names])
+    fraction = np.abs(record.devices["setpoint"]) / np.array([limits[name] for name in record.device_names])
     verdict = judge(t, deviations, (event_times(record) or [0.0])[-1]).verdict
     dies = verdict not in (GROWING, LIMIT_CYCLE)  # an undecided verdict is no failure: the last event was late
-    return Figures(1.0, performance_indices(t, deviations), float(share.mean()), dies)
+    return Figures(1.0, performance_indices(t, deviations), float(fraction.mean()), dies)
 
 
 def draws(

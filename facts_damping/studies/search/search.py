@@ -1,6 +1,6 @@
 """Search of a controller: successive halving over structures, and an evolutionary search of each one's parameters.
 
-For n structures and a budget of B closed-loop runs there are floor(log4 n) rungs. Each has an equal share of B, divided
+For n structures and a budget of B closed-loop runs there are floor(log4 n) rungs. Each has an equal fraction of B, divided
 among the remaining structures; the best quarter goes on (Jamieson and Talwalkar 2016 keep half). In a rung each
 structure is searched by differential evolution or CMA-ES (optimisers.py), on twice as many draws of the training
 ensemble as in the rung before, and it keeps its population. LLC-tuned stays to the end. The structures of the last rung
@@ -181,20 +181,20 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
         asked = [one for one in asked if kind(one.name).compensates]
     _check_start(task, asked)
     left, out = [Entry(one) for one in asked], list[Entry]()
-    most = RUNGS if task.keep_all else rungs(len(left))
-    last = task.cases * GROWTH ** (most - 1)
+    maximum = RUNGS if task.keep_all else rungs(len(left))
+    last = task.cases * GROWTH ** (maximum - 1)
     known = draws(task.system, task.link, last + GROWTH * last, task.study, task.profile, task.against)
     counts = [len(left)]
-    for _ in range(most - 1):
+    for _ in range(maximum - 1):
         counts.append(counts[-1] if task.keep_all else _going_on(counts[-1], left))
     counts.append(counts[-1])  # the last count again, for the fresh draws
-    climbed = [_rung(task, known, number, counts) for number in range(most)]
+    climbed = [_rung(task, known, number, counts) for number in range(maximum)]
     _say_what_is_made(task, climbed, counts)
     for rung in climbed:
         left = run_all(partial(climb, task, rung), left, jobs, _part(progress, counts, rung.number))
         ranked = sorted(left, key=lambda entry: (not entry.structure.is_reference, *entry.rank))
         left, out = ranked[: counts[rung.number + 1]], [*out, *ranked[counts[rung.number + 1] :]]
-    left = run_all(partial(judge, task, known[last:]), left, jobs, _part(progress, counts, most))
+    left = run_all(partial(judge, task, known[last:]), left, jobs, _part(progress, counts, maximum))
     return sorted([*left, *out], key=lambda entry: entry.rank)
 
 
@@ -208,9 +208,9 @@ def _rung(task: SearchTask, known: list[Draw], number: int, counts: Sequence[int
 def _say_what_is_made(task: SearchTask, climbed: Sequence[Rung], counts: Sequence[int]) -> None:
     """Warn if the budget is too small for more than the first points: each rung has at least one generation."""
     if all(rung.generations == 1 for rung in climbed):
-        least = [POPULATION * count * len(rung.draws) for rung, count in zip(climbed, counts, strict=False)]
-        text = f"of {counts[0]} structures only the {POPULATION} first points are tried: {sum(least)} closed loops"
-        enough = 2 * len(climbed) * max(least)
+        minimum = [POPULATION * count * len(rung.draws) for rung, count in zip(climbed, counts, strict=False)]
+        text = f"of {counts[0]} structures only the {POPULATION} first points are tried: {sum(minimum)} closed loops"
+        enough = 2 * len(climbed) * max(minimum)
         note(f"--budget {task.budget}: {text}; two generations of all take {enough}")
 
 

@@ -49,8 +49,8 @@ def run_file(task: SearchTask, command: str, entry: Entry) -> str:
 
 def tuned(task: SearchTask, command: str, found: Sequence[Entry]) -> Tuned:
     """All structures searched to the end, the best first, as a parameter file; all command the same devices."""
-    most = max(len(entry.scores) for entry in found)
-    last = [(e.structure, e.controller, e.scores[-1]) for e in found if e.controller and len(e.scores) == most]
+    maximum = max(len(entry.scores) for entry in found)
+    last = [(e.structure, e.controller, e.scores[-1]) for e in found if e.controller and len(e.scores) == maximum]
     signals = max((structure.signals for structure, _, _ in last), key=len)
     return Tuned(
         system=task.system,
@@ -98,10 +98,10 @@ def rows(found: Sequence[Entry]) -> list[dict[str, Any]]:
 
 def search_table(found: Sequence[Entry]) -> list[str]:
     """The ranking in Markdown; the last column is the score on fresh draws."""
-    most = max(len(entry.scores) for entry in found)
-    titles = ["controller", "scheme", "devices", "compensation", *(f"rung {i}" for i in range(most - 1)), "fresh"]
+    maximum = max(len(entry.scores) for entry in found)
+    titles = ["controller", "scheme", "devices", "compensation", *(f"rung {i}" for i in range(maximum - 1)), "fresh"]
     cells = []
     for row in rows(found):
-        told = [f"{value:.3f}" for value in row["scores"]] + [""] * (most - len(row["scores"]))
+        told = [f"{value:.3f}" for value in row["scores"]] + [""] * (maximum - len(row["scores"]))
         cells.append([row["controller"], row["scheme"] or "-", "+".join(row["devices"]), row["compensation"], *told])
     return table(titles, cells, left=4, markdown=True)

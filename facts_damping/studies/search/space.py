@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
 
 
-SHARE = Range(0.1, 10.0, logarithmic=True)  # scales of further signals, relative to their swing beside the first signal
+FRACTION = Range(0.1, 10.0, logarithmic=True)  # scales of further signals, relative to their swing beside the first signal
 HORIZON = Range(1.0, 24.0)  # frames, if there are several signals or devices
 RATES = ("fixed", "lyapunov")  # searched as well: below and above one half
 GUARDS = {  # of `search`, in addition to the profile's
@@ -52,7 +52,7 @@ class Space(NamedTuple):
         if self.scheme == "indirect" and len(self.signals) * len(self.devices) > 1:
             made["identifier_horizon"] = HORIZON
             del made["identifier_weight"]
-        made |= {f"share.{i}": SHARE for i in range(1, len(self.signals))}
+        made |= {f"fraction.{i}": FRACTION for i in range(1, len(self.signals))}
         return {**made, "rate": Range(0.0, 1.0)}
 
     def _each(self, ranges: dict[str, Range]) -> dict[str, Range]:
@@ -74,8 +74,8 @@ class Space(NamedTuple):
         if self.row.network is None:
             return _plain(found)
         rate = RATES[int(found.pop("rate")[0] >= 0.5)]
-        for share, signal in zip(found.pop("share", []), self.signals[1:], strict=True):
-            beside = share * abs(plant.ratio(signal, self.signals[0]))
+        for fraction, signal in zip(found.pop("fraction", []), self.signals[1:], strict=True):
+            beside = fraction * abs(plant.ratio(signal, self.signals[0]))
             for name in ("scale", "change_scale"):
                 found[name].append(four_digits(found[name][0] * beside))
         if self.scheme == "indirect":
@@ -95,12 +95,12 @@ class Space(NamedTuple):
                 for name, by in self._multiples(found, plant, limit, rate).items():
                     found[name] = [one / by for one in found[name]]
             beside = [abs(plant.ratio(signal, self.signals[0])) for signal in self.signals[1:]]
-            found["share"] = [b / found["scale"][0] / a for a, b in zip(beside, found["scale"][1:], strict=True)]
+            found["fraction"] = [b / found["scale"][0] / a for a, b in zip(beside, found["scale"][1:], strict=True)]
             found["rate"] = [(RATES.index(rate) + 0.5) / len(RATES)]
         units, at = self._units(plant), []
         for place, one in self.ranges.items():
             name, _, i = place.partition(".")
-            some = found.get(name, [])[max(0, int(i or 0) - (name == "share")) :]
+            some = found.get(name, [])[max(0, int(i or 0) - (name == "fraction")) :]
             at.append(one.place(some[0] / units.get(name, 1.0)) if some else 0.5)
         return np.array(at)
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.study import Axis, Range, Study, Target, Variable
 
-MOST_POINTS = 1_000_000
+MAX_POINTS = 1_000_000
 DIGITS = 12  # significant digits to which values are rounded: 3 * 0.1 is 0.3
 
 
@@ -43,8 +43,8 @@ def points(study: Study) -> list[Point]:
     random = np.random.default_rng(study.seed)
     expanded = [expand(axis, random, f"sweep.{i}") for i, axis in enumerate(study.sweep)]
     count = int(np.prod([len(one) for one in expanded], dtype=np.float64))
-    if count > MOST_POINTS:
-        raise InputError(f"sweep: {count} points given; allowed: at most {MOST_POINTS}")
+    if count > MAX_POINTS:
+        raise InputError(f"sweep: {count} points given; allowed: at most {MAX_POINTS}")
     fields = [path for one in expanded for path in dict.fromkeys(path for point in one for path in point.changes)]
     fields += list(study.margin.factors) if study.margin else []
     columns = [name for one in expanded for name in one[0].columns]
@@ -133,8 +133,8 @@ def spaced(spec: Range) -> Sequence[int | float]:
         whole = isinstance(spec.start, int) and isinstance(spec.stop, int) and not np.any(spread % 1)
         return [int(value) if whole else _rounded(float(value)) for value in spread]
     number = spec.number or int((spec.stop - spec.start) / spec.step + 1e-9) + 1  # type: ignore[operator]
-    if number > MOST_POINTS:
-        raise InputError(f"sweep: a range of {number} values given; allowed: at most {MOST_POINTS}")
+    if number > MAX_POINTS:
+        raise InputError(f"sweep: a range of {number} values given; allowed: at most {MAX_POINTS}")
     values = [spec.start + i * spec.step for i in range(number)]
     return [_rounded(value) if isinstance(value, float) else value for value in values]
 
@@ -164,19 +164,19 @@ def draw(variables: Sequence[Variable], number: int, method: str, random: np.ran
     """Random values of variables, (number, variables)."""
     size = len(variables)
     if method == "latin_hypercube" and size:
-        shares = stats.qmc.LatinHypercube(size, rng=random).random(number)
+        fractions = stats.qmc.LatinHypercube(size, rng=random).random(number)
     else:
-        shares = random.random((number, size))
-    columns = [quantile(variable, shares[:, i]) for i, variable in enumerate(variables)]
+        fractions = random.random((number, size))
+    columns = [quantile(variable, fractions[:, i]) for i, variable in enumerate(variables)]
     return np.asarray(np.array(columns).reshape(size, number).T)
 
 
-def quantile(variable: Variable, share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Quantiles of a variable at the given shares, within its limits."""
+def quantile(variable: Variable, fraction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Quantiles of a variable at the given fractions, within its limits."""
     law = DISTRIBUTIONS[variable.distribution](variable)
     low = 0.0 if variable.low is None else law.cdf(variable.low)
     high = 1.0 if variable.high is None else law.cdf(variable.high)
-    return np.asarray(law.ppf(low + (high - low) * share))
+    return np.asarray(law.ppf(low + (high - low) * fraction))
 
 
 def drawn_columns(axis: Axis) -> list[str]:

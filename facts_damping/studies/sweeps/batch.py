@@ -37,7 +37,7 @@ T = TypeVar("T")
 
 INTERAREA_HZ = 0.9  # a ringdown mode below this frequency is the interarea mode
 QUANTILES = (0, 1, 5, 10, 25, 50, 75, 90, 95, 99, 100)  # %, of the latency
-MOST_SHARED = 256  # largest number of plants cached per process; some kB each
+MAX_SHARED = 256  # largest number of plants cached per process; some kB each
 LATENCIES = ("latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms")
 SUMMED = ("settling_time_s", "roughness", "max_injected_voltage_pu")
 OUTCOME = ("verdict", "damped", "instability", "duration_s")
@@ -153,7 +153,7 @@ def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
     """The cached value of a key, made if missing; the oldest value is dropped when the cache is full."""
     found = kept.get(key)
     if found is None:
-        if len(kept) >= MOST_SHARED:
+        if len(kept) >= MAX_SHARED:
             kept.pop(next(iter(kept)), None)
         found = kept[key] = make()
     return found
@@ -184,8 +184,8 @@ def figures(record: Record, finer: Record | None = None, *, modes: bool) -> dict
     if finer is not None:
         half = summarise(finer, method=None)
         beside = convergence.compare(told, half)
-        most = max(beside["step_change"][i] for i in INDICES)
-        found |= dict(zip(CHECKED, (beside["converged"], most, half["verdict"]), strict=True))
+        maximum = max(beside["step_change"][i] for i in INDICES)
+        found |= dict(zip(CHECKED, (beside["converged"], maximum, half["verdict"]), strict=True))
     if modes:
         slow = next((mode for mode in told["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)
         values = (slow["frequency_hz"], slow["damping_ratio"]) if slow else (None, None)

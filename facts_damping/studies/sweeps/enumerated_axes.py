@@ -102,9 +102,9 @@ def _named(label: str) -> dict[str, Any]:
 
 def _cut(label: str, case: Case) -> dict[str, Any]:
     """The leading signals of each controller, if this kind takes fewer."""
-    most = kind(label.partition(" ")[0]).signals
+    maximum = kind(label.partition(" ")[0]).signals
     own = {f"controllers.{i}.signals": one.signals for i, one in enumerate(case.run.controllers)}
-    return {path: signals[:most] for path, signals in own.items() if len(signals) > most}
+    return {path: signals[:maximum] for path, signals in own.items() if len(signals) > maximum}
 
 
 def every_scheme(names: Sequence[str]) -> list[tuple[str, Scheme]]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
-LEAST = 1e-9  # lower limit of logarithmic axes
+MINIMUM = 1e-9  # lower limit of logarithmic axes
 
 
 def draw(case: Case, horizon: int, path: Path) -> None:
@@ -53,10 +53,10 @@ def _learning(rates: Any, lyapunov: Any, record: Record) -> None:
         for output in np.unique(own["output"]):
             rows = own[(own["output"] == output) & (own["group"] == 0)]
             time_s, colour = record.time_s[rows["tick"]], COLOURS[2 * identifier + output % 2]
-            rates.plot(time_s, np.maximum(rows["rate"], LEAST), color=colour, lw=1.0, label=f"{who}, output {output}")
+            rates.plot(time_s, np.maximum(rows["rate"], MINIMUM), color=colour, lw=1.0, label=f"{who}, output {output}")
         rows = own[(own["output"] == 0) & (own["group"] == 0)]
         lyapunov.plot(
-            record.time_s[rows["tick"]], np.maximum(rows["lyapunov"], LEAST), color=COLOURS[2 * identifier], label=who
+            record.time_s[rows["tick"]], np.maximum(rows["lyapunov"], MINIMUM), color=COLOURS[2 * identifier], label=who
         )
     rates.set(xlabel="time [s]", ylabel="learning rate", yscale="log")
     lyapunov.set(xlabel="time [s]", ylabel="Lyapunov function [-]", yscale="log")

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 CONFIDENCE = 0.95
 RESAMPLES = 4000
-LEAST = 4  # smallest number of pairs for an interval
+MINIMUM = 4  # smallest number of pairs for an interval
 
 
 class Effect(NamedTuple):
     """An index relative to a reference in the same draws: geometric mean of the ratio, and its 95 % interval.
 
     The interval is a bootstrap by resampling draws within their groups (B. Efron, R. J. Tibshirani, An Introduction to
-    the Bootstrap, 1993, 13). Only draws in which both stay in synchronism count; with fewer than `LEAST` of them all
+    the Bootstrap, 1993, 13). Only draws in which both stay in synchronism count; with fewer than `MINIMUM` of them all
     three are None.
     """
 
@@ -58,7 +58,7 @@ def effect(
         if all(sound):
             logs.setdefault(group(a), []).append(float(np.log(a[index] / b[index])))
     pairs = sum(map(len, logs.values()))
-    ends = _interval(list(map(np.array, logs.values()))) if pairs >= LEAST else (None, None, None)
+    ends = _interval(list(map(np.array, logs.values()))) if pairs >= MINIMUM else (None, None, None)
     return Effect(len(both), pairs, stable.count((False, True)), stable.count((True, False)), *ends)
 
 

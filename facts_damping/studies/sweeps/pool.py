@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Each = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
 
 CONNECT_S = 10  # s, time-out for connecting to a scheduler
-MOST_AT_ONCE = 16  # largest batch per process: larger batches wait less, but a kill loses the current batch
+MAX_AT_ONCE = 16  # largest batch per process: larger batches wait less, but a kill loses the current batch
 TASKS_AHEAD = 4  # per thread of a cluster: keeps all threads busy and the scheduler small
 
 # Joblib's warnings about an interrupted sweep, and about a replaced worker (memory growth or long idle time).
@@ -75,7 +75,7 @@ def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]
     """Map in local processes with one BLAS thread each: for such small matrices more threads only slow it down."""
     warnings.filterwarnings("ignore", _JOBLIB_WARNINGS, UserWarning)
     many = min(jobs, max(1, len(todo)))
-    batch = max(1, min(MOST_AT_ONCE, len(todo) // (8 * many)))
+    batch = max(1, min(MAX_AT_ONCE, len(todo) // (8 * many)))
     with parallel_config("loky", inner_max_num_threads=1):
         pool = Parallel(n_jobs=many, return_as="generator_unordered", batch_size=batch, initializer=_worker)
     try:

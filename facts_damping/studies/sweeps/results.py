@@ -1,4 +1,4 @@
-"""Output files of a sweep: the table as Parquet and CSV, margins, shares, versions; and text for a terminal."""
+"""Output files of a sweep: the table as Parquet and CSV, margins, fractions, versions; and text for a terminal."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     Rows = Sequence[dict[str, Any]]
 
-MOST_LINES = 40  # longest table on the terminal; longer ones are only written to a file
+MAX_LINES = 40  # longest table on the terminal; longer ones are only written to a file
 
 
 def table(rows: Rows) -> pa.Table:
@@ -53,13 +53,13 @@ def _commit() -> str | None:
     return done.stdout.strip() or None
 
 
-def write(folder: Path, rows: Rows, margins: Rows, shares: Rows) -> list[Path]:
+def write(folder: Path, rows: Rows, margins: Rows, fractions: Rows) -> list[Path]:
     """Write all tables and the versions; return their paths."""
     made = []
     whole = table(rows)
     parquet.write_table(whole, folder / "rows.parquet")
     made.append(folder / "rows.parquet")
-    for name, some in (("rows", rows), ("margins", margins), ("shares", shares)):
+    for name, some in (("rows", rows), ("margins", margins), ("fractions", fractions)):
         if some:
             csv.write_csv(table(some), folder / f"{name}.csv")
             made.append(folder / f"{name}.csv")
@@ -77,14 +77,14 @@ def tables(folder: Path, name: str, rows: Rows) -> list[Path]:
     return [folder / f"{name}.parquet", folder / f"{name}.csv"]
 
 
-def sweep_tables(rows: Rows, margins: Rows, shares: Rows, across: str = "scenario") -> list[str]:
-    """Lines for a terminal: counts, margins, shares of failed runs."""
+def sweep_tables(rows: Rows, margins: Rows, fractions: Rows, across: str = "scenario") -> list[str]:
+    """Lines for a terminal: counts, margins, fractions of failed runs."""
     failed = [row["error"] for row in rows if row["error"]]
     sound = [row for row in rows if not row["error"]]
     lines = [f"{len(rows)} runs"]
     if sound:
         unstable = failed_fraction(sum(not row["stable"] for row in sound), len(sound))
-        lines[0] += f", {unstable['failed']} unstable ({100 * unstable['share']:.1f} %)"
+        lines[0] += f", {unstable['failed']} unstable ({100 * unstable['fraction']:.1f} %)"
     open_ = sum(row.get("converged") is False for row in sound)
     if open_:
         lines[0] += f", {open_} not converged"
@@ -92,8 +92,8 @@ def sweep_tables(rows: Rows, margins: Rows, shares: Rows, across: str = "scenari
         lines.append(f"{len(failed)} could not be made, the first: {failed[0]}")
     if margins:
         lines += ["", *margin_table(margins, across)]
-    if shares and len(shares) <= MOST_LINES:
-        lines += ["", *share_table(shares)]
+    if fractions and len(fractions) <= MAX_LINES:
+        lines += ["", *fraction_table(fractions)]
     return lines
 
 
@@ -128,7 +128,7 @@ FOUND = (
     "per_seed",
     "field",
 )
-COUNTED = ("runs", "failed", "share", "low", "high", "not_converged")
+COUNTED = ("runs", "failed", "fraction", "low", "high", "not_converged")
 
 
 def label(row: dict[str, Any], names: Sequence[str]) -> str:
@@ -172,7 +172,7 @@ def reach(row: dict[str, Any]) -> float:
 def margin_table(margins: Rows, across: str) -> list[str]:
     """Margins in Markdown with the values of `across` side by side: a table per criterion, and per scenario if needed.
 
-    A star and the holding share of the coarse grid mark margins that hold again at larger values.
+    A star and the holding fraction of the coarse grid mark margins that hold again at larger values.
     """
     names, columns = margin_names(margins, across), list(dict.fromkeys(row[across] for row in margins))
     lines: list[str] = []
@@ -219,14 +219,14 @@ def spans(values: Sequence[float]) -> str:
     return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} to {values[-1]:g}"
 
 
-def share_table(shares: Rows) -> list[str]:
-    """Shares of failed runs in Markdown."""
-    told = varying(shares, COUNTED)
-    checked = any("not_converged" in row for row in shares)
+def fraction_table(fractions: Rows) -> list[str]:
+    """Fractions of failed runs in Markdown."""
+    told = varying(fractions, COUNTED)
+    checked = any("not_converged" in row for row in fractions)
     cells = []
-    for row in shares:
+    for row in fractions:
         interval = f"{100 * row['low']:.1f} to {100 * row['high']:.1f}"
-        counted = [str(row["runs"]), f"{100 * row['share']:.1f}", interval]
+        counted = [str(row["runs"]), f"{100 * row['fraction']:.1f}", interval]
         counted += [cell(row.get("not_converged"))] if checked else []
         cells.append([*(cell(row.get(name)) for name in told), *counted])
     titles = [*told, "runs", "failed, %", "95 % interval", *(["not converged"] if checked else [])]

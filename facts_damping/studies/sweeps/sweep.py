@@ -136,18 +136,18 @@ def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Pr
 
     Raises `InputError` if the folder belongs to another study, `RunError` if the runs cannot continue.
     """
-    most = len(made.points) * (margins.most_runs(made.study.margin) if made.study.margin else 1)
+    maximum = len(made.points) * (margins.max_runs(made.study.margin) if made.study.margin else 1)
     with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, made.fingerprint) as journal:
         write_whole(folder / COPY, made.text)
         if journal.damaged:
             lines = f"{journal.damaged} damaged line{'s' if journal.damaged > 1 else ''}"
             note(f"{folder / JOURNAL}: {lines}; what stood there is run again")
         progress.resume(len(journal.rows))
-        progress(len(journal.rows), most)
+        progress(len(journal.rows), maximum)
         while todo := _tasks(made, journal.rows):
             for key, row in each(partial(one_run, made.base), todo):
                 journal.append(key, row)
-                progress(len(journal.rows), most)
+                progress(len(journal.rows), maximum)
         return _seen(made, journal.rows)
 
 
@@ -272,8 +272,8 @@ def _place(made: Plan) -> list[str]:
     return [name for name in dict.fromkeys([*IDENTITY, *made.points[0].columns, "horizon_s"]) if name not in drawn]
 
 
-def found_shares(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
-    """The share of failed runs over seeds and random values, with Wilson's interval.
+def found_fractions(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
+    """The fraction of failed runs over seeds and random values, with Wilson's interval.
 
     A row for each place and criterion; empty if no two runs share a place.
     """
@@ -298,6 +298,6 @@ def found_shares(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]
 
 
 def _differing(rows: Rows, criterion: str) -> dict[str, int]:
-    """The number of runs in a share whose result changes with half the integration step; empty if not checked."""
+    """The number of runs in a fraction whose result changes with half the integration step; empty if not checked."""
     changed = differ(rows, criterion)
     return {} if changed is None else {"not_converged": sum(changed)}

@@ -32,15 +32,15 @@ CURVES = {
     "interarea_damping_ratio": "interarea damping ratio",
     "roughness": "roughness [p.u./s²]",
 }
-SHARES = {"unstable": "share of unstable runs", "not_damped": "share of runs not damped"}
+SHARES = {"unstable": "fraction of unstable runs", "not_damped": "fraction of runs not damped"}
 BINS = 20  # of a random variable
-LEAST = 3  # number of values for an axis
-MOST_ACROSS = 5  # largest number of panels of a map per row
-MOST_TICKS = 12  # largest number of ticks of a map with a tick per value
-MOST_GROUPS = 30  # largest number of distinguishable curves
-MOST_TOGETHER = 8  # largest number of groups with all figures in one picture
+MINIMUM = 3  # number of values for an axis
+MAX_ACROSS = 5  # largest number of panels of a map per row
+MAX_TICKS = 12  # largest number of ticks of a map with a tick per value
+MAX_GROUPS = 30  # largest number of distinguishable curves
+MAX_TOGETHER = 8  # largest number of groups with all figures in one picture
 SPREAD_MS = 1e-3  # a smaller variation of latency is not drawn as a distribution
-MOST_DISTINCT = 60  # a column with more values counts as random
+MAX_DISTINCT = 60  # a column with more values counts as random
 
 
 def draw(rows: Rows, swept: Sequence[str], margins: Rows, across: str, folder: Path) -> list[Path]:
@@ -48,7 +48,7 @@ def draw(rows: Rows, swept: Sequence[str], margins: Rows, across: str, folder: P
     sound = [row for row in rows if not row["error"]]
     axes = sorted(numeric(sound, swept), key=lambda name: -len({row[name] for row in sound}))
     made: dict[str, Figure | None] = {"margins": draw_margins(margins, across) if margins else None}
-    few = len(groups(sound, swept, axes)) <= MOST_GROUPS
+    few = len(groups(sound, swept, axes)) <= MAX_GROUPS
     if axes and sound and few:
         x = next((m["field"] for m in margins), axes[0])
         made["curves"] = draw_curves(sound, x, swept, axes)
@@ -65,7 +65,7 @@ def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:
     found = []
     for name in dict.fromkeys(swept):
         values = [row.get(name) for row in rows]
-        if name != "seed" and all(type(value) in (int, float) for value in values) and len(set(values)) >= LEAST:
+        if name != "seed" and all(type(value) in (int, float) for value in values) and len(set(values)) >= MINIMUM:
             found.append(name)
     return found
 
@@ -129,7 +129,7 @@ def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
     if not shown:
         return None
     schemes = [one for one in dict.fromkeys(row["scheme"] for row in rows) if one]
-    if len(groups(rows, swept, axes)) <= MOST_TOGETHER or not schemes:
+    if len(groups(rows, swept, axes)) <= MAX_TOGETHER or not schemes:
         parts: list[tuple[str, str, set[str | None]]] = [
             (title, name, {None, *schemes}) for name, title in shown.items()
         ]
@@ -154,7 +154,7 @@ def _curve(panel: Axes, x: NDArray[np.float64], y: NDArray[np.float64], style: d
     """Values against x with gaps where missing; many values are points with the medians of bins."""
     if not len(x):
         return
-    if len(np.unique(x)) > MOST_DISTINCT:
+    if len(np.unique(x)) > MAX_DISTINCT:
         faint = max(0.05, min(0.5, 300 / len(x)))
         panel.plot(x, y, ".", color=style["color"], ms=2, alpha=faint)
     middles, parts = binned(x)
@@ -165,7 +165,7 @@ def _curve(panel: Axes, x: NDArray[np.float64], y: NDArray[np.float64], style: d
 def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]]:
     """Group values and the members of each group: single values, or bins of equal width if there are many."""
     distinct = np.unique(x)
-    if len(distinct) <= MOST_DISTINCT:
+    if len(distinct) <= MAX_DISTINCT:
         return [float(value) for value in distinct], [x == value for value in distinct]
     edges = np.linspace(distinct[0], distinct[-1], BINS + 1)
     at = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
@@ -174,23 +174,23 @@ def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]
 
 
 def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str], criterion: str) -> Figure | None:
-    """Share of failed runs against a numeric axis with Wilson's interval; None if no two runs share a value."""
-    figure, panels = _panels(rows, [f"{_share_label(rows, criterion)}, 95 % interval".replace(", ", ",\n", 1)], x)
+    """Fraction of failed runs against a numeric axis with Wilson's interval; None if no two runs share a value."""
+    figure, panels = _panels(rows, [f"{_fraction_label(rows, criterion)}, 95 % interval".replace(", ", ",\n", 1)], x)
     looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
     several = False
     for scenario, own in by_scenario(rows).items():
         for group, some in groups(own, swept, axes, rows).items():
             failed = np.array([FAILED[criterion](row) for row in some])
             middles, parts = binned(np.array([row[x] for row in some], float))
-            most = max(int(part.sum()) for part in parts)
-            several |= most > 1
+            maximum = max(int(part.sum()) for part in parts)
+            several |= maximum > 1
             # Bisection adds values with few seeds, those with a margin nearby.
-            kept = [i for i, part in enumerate(parts) if part.sum() > most / 2 or len(parts) == BINS]
+            kept = [i for i, part in enumerate(parts) if part.sum() > maximum / 2 or len(parts) == BINS]
             middles, parts = [middles[i] for i in kept], [parts[i] for i in kept]
-            shares = [failed_fraction(int(failed[part].sum()), int(part.sum())) for part in parts]
+            fractions = [failed_fraction(int(failed[part].sum()), int(part.sum())) for part in parts]
             (panel,) = panels[scenario]
-            panel.plot(middles, [one["share"] for one in shares], label=group, lw=1.3, marker=".", **looks[group])
-            ends = [[one[end] for one in shares] for end in ("low", "high")]
+            panel.plot(middles, [one["fraction"] for one in fractions], label=group, lw=1.3, marker=".", **looks[group])
+            ends = [[one[end] for one in fractions] for end in ("low", "high")]
             panel.fill_between(middles, *ends, color=looks[group]["color"], alpha=0.15, lw=0)
             panel.set_ylim(-0.02, 1.02)
     _legend(figure)
@@ -198,7 +198,7 @@ def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
 
 
 def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -> Figure:
-    """Share of failed runs over two numeric axes: a panel for each scenario and group, at most twelve.
+    """Fraction of failed runs over two numeric axes: a panel for each scenario and group, at most twelve.
 
     `~`: at least one of these runs changes its result with half the integration step.
     """
@@ -208,7 +208,7 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
         for name, some in groups(own, swept, (x, y), rows).items()
     }
     kept = list(panels.items())[:12]
-    across = min(MOST_ACROSS, len(kept))
+    across = min(MAX_ACROSS, len(kept))
     down = -(-len(kept) // across)
     figure = Figure(figsize=(1.6 + 3.6 * across, 0.6 + 3.2 * down), layout="constrained")
     drawn: Any = figure.subplots(down, across, squeeze=False).ravel()
@@ -217,31 +217,31 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
         columns, wide = binned(np.array([row[x] for row in some], float))
         lines, high = binned(np.array([row[y] for row in some], float))
         failed = np.array([FAILED[criterion](row) for row in some])
-        shares = [[failed[a & b].mean() if np.any(a & b) else np.nan for a in wide] for b in high]
+        fractions = [[failed[a & b].mean() if np.any(a & b) else np.nan for a in wide] for b in high]
         looks: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1, "shading": "nearest"}
         at, up = _ticked(axes.xaxis, columns), _ticked(axes.yaxis, lines)
-        image = axes.pcolormesh(at, up, np.array(shares, float), **looks)
+        image = axes.pcolormesh(at, up, np.array(fractions, float), **looks)
         changed = np.array(differ(some, criterion) or np.zeros(len(some)), bool)
         for i, j in np.argwhere([[np.any(changed & a & b) for a in wide] for b in high]):
-            colour = "white" if shares[i][j] < 0.5 else "black"  # cividis is dark for few failures
+            colour = "white" if fractions[i][j] < 0.5 else "black"  # cividis is dark for few failures
             axes.text(at[j], up[i], MARK, color=colour, ha="center", va="center", fontsize="large")
         marked |= bool(changed.any())
         axes.set(title=title, xlabel=x, ylabel=y)
     for axes in drawn[len(kept) :]:
         axes.set_visible(False)
-    told = _share_label(rows, criterion) + (f"\n{MARK} some do otherwise with half the step" if marked else "")
+    told = _fraction_label(rows, criterion) + (f"\n{MARK} some do otherwise with half the step" if marked else "")
     figure.colorbar(image, ax=list(drawn), label=told, shrink=0.8)
     return figure
 
 
-def _share_label(rows: Rows, criterion: str) -> str:
+def _fraction_label(rows: Rows, criterion: str) -> str:
     horizons = sorted({row["horizon_s"] for row in rows})
     return f"{SHARES[criterion]}, horizon {' / '.join(f'{one:g}' for one in horizons)} s"
 
 
 def _ticked(axis: Axis, values: Sequence[float]) -> Sequence[float]:
     """Tick positions of an axis: few values at equal distances with a tick each, many values to scale."""
-    if len(values) > MOST_TICKS:
+    if len(values) > MAX_TICKS:
         return values
     axis.set_ticks(range(len(values)), [f"{value:g}" for value in values])
     return range(len(values))
@@ -258,20 +258,20 @@ def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
         return None
     title = []
     for name in numeric(rows, swept):
-        if len({row[name] for row in rows}) <= MOST_DISTINCT:
-            least = min(row[name] for row in told)
-            told = [row for row in told if row[name] == least]
-            title.append(f"{name} = {least:g}")
+        if len({row[name] for row in rows}) <= MAX_DISTINCT:
+            minimum = min(row[name] for row in told)
+            told = [row for row in told if row[name] == minimum]
+            title.append(f"{name} = {minimum:g}")
     figure = Figure(figsize=(7.5, 3.8), layout="constrained")
     axes = figure.subplots()
     apart = groups(told, swept, ())
-    apart = apart if len(apart) <= MOST_TOGETHER else groups(told, swept, numeric(told, swept))
+    apart = apart if len(apart) <= MAX_TOGETHER else groups(told, swept, numeric(told, swept))
     for (name, some), style in zip(apart.items(), styles(), strict=False):
         quantiles = np.array([[row[name] for name in names] for row in some], float)
         at = np.unique(quantiles)
         at = np.concatenate([[at[0] - 1e-9], at]) if len(at) < 2000 else np.linspace(at[0] - 1e-9, at[-1], 2000)
-        shares = np.mean([_below(one, at) for one in quantiles], axis=0)
-        axes.plot(at, 100 * shares, label=name, lw=1.3, **style)
+        fractions = np.mean([_below(one, at) for one in quantiles], axis=0)
+        axes.plot(at, 100 * fractions, label=name, lw=1.3, **style)
     axes.set(xlabel="latency from measurement to device [ms]", ylabel="setpoints with at most that [%]", ylim=(-1, 101))
     axes.set_title(", ".join(title), fontsize="medium")
     axes.grid(visible=True, lw=0.3)
@@ -281,6 +281,6 @@ def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
 
 
 def _below(quantiles: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Share of a run's setpoints with at most a given latency, by linear interpolation between its quantiles."""
+    """Fraction of a run's setpoints with at most a given latency, by linear interpolation between its quantiles."""
     steps = np.maximum.accumulate(quantiles) + 1e-9 * np.arange(len(quantiles))
     return np.asarray(np.interp(at + 1e-9 * len(quantiles), steps, np.array(QUANTILES) / 100, left=0.0, right=1.0))

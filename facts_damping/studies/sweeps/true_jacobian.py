@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 MOVE = 1e-4  # p.u., of a reference
 EVERY = 6  # frames between two evaluations
-ANSWER = 0.01  # share of the root mean square below which a true derivative counts as no response
+ANSWER = 0.01  # fraction of the root mean square below which a true derivative counts as no response
 FIGURES = ("right_sign", "error", "right_sign_stated", "answering")
 ROUND = 1e-9  # normalised: a smaller true derivative counts as zero
 
@@ -153,7 +153,7 @@ def figures(case: Case, found: Followed) -> dict[str, float]:
 
 
 def compared(found: Followed) -> dict[str, NDArray[np.float64]]:
-    """For each derivative, (signals, devices): share of right signs, median error, and share with a response.
+    """For each derivative, (signals, devices): fraction of right signs, median error, and fraction with a response.
 
     The error is relative to the root mean square of the true derivative over the run. A sign counts only if the device
     responds: the true derivative is at least a hundredth of that (a device at its limit does not respond).
@@ -172,6 +172,6 @@ def _answers(true: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _right(estimate: NDArray[np.float64], true: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Share of the evaluations with a response in which the estimate has the true sign."""
+    """Fraction of the evaluations with a response in which the estimate has the true sign."""
     answers = _answers(true)
     return np.asarray(((estimate * true > 0.0) & answers).sum(axis=0) / np.maximum(answers.sum(axis=0), 1))
