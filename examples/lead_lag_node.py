@@ -5,7 +5,7 @@ from contextlib import suppress
 from itertools import groupby
 
 import rclpy
-from facts_damping_msgs.msg import PmuDataFrame, DeviceSetpoint, DeviceSetpoints
+from facts_damping_msgs.msg import DeviceSetpoint, DeviceSetpoints, PmuDataFrame
 from lead_lag import LeadLag
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node

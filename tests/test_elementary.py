@@ -137,7 +137,9 @@ CASES = {
     ),
     "log1p": Case(
         *(elementary.log1p, mpmath.log1p, np.log1p),
-        together(even(-0.999, 10.0), even(-0.01, 0.01), spread(MINIMUM, MAXIMUM), -spread(MINIMUM, 0.9999999), near(-1.0)[2:]),
+        together(
+            even(-0.999, 10.0), even(-0.01, 0.01), spread(MINIMUM, MAXIMUM), -spread(MINIMUM, 0.9999999), near(-1.0)[2:]
+        ),
     ),
     "power": Case(elementary.power, lambda x, y: mpf(x) ** mpf(y), np.power, POWERS),
     "atan2": Case(elementary.atan2, mpmath.atan2, np.arctan2, POINTS),

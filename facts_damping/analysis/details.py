@@ -54,7 +54,9 @@ def lines(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: 
     for name, result in zip(names, results, strict=True):
         fit = result["ringdown"]
         told = "no modes" if fit is None else "{order} poles, {snr_db:.1f} dB over the residual".format(**fit)
-        duty = (f"{device} {100 * fraction:.1f} % of the frames" for device, fraction in result["saturation_duty"].items())
+        duty = (
+            f"{device} {100 * fraction:.1f} % of the frames" for device, fraction in result["saturation_duty"].items()
+        )
         yield f"{name}: {'; '.join([told, *duty])}"
         yield from (f"  {_mode(mode)}" for mode in result["modes"])
     rows = [

@@ -28,7 +28,9 @@ def odd_findings(
         [] if mean is None or mean < 1e3 * LATE_S else [f"latency {mean / 1e3:.1f} s on average, more than {LATE_S:g}"]
     )
     limited = [
-        f"{device} was at its limit {100 * fraction:.0f} % of the time" for device, fraction in duty.items() if fraction > MOSTLY
+        f"{device} was at its limit {100 * fraction:.0f} % of the time"
+        for device, fraction in duty.items()
+        if fraction > MOSTLY
     ]
     return [*_not_armed(record, supervision), *_not_heard(record), *late, *limited]
 

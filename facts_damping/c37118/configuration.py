@@ -6,7 +6,7 @@ import math
 import struct
 from typing import Any, NamedTuple
 
-from facts_damping.c37118.frame import MINIMUM, MAXIMUM, FrameError
+from facts_damping.c37118.frame import MAXIMUM, MINIMUM, FrameError
 
 NAME = 16  # bytes of a name in configuration 1 and 2
 BITS = 16  # of a digital word

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.c37118.frame import MINIMUM, MAXIMUM, FrameError
+from facts_damping.c37118.frame import MAXIMUM, MINIMUM, FrameError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -114,7 +114,9 @@ def encode(made: Layout, data: Data) -> bytes:
     body[made.at[made.wide, None] + np.arange(4)] = floats
     minimum, maximum = np.where(made.signed[narrow], -32767, 0), np.where(made.signed[narrow], 32767, 65535)
     counts = (values[narrow] - made.offset[narrow]) / made.scale[narrow]
-    whole = np.where(np.isnan(counts), MISSING, np.clip(np.rint(np.nan_to_num(counts)), minimum, maximum)).astype(np.int64)
+    whole = np.where(np.isnan(counts), MISSING, np.clip(np.rint(np.nan_to_num(counts)), minimum, maximum)).astype(
+        np.int64
+    )
     body[made.at[narrow, None] + np.arange(2)] = (whole & 0xFFFF).astype(">u2").view(np.uint8).reshape(-1, 2)
     return body.tobytes()
 

@@ -100,8 +100,8 @@ def framesize(data: bytes | bytearray) -> int:
 def split(stream: bytearray, maximum: int = MAXIMUM) -> tuple[list[bytes], int]:
     """Remove the complete frames and invalid bytes from a stream; return the frames and the number of invalid bytes.
 
-    A frame that has begun remains. `maximum`: largest size of a valid frame, bytes. An incomplete frame counts as invalid
-    if a complete one begins after its start, since its length may be wrong.
+    A frame that has begun remains. `maximum`: largest size of a valid frame, bytes. An incomplete frame counts as
+    invalid if a complete one begins after its start, since its length may be wrong.
     """
     frames, lost, at = list[bytes](), 0, 0
     while len(stream) - at >= MINIMUM:

@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PlantState, PmuDataFrame, DeviceSetpoints
+from facts_damping_msgs.msg import ControllerState, DeviceSetpoints, JacobianEstimate, PlantState, PmuDataFrame
 from rclpy.serialization import deserialize_message, serialize_message
 
 from facts_damping.case.names import (

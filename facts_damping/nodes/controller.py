@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, DeviceSetpoints
+from facts_damping_msgs.msg import ControllerState, DeviceSetpoints, JacobianEstimate, PmuDataFrame
 
 from facts_damping.case.names import (
     controller_addresses,

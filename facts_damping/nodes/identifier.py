@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, DeviceSetpoints
+from facts_damping_msgs.msg import DeviceSetpoints, JacobianEstimate, PmuDataFrame
 
 from facts_damping.case.names import acting, identifier_addresses, link_addresses, speakers
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates

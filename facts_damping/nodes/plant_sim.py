@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, DeviceSetpoints
+from facts_damping_msgs.msg import DeviceSetpoints, GridEvent, PlantState, PmuDataFrame, RunState
 
 from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import RunError

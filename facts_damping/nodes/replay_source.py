@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, DeviceSetpoints
+from facts_damping_msgs.msg import DeviceSetpoints, GridEvent, PlantState, PmuDataFrame, RunState
 
 from facts_damping.case.names import (
     acting,

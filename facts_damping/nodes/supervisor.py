@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import ControllerState, PlantState, PmuDataFrame, SupervisorState, DeviceSetpoints
+from facts_damping_msgs.msg import ControllerState, DeviceSetpoints, PlantState, PmuDataFrame, SupervisorState
 from std_srvs.srv import Trigger
 
 from facts_damping.case.names import (

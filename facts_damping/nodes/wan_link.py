@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, DeviceSetpoints
+from facts_damping_msgs.msg import DeviceSetpoints, LinkStatistics, PmuDataFrame
 from facts_damping_msgs.srv import Apply
 
 from facts_damping.case.names import link_addresses, listeners, served, speakers

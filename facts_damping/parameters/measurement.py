@@ -50,8 +50,8 @@ class BadData(ParameterModel):
     """Wrong frames of some stations for some time.
 
     `stuck`: values stay as they are at the start. `spike`: in some frames magnitudes, speed and ROCOF (the rate of
-    change of frequency) are larger by the fraction `size`. `wrong_sign`: a current transformer is connected the wrong way
-    round. `swapped_phases`: two phases of the voltage are exchanged, so that a balanced voltage has no positive
+    change of frequency) are larger by the fraction `size`. `wrong_sign`: a current transformer is connected the wrong
+    way round. `swapped_phases`: two phases of the voltage are exchanged, so that a balanced voltage has no positive
     sequence. `invalid`: frames are marked as data error and have no values.
     """
 

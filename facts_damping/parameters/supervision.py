@@ -62,7 +62,9 @@ class Probe(ParameterModel):
     )
     amplitude: float = quantity(0.1, "-", "amplitude of a tone, as a fraction of the device's limit", gt=0, le=0.5)
     cycles: float = quantity(8.0, "-", "duration for each device, in cycles of the mode", ge=2, le=1e3)
-    apart: float = quantity(0.18, "-", "distance of the tones from the mode, as a fraction of its frequency", gt=0, lt=0.9)
+    apart: float = quantity(
+        0.18, "-", "distance of the tones from the mode, as a fraction of its frequency", gt=0, lt=0.9
+    )
     coherence: float = quantity(0.5, "-", "smallest coherence of the response that passes", ge=0, lt=1)
     gain: float = quantity(
         3.0, "-", "largest ratio of the response to that of the model, or the inverse, that passes", ge=1, le=1e3

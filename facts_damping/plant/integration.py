@@ -50,7 +50,9 @@ def _runge_kutta(
                 reference[d] = state.reference[d] + fraction * ramp[d]
                 row = plant.devices[d]
                 if row.response_time > 0.0:
-                    trial[row.lag] = first_order_lag(x[row.lag], state.reference[d], ramp[d], row.response_time, fraction)
+                    trial[row.lag] = first_order_lag(
+                        x[row.lag], state.reference[d], ramp[d], row.response_time, fraction
+                    )
             move_noise(plant, work, elapsed + fraction)
         derivatives(plant, trial, reference, state.source, stage, k[part], work)
     for i in range(x.size):

@@ -61,7 +61,7 @@ def _thinned(found: Distribution) -> tuple[tuple[float, float, float, float], ND
 
 
 def _blocks(values: NDArray[np.float64], maximum: int) -> NDArray[np.float64]:
-    """Group rows into at most `maximum` blocks of nearly equal size: by column, the largest value by magnitude of each."""
+    """Group rows into at most `maximum` blocks of nearly equal size; of each the largest magnitude by column."""
     starts = np.linspace(0, len(values), min(len(values), maximum) + 1).astype(int)[:-1]
     high, low = np.maximum.reduceat(values, starts), np.minimum.reduceat(values, starts)
     return np.where(high >= -low, high, low)

@@ -136,7 +136,12 @@ def supervision(runs: Sequence[ReportedRun]) -> list[ReportTable]:
     if not told:
         return []
     fractions = [
-        [run, one["controller"], *(f"{100 * fraction:.1f}" for fraction in one["fractions"].values()), probe_text(one["probe"])]
+        [
+            run,
+            one["controller"],
+            *(f"{100 * fraction:.1f}" for fraction in one["fractions"].values()),
+            probe_text(one["probe"]),
+        ]
         for run, one in told
     ]
     changes = [
@@ -149,7 +154,8 @@ def supervision(runs: Sequence[ReportedRun]) -> list[ReportTable]:
             "supervisors", "Time in each state",
             "Fraction of the run's frames in each state, and what the newest probe says: how the plant answers, beside "
             "how it should.",
-            ["run", "controller", *(f"{state} [%]" for state in STATES), "probe"], [list(map(Cell, r)) for r in fractions],
+            ["run", "controller", *(f"{state} [%]" for state in STATES), "probe"],
+            [list(map(Cell, r)) for r in fractions],
         ),
         ReportTable(
             "changes", "Changes of state",

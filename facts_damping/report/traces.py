@@ -44,7 +44,9 @@ def detailed(
         return time_s, y
     edges = np.searchsorted(time_s, [since - BEFORE, since + AFTER])
     parts = [
-        envelope(x, part, maximum) for x, part in zip(np.split(time_s, edges), np.split(y, edges), strict=True) if len(x)
+        envelope(x, part, maximum)
+        for x, part in zip(np.split(time_s, edges), np.split(y, edges), strict=True)
+        if len(x)
     ]
     return np.concatenate([x for x, _ in parts]), np.concatenate([part for _, part in parts])
 

@@ -119,7 +119,9 @@ def modes_text(modal: Modal) -> Iterator[str]:
     yield "\n     real 1/s   imag rad/s         Hz  damping ratio  kind               participation"
     shown = _listed(modal)
     for mode in shown:
-        maximum = ", ".join(f"{state} {fraction:.2f}" for state, fraction in list(mode.participation.items())[:SHOWN_STATES])
+        maximum = ", ".join(
+            f"{state} {fraction:.2f}" for state, fraction in list(mode.participation.items())[:SHOWN_STATES]
+        )
         yield (
             f"{mode.eigenvalue.real:13.5f} {mode.eigenvalue.imag:12.5f} {mode.frequency_hz:10.4f} "
             f"{mode.damping_ratio:14.4f}  {mode.label:<17}  {maximum}"

@@ -127,7 +127,7 @@ def _swings(values: NDArray[np.complex128]) -> list[complex]:
 def _apart(
     what: str, ours: Sequence[complex], theirs: Sequence[complex], allowed: tuple[float, Sequence[float]]
 ) -> list[Row]:
-    """Frequencies and damping ratios of the swings; allowed: a fraction of the frequencies, differences of the ratios."""
+    """Frequencies and damping ratios of the swings; `allowed`: relative and absolute difference."""
     rows = []
     for name, a, b, damping in zip(SWINGS, ours, theirs, allowed[1], strict=True):
         hertz = b.imag / (2 * np.pi)

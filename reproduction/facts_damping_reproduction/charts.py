@@ -97,7 +97,9 @@ def verdict(signs: Sequence[Signs], rankings: Sequence[Ranking]) -> Figure:
     figure = Figure(figsize=(10.0, 3.0), layout="constrained")
     axes: Any = figure.subplots(1, 2)
     fractions = [100.0 * one.fraction for one in whole]
-    bars = axes[0].barh(range(len(whole)), fractions, color=[COLOURS[0] if one > 95.0 else COLOURS[1] for one in fractions])
+    bars = axes[0].barh(
+        range(len(whole)), fractions, color=[COLOURS[0] if one > 95.0 else COLOURS[1] for one in fractions]
+    )
     axes[0].bar_label(bars, [f" {one.agree} of {one.statements}" for one in whole], fontsize="small")
     axes[0].set_yticks(range(len(whole)), [f"over {one.what.removeprefix(start)}" for one in whole])
     axes[0].invert_yaxis()

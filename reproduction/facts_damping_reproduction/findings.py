@@ -30,7 +30,7 @@ class Agreement(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """Fraction of the improvement from LLC to the bound that a controller reaches, %; none: a run is without figures."""
+    """Part of the improvement from LLC to the bound that a controller reaches, %; none: a run is without figures."""
 
     system: str
     scenario: str

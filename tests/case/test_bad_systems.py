@@ -134,7 +134,11 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
         {"loads.0.P_fractions": {"impedance": 0.5, "power": 0.6}},
         "loads.0.P_fractions: impedance + current + power must be 1, given 1.1",
     ),
-    "fractions below one": ("two_area", {"loads.1.Q_fractions": {"current": 0.5}}, "loads.1.Q_fractions: impedance + current"),
+    "fractions below one": (
+        "two_area",
+        {"loads.1.Q_fractions": {"current": 0.5}},
+        "loads.1.Q_fractions: impedance + current",
+    ),
     "no fractions": ("two_area", {"loads.1.Q_fractions": {}}, "must be 1, given 0"),
     "negative fraction": (
         "two_area",

@@ -133,8 +133,12 @@ class Loads:
         self.at = np.array([buses.index(load.bus) for load in system.loads], dtype=int)
         self.S = np.array([complex(load.P, load.Q) / system.base_power for load in system.loads], complex)
         self.nominal = np.array([load.at == "nominal" for load in system.loads], dtype=bool)
-        self.P_fractions = np.array([list(load.P_fractions.model_dump().values()) for load in system.loads]).reshape(-1, 3).T
-        self.Q_fractions = np.array([list(load.Q_fractions.model_dump().values()) for load in system.loads]).reshape(-1, 3).T
+        self.P_fractions = (
+            np.array([list(load.P_fractions.model_dump().values()) for load in system.loads]).reshape(-1, 3).T
+        )
+        self.Q_fractions = (
+            np.array([list(load.Q_fractions.model_dump().values()) for load in system.loads]).reshape(-1, 3).T
+        )
         self.V_min = np.array([load.V_min for load in system.loads])
         self.V0 = np.ones(len(system.loads))
 

@@ -1,4 +1,4 @@
-"""What each kind of stage does: moments and fractions against the textbook, order, alignment, disturbed data, changes."""
+"""What each kind of stage does: moments and fractions against the textbook; order, alignment, bad data, changes."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from facts_damping_msgs.msg import PmuDataFrame, DeviceSetpoint, DeviceSetpoints
+from facts_damping_msgs.msg import DeviceSetpoint, DeviceSetpoints, PmuDataFrame
 from rclpy.serialization import serialize_message
 from rosidl_parser.definition import AbstractSequence, Array, BasicType, NamespacedType
 

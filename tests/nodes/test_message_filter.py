@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, RunState, DeviceSetpoints
+from facts_damping_msgs.msg import DeviceSetpoints, JacobianEstimate, PmuDataFrame, RunState
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 

@@ -257,7 +257,9 @@ def test_seeds_make_one_margin_and_shares(tmp_path: Path) -> None:
     assert one["per_seed"] == [one["margin_s"]] * 3
     assert 0 < one["high_s"] - one["low_s"] <= 0.02 * (1 + 1e-9)
     assert {row["seed"] for row in found["rows"]} == {1, 2, 3}
-    by_value = {fraction["link.up.1.delay"]: fraction for fraction in found["fractions"] if fraction["criterion"] == "unstable"}
+    by_value = {
+        fraction["link.up.1.delay"]: fraction for fraction in found["fractions"] if fraction["criterion"] == "unstable"
+    }
     assert by_value[0.0]["runs"] == by_value[0.4]["failed"] == 3
     assert by_value[0.4]["low"] == pytest.approx(0.4385, abs=1e-4)  # Wilson's, of 3 of 3: 3 / (3 + 1.96^2)
 

@@ -77,7 +77,11 @@ def main() -> None:
     parser.add_argument("--loss", type=float, default=0.0, metavar="FRACTION", help="fraction of packets that is lost")
     parser.add_argument("--seed", type=int, default=0, help="of jitter and loss")
     given = parser.parse_args()
-    for name, value, maximum in (("delay", given.delay, 60.0), ("jitter", given.jitter, 60.0), ("loss", given.loss, 1.0)):
+    for name, value, maximum in (
+        ("delay", given.delay, 60.0),
+        ("jitter", given.jitter, 60.0),
+        ("loss", given.loss, 1.0),
+    ):
         if not 0.0 <= value <= maximum:
             parser.error(f"--{name}: {value:g} given; allowed: 0 to {maximum:g}")
     for name in (given.near, given.far):

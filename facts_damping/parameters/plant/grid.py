@@ -81,8 +81,8 @@ CONSTANT_IMPEDANCE = Fractions(impedance=1.0)
 class Load(ParameterModel):
     """A [load](network.md) that depends on voltage (ZIP model: impedance, current, power) and frequency.
 
-    `P(V) = P [z (V/V0)^2 + i V/V0 + p] (1 + kpf df)`, with the fractions z, i and p and the reference voltage V0. The same
-    holds for Q with its own fractions and `kqf`.
+    `P(V) = P [z (V/V0)^2 + i V/V0 + p] (1 + kpf df)`, with the fractions z, i and p and the reference voltage V0. The
+    same holds for Q with its own fractions and `kqf`.
     """
 
     name: Name = Field(..., description="name, unique among the loads")

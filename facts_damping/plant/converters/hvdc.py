@@ -67,8 +67,8 @@ def power_fraction(voltage: float, V_min: float) -> float:
 def power(d: Any, x: NDArray[np.float64], u: float, voltage: float) -> tuple[float, float]:
     """Power at the rectifier by the voltage of one end's bus, and its derivative by that voltage; p.u.
 
-    P = clip(P0 + u, P_min, P_max) min(fraction(V), fraction(V_to), fraction(V_from)). V_to and V_from are states: the lagged
-    voltages known to both ends.
+    P = clip(P0 + u, P_min, P_max) min(fraction(V), fraction(V_to), fraction(V_from)). V_to and V_from are states: the
+    lagged voltages known to both ends.
     """
     order = min(max(d.P + u, d.P_min), d.P_max)
     known = min(power_fraction(x[d.offset], d.V_min), power_fraction(x[d.offset + 1], d.V_min))

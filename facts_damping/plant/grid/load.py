@@ -64,8 +64,8 @@ def depends_on_frequency(load: Load) -> bool:
 def excess(r: float, current: float, power: float, v_min: float, low: bool) -> tuple[float, float]:
     """Power drawn beyond the impedance at r = V / V0, relative to the power at V0, and its derivative by r.
 
-    i r + p - (i + p) r^2; below V_min the fractions i and p become an impedance: (i V_min + p) (r / V_min)^2. With `low`
-    they are this impedance at any voltage.
+    i r + p - (i + p) r^2; below V_min the fractions i and p become an impedance: (i V_min + p) (r / V_min)^2. With
+    `low` they are this impedance at any voltage.
     """
     if r >= v_min and not low:
         return current * r + power - (current + power) * r * r, current - 2.0 * (current + power) * r

@@ -254,7 +254,9 @@ def _ratios(rows: Rows, name: str) -> list[str]:
 
 
 def _interval(of: dict[str, Any]) -> str:
-    return f"{100 * of['fraction']:.2f} % ({100 * of['low']:.2f} to {100 * of['high']:.2f} %)" if "fraction" in of else "-"
+    return (
+        f"{100 * of['fraction']:.2f} % ({100 * of['low']:.2f} to {100 * of['high']:.2f} %)" if "fraction" in of else "-"
+    )
 
 
 def _both(values: Sequence[float]) -> str:

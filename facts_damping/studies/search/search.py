@@ -1,10 +1,10 @@
 """Search of a controller: successive halving over structures, and an evolutionary search of each one's parameters.
 
-For n structures and a budget of B closed-loop runs there are floor(log4 n) rungs. Each has an equal fraction of B, divided
-among the remaining structures; the best quarter goes on (Jamieson and Talwalkar 2016 keep half). In a rung each
-structure is searched by differential evolution or CMA-ES (optimisers.py), on twice as many draws of the training
-ensemble as in the rung before, and it keeps its population. LLC-tuned stays to the end. The structures of the last rung
-are compared on draws that no rung has used, again twice as many, and the best is chosen.
+For n structures and a budget of B closed-loop runs there are floor(log4 n) rungs. Each has an equal fraction of B,
+divided among the remaining structures; the best quarter goes on (Jamieson and Talwalkar 2016 keep half). In a rung
+each structure is searched by differential evolution or CMA-ES (optimisers.py), on twice as many draws of the training
+ensemble as in the rung before, and it keeps its population. LLC-tuned stays to the end. The structures of the last
+rung are compared on draws that no rung has used, again twice as many, and the best is chosen.
 """
 
 from __future__ import annotations

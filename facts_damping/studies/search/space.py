@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
 
 
-FRACTION = Range(0.1, 10.0, logarithmic=True)  # scales of further signals, relative to their swing beside the first signal
+FRACTION = Range(
+    0.1, 10.0, logarithmic=True
+)  # scales of further signals, relative to their swing beside the first signal
 HORIZON = Range(1.0, 24.0)  # frames, if there are several signals or devices
 RATES = ("fixed", "lyapunov")  # searched as well: below and above one half
 GUARDS = {  # of `search`, in addition to the profile's
