@@ -76,8 +76,8 @@ def step_us(name: str, scheme: str | None, *more: str) -> float:
     own = [f"controllers.0.name={name}", *([f"controllers.0.scheme={scheme}"] if scheme else [])]
     case = load_case(None, [*own, *more])
     parts = loop.build_loop(case)
-    delivered = np.zeros(len(case.system.stations), DELIVERY)
-    delivered["station"] = np.arange(len(delivered))
+    delivered = np.zeros(len(case.system.pmus), DELIVERY)
+    delivered["pmu"] = np.arange(len(delivered))
     out, estimates = np.zeros(16, SETPOINT), np.zeros(16, ESTIMATE)
     times = []
     for run in range(RUNS + 1):

@@ -34,7 +34,7 @@ def echo() -> None:
 
 
 def one_way_latency_s() -> float:
-    """Median half of a round trip between two processes, a frame of five stations as raw bytes, s."""
+    """Median half of a round trip between two processes, a frame of five PMUs as raw bytes, s."""
     other = subprocess.Popen([sys.executable, __file__, "echo"])
     rclpy.init()
     node = rclpy.create_node("latency")
@@ -42,7 +42,7 @@ def one_way_latency_s() -> float:
     got: list[float] = []
     node.create_subscription(PmuDataFrame, "back", lambda *_: got.append(time.perf_counter()), SUBSCRIBER_QOS, raw=True)
     spinner = Spinner(node)
-    message = PmuDataFrame(frames=[PmuFrame(station=name) for name in ("G1", "G2", "G3", "G4", "TIE")])
+    message = PmuDataFrame(frames=[PmuFrame(pmu=name) for name in ("G1", "G2", "G3", "G4", "TIE")])
     while there.get_subscription_count() < 1 or node.count_publishers("back") < 1:
         time.sleep(0.05)
     trips = []

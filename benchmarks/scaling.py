@@ -25,7 +25,7 @@ SHIPPED = ("smib", "wscc_9", "wscc_9_constant_power", "two_area", "new_england_3
 def copies(k: int) -> dict[str, Any]:
     """K copies of kundur_12_6, each joined to the next between their buses B8."""
     base = load_system("kundur_12_6").model_dump(by_alias=True)
-    made: dict[str, Any] = {**base, "signals": {}, "measures": {}, "stations": []}
+    made: dict[str, Any] = {**base, "signals": {}, "measures": {}, "pmus": []}
     for table in ("buses", "lines", "transformers", "loads", "shunts", "machines"):
         made[table] = [_renamed(row, i) for i in range(k) for row in base[table]]
     for row in made["machines"][len(base["machines"]) :]:
@@ -43,7 +43,7 @@ def copies(k: int) -> dict[str, Any]:
         }
         for i in range(k - 1)
     ]
-    made["stations"] = [{"name": "G1", "machine": "G1_0"}]
+    made["pmus"] = [{"name": "G1", "machine": "G1_0"}]
     return made
 
 

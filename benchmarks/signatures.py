@@ -1,4 +1,4 @@
-"""What signing adds to writing and reading a frame of five stations, in turns, in one process."""
+"""What signing adds to writing and reading a frame of five PMUs, in turns, in one process."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def main() -> None:
     case = load_case(None)
     by = Signing({1: bytes(32)}, time.time_ns(), 10**9)
     rows = np.zeros(5, DELIVERY)
-    rows["station"] = np.arange(5)
+    rows["pmu"] = np.arange(5)
     kinds = {
         "not signed": (FramesMessage(case), FramesMessage(case)),
         "signed": (FramesMessage(case, Seal(by, "pmu/frames")), FramesMessage(case, Seal(by, "pmu/frames"))),

@@ -1,4 +1,4 @@
-"""What streams of many stations cost: 100 stations at 60 frames/s, as fractions of one core.
+"""What streams of many PMUs cost: 100 PMUs at 60 frames/s, as fractions of one core.
 
 Parts one by one, each over many frames; then server and client as processes of their own over TCP, at their own pace,
 by the processor time that each has used.
@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.c37118 import mapping, session, stat, stations
+from facts_damping.c37118 import mapping, session, stat, system_pmus
 from facts_damping.c37118.configuration import FORMATS
 from facts_damping.c37118.session import Instant, Receiver
-from facts_damping.c37118.stations import Station
+from facts_damping.c37118.system_pmus import Pmu
 from facts_damping.parameters.streams import server as address
 from facts_damping.signals import CHANNELS
-from facts_damping.streaming.alignment import StationReport
+from facts_damping.streaming.alignment import PmuReport
 from facts_damping.streaming.client import Client
 from facts_damping.streaming.server import Server
 from facts_damping.streaming.stream_clock import Following
@@ -28,26 +28,26 @@ from facts_damping.streaming.stream_clock import Following
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-STATIONS, RATE, FRAMES, SECONDS = 100, 60, 2000, 20
-GRID = [Station(f"S{i}", 230.0, 100.0) for i in range(STATIONS)]
-NONE = np.zeros(STATIONS)
+PMUS, RATE, FRAMES, SECONDS = 100, 60, 2000, 20
+GRID = [Pmu(f"S{i}", 230.0, 100.0) for i in range(PMUS)]
+NONE = np.zeros(PMUS)
 
 
 def stream(formats: bool) -> session.Stream:
     """All in floats and polar, or all in integers and rectangular."""
-    return session.stream(1, stations.configuration(GRID, RATE, RATE, dict.fromkeys(FORMATS, formats)))
+    return session.stream(1, system_pmus.configuration(GRID, RATE, RATE, dict.fromkeys(FORMATS, formats)))
 
 
 def instant(k: int, values: Any) -> Instant:
     """Frame k."""
-    words = stat.word(np.zeros(STATIONS, int), np.ones(STATIONS, bool), NONE, NONE)
-    return Instant(1000 + k // RATE, k % RATE * 1_000_000 // RATE, 0, stations.to_data(GRID, values, words))
+    words = stat.word(np.zeros(PMUS, int), np.ones(PMUS, bool), NONE, NONE)
+    return Instant(1000 + k // RATE, k % RATE * 1_000_000 // RATE, 0, system_pmus.to_data(GRID, values, words))
 
 
 def measured() -> Any:
-    """What stations measure."""
-    values = np.random.default_rng(1).uniform(0.5, 1.0, (STATIONS, len(CHANNELS)))
-    values[:, stations.FREQUENCY] = 60.0
+    """What PMUs measure."""
+    values = np.random.default_rng(1).uniform(0.5, 1.0, (PMUS, len(CHANNELS)))
+    values[:, system_pmus.FREQUENCY] = 60.0
     return values
 
 
@@ -61,7 +61,7 @@ def took(act: Callable[[int], object]) -> float:
 
 def parts(formats: bool) -> dict[str, float]:
     """Of each step of a frame's way, s."""
-    made, values, receiver, following = stream(formats), measured(), Receiver(), Following(STATIONS, RATE, 0.2)
+    made, values, receiver, following = stream(formats), measured(), Receiver(), Following(PMUS, RATE, 0.2)
     receiver.take(session.answers(made, "send_configuration_3", 0, 0))
     where = mapping.places(made.configuration, GRID, {})
     raw = [session.told(made, instant(k, values)) for k in range(FRAMES)]
@@ -69,14 +69,14 @@ def parts(formats: bool) -> dict[str, float]:
 
     def follow(k: int) -> None:
         found, status, absent = mapping.told(where, come[k].data)
-        following.put(k, StationReport(where.stations, found, status, absent), k / RATE)
+        following.put(k, PmuReport(where.pmus, found, status, absent), k / RATE)
         list(following.take(k / RATE))
 
     return {
         "to V, A, kW and STAT": took(lambda k: instant(k, values)),
         "to bytes": took(lambda k: session.told(made, come[k])),
         "from bytes": took(lambda k: receiver.feed(raw[k])),
-        "to stations and ticks": took(follow),
+        "to PMUs and ticks": took(follow),
     }
 
 
@@ -103,14 +103,14 @@ def serve(port: Any, used: Any) -> None:
 def listen(port: int) -> tuple[str, float, int]:
     """Until all have come."""
     where = mapping.places(stream(True).configuration, GRID, {})
-    following, count = Following(STATIONS, RATE, 0.2), 0
+    following, count = Following(PMUS, RATE, 0.2), 0
 
     def take(what: Any) -> None:
         nonlocal count
         if isinstance(what, Instant):
             number = what.soc * RATE + round(what.fraction * RATE / 1e6)
             now = time.monotonic()
-            following.put(number, StationReport(where.stations, *mapping.told(where, what.data)), now)
+            following.put(number, PmuReport(where.pmus, *mapping.told(where, what.data)), now)
             count += sum(tick.said is not None for tick in following.take(now))
 
     async def whole() -> None:
@@ -126,7 +126,7 @@ def listen(port: int) -> tuple[str, float, int]:
 def main() -> None:
     """Print both tables."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    print(f"{STATIONS} stations, {RATE} frames/s: us a frame, fraction of a core")
+    print(f"{PMUS} PMUs, {RATE} frames/s: us a frame, fraction of a core")
     for formats, name in ((True, "floats, polar"), (False, "integers, rectangular")):
         for part, seconds in parts(formats).items():
             print(f"  {name:22} {part:22} {1e6 * seconds:7.0f}  {100 * seconds * RATE:5.2f} %")

@@ -10,7 +10,7 @@ from lead_lag import LeadLag
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-WEIGHTS = {"G1": 2.0, "G2": -1.0, "G4": -1.0}  # of the signal `speed` of two_area, in the order of its stations
+WEIGHTS = {"G1": 2.0, "G2": -1.0, "G4": -1.0}  # of the signal `speed` of two_area, in the order of its PMUs
 DEVICE, LIMIT = "sssc", 0.1  # p.u.
 
 
@@ -32,12 +32,12 @@ class Controller(Node):
                 time.sleep(0.01)
         reply = DeviceSetpoints(header=message.header, tick=message.tick, controller=self.get_name())
         for arrival, frames in groupby(message.frames, key=lambda frame: frame.arrival):
-            for f in (one for one in frames if one.station in WEIGHTS):
-                self.held[f.station] = max(self.held.get(f.station, f), f, key=lambda one: ns(one.header.stamp))
+            for f in (one for one in frames if one.pmu in WEIGHTS):
+                self.held[f.pmu] = max(self.held.get(f.pmu, f), f, key=lambda one: ns(one.header.stamp))
             newest = max((f.header.stamp for f in self.held.values()), key=ns, default=None)
             if len(self.held) == len(WEIGHTS) and ns(newest) > self.newest_ns:
                 self.newest_ns, t_ns = ns(newest), ns(arrival)
-                y = sum(weight * self.held[station].speed_deviation_pu for station, weight in WEIGHTS.items())
+                y = sum(weight * self.held[pmu].speed_deviation_pu for pmu, weight in WEIGHTS.items())
                 u = self.law.step(t_ns / 1e9, [y], [(t_ns - self.newest_ns) * 1e-9], [True])
                 one = DeviceSetpoint(device=DEVICE, controller=reply.controller, issued=arrival, effective=arrival)
                 one.header.stamp, one.value_pu, reply.fresh = newest, min(max(u, -LIMIT), LIMIT), True

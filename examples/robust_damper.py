@@ -19,7 +19,7 @@ GAIN = 12.0  # of the shaped plant: more damps more and tolerates less
 
 
 def interarea(plant: control.StateSpace) -> control.StateSpace:
-    """The plant's least damped swing mode alone, in two states."""
+    """The plant's least damped electromechanical mode alone, in two states."""
     values, right = np.linalg.eig(plant.A)
     swings = np.flatnonzero((values.imag > 1.0) & (values.imag < 10.0))
     k = swings[np.argmax(values[swings].real / np.abs(values[swings]))]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 LENGTH = 16  # hexadecimal digits shown and stored
-NAMES = ("stations", "machine_names", "device_names", "controller_names")  # names of the signals' columns
+NAMES = ("pmus", "machine_names", "device_names", "controller_names")  # names of the signals' columns
 
 
 def digest(record: Record) -> str:

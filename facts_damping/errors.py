@@ -11,7 +11,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 VERBOSE = "FACTS_DAMPING_VERBOSE"  # environment variable that passes `--verbose` to all processes of a command
-OLD_NAMES = {"beds": "base_runs", "v_max": "setpoint_max", "smoothness": "roughness"}  # old keys and figures
+OLD_NAMES = {  # old keys and figures
+    "beds": "base_runs",
+    "v_max": "setpoint_max",
+    "smoothness": "roughness",
+    "share": "fraction",
+    "P_shares": "P_fractions",
+    "Q_shares": "Q_fractions",
+    "station": "pmu",
+    "stations": "pmus",
+}
 SHORT = range(3, 6)  # lengths of words that count as short
 
 

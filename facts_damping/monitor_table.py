@@ -56,12 +56,12 @@ MONITORS = {
         "a link that is uneven by three frames is not the one that controllers were chosen for",
     ),
     "misaligned": _data(
-        "between the times of measurement of the stations that its signals are made of",
+        "between the times of measurement of the PMUs that its signals are made of",
         "s", 0.1, 0.001, 10.0, 0.05,
         "a tenth of a second turns the phase of a 1 Hz mode by 36 degrees",
     ),
     "stuck": _data(
-        "a station repeats its values though its frequency is not the nominal one",
+        "a PMU repeats its values though its frequency is not the nominal one",
         "s", 0.2, 0.02, 60.0, 0.0,
         "the angle of a voltage off its nominal frequency cannot stand still; twelve frames tell a repeated one apart",
     ),
@@ -72,24 +72,24 @@ MONITORS = {
         "and current",
     ),
     "angle": _data(
-        "a station's frequency beside the change of its voltage's angle, over a tenth of a second",
+        "a PMU's frequency beside the change of its voltage's angle, over a tenth of a second",
         "Hz", 0.25, 0.01, 30.0, 0.3,
         "at a bus near a fault angles jump, for less than that time; a bias of this size is a step of half the swing "
         "after a fault",
     ),
     "speed": _data(
-        "a station's rotor speed beside its frequency, over a tenth of a second",
+        "a PMU's rotor speed beside its frequency, over a tenth of a second",
         "Hz", 0.5, 0.01, 30.0, 0.5,
         "after a fault the two differ by up to 0.4 Hz (`two_area_large`)",
     ),
     "powers": _data(
-        "sum of the powers that stations at both ends of a line measure into it, beside the larger one",
+        "sum of the powers that PMUs at both ends of a line measure into it, beside the larger one",
         "-", 0.2, 0.01, 10.0, 0.2,
         "a line loses a few per cent; a current transformer the wrong way round doubles the sum",
     ),
     "status": _data(
-        "stations whose frames say data error, test mode or no time (bits 15 to 13)",
-        "stations", 0.5, 0.5, 100.0, 0.05,
+        "PMUs whose frames say data error, test mode or no time (bits 15 to 13)",
+        "pmus", 0.5, 0.5, 100.0, 0.05,
         "IEEE C37.118.2: such frames are not to be used",
     ),
     "clock": _data(
@@ -160,14 +160,14 @@ MONITORS = {
     ),
     "frequency": Monitor(
         "grid",
-        "largest deviation of a station's frequency",
+        "largest deviation of a PMU's frequency",
         "Hz", 3.0, 0.05, 30.0, 0.2, "s", "trip",
         "generators' own protection lets 57 to 62.5 Hz pass for seconds only; the thesis's runs, without governors, "
         "end 2.5 Hz above the nominal frequency",
     ),
     "islanding": Monitor(
         "grid",
-        "largest angle between two stations that its signals are made of, from that at the start",
+        "largest angle between two PMUs that its signals are made of, from that at the start",
         "deg", 150.0, 10.0, 1e6, 0.1, "s", "trip",
         "two areas so far apart slip; damping by the one against the other has no meaning any more",
     ),

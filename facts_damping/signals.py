@@ -29,7 +29,7 @@ def to_ns(seconds: float) -> int:
     return round(seconds * NANOSECONDS)
 
 
-# Channels of a PMU station in the order of a frame's columns: name, unit. NaN: not available.
+# Channels of a PMU in the order of a frame's columns: name, unit. NaN: not available.
 CHANNELS = {
     "voltage_magnitude": "pu",
     "voltage_angle": "rad",
@@ -46,10 +46,10 @@ CHANNELS = {
 DELIVERY = np.dtype(
     [
         ("tick", "i8"),  # tick in which it is delivered
-        ("station", "i8"),  # index of the station
+        ("pmu", "i8"),  # index of the PMU
         ("link", "i8"),  # index of the link that delivers it, among those of the run
         ("status", "i8"),  # bits of PmuFrame.msg
-        ("measured_ns", "i8"),  # time of measurement, by the station's clock
+        ("measured_ns", "i8"),  # time of measurement, by the PMU's clock
         ("arrival_ns", "i8"),  # time of arrival at the controllers
         ("values", "f8", (len(CHANNELS),)),
     ]
@@ -189,8 +189,8 @@ class Absence:
 class Record:
     """All results of one closed loop, from `loop.run` or from a recording.
 
-    `frames` (ticks, stations, channels): each station's report at a tick, with time of measurement `measured_ns`
-    (ticks, stations; LOST: none yet) and status bits `status`; `machines` (ticks, machines) of MACHINE_TRUTH; `devices`
+    `frames` (ticks, PMUs, channels): each PMU's report at a tick, with time of measurement `measured_ns`
+    (ticks, PMUs; LOST: none yet) and status bits `status`; `machines` (ticks, machines) of MACHINE_TRUTH; `devices`
     (ticks, devices) of DEVICE_TRUTH; `delivered`: one row per entry (DELIVERY); `issued` and `applied`: one row per
     setpoint (SETPOINT); `estimates`: one row per identified derivative (ESTIMATE); `learning`: one row per learning
     rate (LEARNING); `supervised`: one row per setpoint of a supervisor (SETPOINT); `supervision`: one row per tick and
@@ -209,7 +209,7 @@ class Record:
     """
 
     configuration: dict[str, Any]
-    stations: list[str]
+    pmus: list[str]
     machine_names: list[str]
     device_names: list[str]
     controller_names: list[str]
@@ -294,18 +294,18 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
     """Name, unit and values of each column of a record; names end with the unit."""
     yield "tick", "-", record.ticks
     yield "time_s", "s", record.time_s
-    for s, station in enumerate(record.stations):
+    for s, pmu in enumerate(record.pmus):
         for c, (name, unit) in enumerate(CHANNELS.items()):
-            yield f"pmu.{station}.{name}_{unit}", unit, record.frames[:, s, c]
+            yield f"pmu.{pmu}.{name}_{unit}", unit, record.frames[:, s, c]
     for link in sorted(set(record.delivered["link"].tolist())):
-        for s, station in enumerate(record.stations):
-            rows = record.delivered[(record.delivered["link"] == link) & (record.delivered["station"] == s)]
+        for s, pmu in enumerate(record.pmus):
+            rows = record.delivered[(record.delivered["link"] == link) & (record.delivered["pmu"] == s)]
             rows = rows[_newest(rows)]
             held = _held(
                 record.ticks, rows["tick"], np.column_stack([rows["values"], rows["measured_ns"] / NANOSECONDS])
             )
             for c, (name, unit) in enumerate({**CHANNELS, "measured": "s"}.items()):
-                yield f"delivered.{link}.{station}.{name}_{unit}", unit, held[:, c]
+                yield f"delivered.{link}.{pmu}.{name}_{unit}", unit, held[:, c]
     for way in ("issued", "supervised", "applied"):
         for (c, d), own in group_by(getattr(record, way), "controller", "device"):
             name = f"{way}.{record.controller_names[c]}.{record.device_names[d]}"
@@ -369,7 +369,7 @@ def _signal(record: Record, controller: int, signal: int) -> str:
 
 
 def _newest(rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Whether each delivery of a station has a newer time of measurement than all before."""
+    """Whether each delivery of a PMU has a newer time of measurement than all before."""
     measured = rows["measured_ns"]
     before = np.concatenate([[np.iinfo(np.int64).min], np.maximum.accumulate(measured)[:-1]]) if len(rows) else measured
     return np.asarray(measured > before)

@@ -59,7 +59,7 @@ def test_a_class_is_given_as_it_is() -> None:
     assert ours.controller_names == ["controller_0_mine"]
     limit = load_case("two_area_large", []).system.device("sssc").setpoint_max
     weights = load_case("two_area_large", []).system.signals["speed"].weights
-    y = sum(w * ours.frames[:, ours.stations.index(name), 2] for name, w in weights.items())
+    y = sum(w * ours.frames[:, ours.pmus.index(name), 2] for name, w in weights.items())
     assert np.abs(ours.issued["value"] - np.clip(5.0 * np.asarray(y), -limit, limit)).max() < 1e-15
     assert ours.configuration["controllers"][0]["policy"] == f"{Gain.__module__}:Gain"
 

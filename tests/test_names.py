@@ -36,7 +36,14 @@ OLD = {
     "made_scenarios": "scenario_generation",
     "strains": "limit_violations",
     "inner life": "health",
+    "VoltageSetpoint": "DeviceSetpoint",
+    "VoltageSetpoints": "DeviceSetpoints",
+    "Station": "Pmu",
+    "unit trip": "mechanical power step",
+    "swing mode": "electromechanical mode",
+    "MOST_TICKS": "MAX_TICKS",
 }
+ENGLISH = {"share", "station", "stations"}  # words that also mean something else
 KEPT = ("CHANGELOG.md", "tests/test_names.py", "facts_damping/errors.py")
 
 
@@ -48,7 +55,7 @@ def texts() -> list[tuple[str, str]]:
     return [(name, (ROOT / name).read_text(encoding="utf-8")) for name in listed if name not in KEPT]
 
 
-@pytest.mark.parametrize("old", OLD)
+@pytest.mark.parametrize("old", sorted(set(OLD) - ENGLISH))
 def test_a_word_that_was_given_up_stays_out(old: str) -> None:
     word = re.compile(rf"(?<![\w.]){re.escape(old)}" + ("" if old.endswith("(") else r"\b"))
     places = [f"{name}: {OLD[old]}, not {old}" for name, text in texts() if word.search(text)]

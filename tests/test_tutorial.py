@@ -53,7 +53,7 @@ def test_the_blocks_are_the_shipped_system(folder: Path) -> None:
     one, other = solve(ours), solve(theirs)
     assert one.names == other.names
     np.testing.assert_allclose(one.voltage, other.voltage, rtol=0, atol=1e-12)
-    for table in ("buses", "lines", "transformers", "loads", "machines", "exciters", "stations"):
+    for table in ("buses", "lines", "transformers", "loads", "machines", "exciters", "pmus"):
         assert getattr(ours, table) == getattr(theirs, table)
 
 

@@ -98,7 +98,7 @@ def cdf(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.fl
 def hops_ms(record: Record) -> dict[str, dict[str, NDArray[np.float64]]]:
     """Latency of each hop from the time stamps, ms of simulated time: {hop: {name: (n,)}}.
 
-    - `up`: from measurement to arrival at the controllers, per entry, by station (`station/link` with several links);
+    - `up`: from measurement to arrival at the controllers, per entry, by PMU (`pmu/link` with several links);
     - `wait`: from the first arrival of the newest frame that a setpoint uses to its issue, by controller: the wait for
       its other signals;
     - `down`: from issue to the device, by device;
@@ -111,7 +111,7 @@ def hops_ms(record: Record) -> dict[str, dict[str, NDArray[np.float64]]]:
     down = _between(record.applied["issued_ns"], record.applied["effective_ns"])
     devices, whole = dict(enumerate(record.device_names)), measured(record)
     return {
-        "up": _by(up, _ways(record), record.delivered[["station", "link"]]),
+        "up": _by(up, _ways(record), record.delivered[["pmu", "link"]]),
         "wait": _by(_waits(record), dict(enumerate(record.controller_names)), record.issued["controller"]),
         "down": _by(down, devices, record.applied["device"]),
         "whole": _by(_ages(record, whole), devices, whole["device"]),
@@ -125,13 +125,11 @@ def _by(values: NDArray[np.float64], names: Mapping[Any, str], keys: NDArray[Any
 
 
 def _ways(record: Record) -> dict[tuple[int, int], str]:
-    """Names of the upward paths, by station and link."""
+    """Names of the upward paths, by PMU and link."""
     links = np.unique(record.delivered["link"]).tolist()
     several = len(links) > 1
     return {
-        (station, link): f"{name}/{link}" if several else name
-        for station, name in enumerate(record.stations)
-        for link in links
+        (pmu, link): f"{name}/{link}" if several else name for pmu, name in enumerate(record.pmus) for link in links
     }
 
 
@@ -164,7 +162,7 @@ def _links(record: Record) -> list[int]:
 
 
 def frames_lost(record: Record) -> int:
-    """Number of station entries that were measured but never arrived, over all links, silent stations included.
+    """Number of PMU entries that were measured but never arrived, over all links, silent PMUs included.
 
     Entries may still be under way at the end if they were measured later than the longest latency of their path before
     it; these are not counted. A path without any arrival takes the longest latency of all paths.
@@ -173,10 +171,10 @@ def frames_lost(record: Record) -> int:
     late = np.where(rows["measured_ns"] < 0, 0, rows["arrival_ns"] - rows["measured_ns"])
     lost, end = 0, int(record.time_ns.max(initial=0))
     for link in range(record.links):
-        for station in range(len(record.stations)):
-            own = (rows["link"] == link) & (rows["station"] == station)
+        for pmu in range(len(record.pmus)):
+            own = (rows["link"] == link) & (rows["pmu"] == pmu)
             longest = int(late[own if own.any() else slice(None)].max(initial=0))
-            stamps = record.measured_ns[:, station]
+            stamps = record.measured_ns[:, pmu]
             measured = stamps[(stamps != LOST) & (stamps <= end - longest)]
             lost += int(np.count_nonzero(~np.isin(measured, rows["measured_ns"][own])))
     return lost

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 FREQUENCY = 2.5  # Hz from nominal, at a machine
-VOLTAGE = (0.7, 1.2)  # p.u., at machines and stations outside of faults
+VOLTAGE = (0.7, 1.2)  # p.u., at machines and PMUs outside of faults
 DRIFT = 0.5  # Hz, change of the machines' common frequency from start to end, without governors or an infinite bus
 VOLTAGE_CHANNEL = list(CHANNELS).index("voltage_magnitude")
 
@@ -29,7 +29,7 @@ VOLTAGE_CHANNEL = list(CHANNELS).index("voltage_magnitude")
 def warnings(record: Record) -> list[str]:
     """A line for each limit that the run exceeded: what, when and for how long. Empty if it stayed within all.
 
-    Limits: frequency 2.5 Hz from nominal at a machine in service; voltage 0.7 to 1.2 p.u. at a machine or station
+    Limits: frequency 2.5 Hz from nominal at a machine in service; voltage 0.7 to 1.2 p.u. at a machine or PMU
     outside of faults; no separated part of the network; without governors and infinite bus, a change of the common
     frequency of 0.5 Hz. All but the voltage are checked only if the configuration has the system inline.
     """
@@ -54,15 +54,15 @@ def _frequency(record: Record) -> Iterator[str]:
 
 
 def _voltage(record: Record) -> Iterator[str]:
-    """Voltages beyond the limits outside of faults; at stations only if these report exactly and without delay."""
+    """Voltages beyond the limits outside of faults; at PMUs only if these report exactly and without delay."""
     sound = ~_burning(record)
     service = _in_service(record)
     places = {name: record.machines["terminal_voltage"][:, i] for i, name in enumerate(record.machine_names)}
     reported = exactly_measured(record.configuration)
-    stations = {name: record.frames[:, s, VOLTAGE_CHANNEL] for s, name in enumerate(record.stations) if reported}
+    pmus = {name: record.frames[:, s, VOLTAGE_CHANNEL] for s, name in enumerate(record.pmus) if reported}
     for word, limit, sign in (("below", VOLTAGE[0], 1.0), ("above", VOLTAGE[1], -1.0)):
         told = []
-        for name, voltage in {**stations, **places}.items():
+        for name, voltage in {**pmus, **places}.items():
             own = sound & service[:, record.machine_names.index(name)] if name in places else sound
             beyond = own & (sign * voltage < sign * limit)
             if beyond.any():

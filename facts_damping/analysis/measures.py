@@ -22,31 +22,31 @@ SPEED = list(CHANNELS).index("speed_deviation")
 def speed_differences(record: Record) -> dict[str, NDArray[np.float64]]:
     """Local and interarea differences of true rotor speeds: name -> (ticks,), p.u. of synchronous speed.
 
-    `dw = sum_i c_i dw_i` over stations i with the weights c of `measure_weights`. Raises InputError if
+    `dw = sum_i c_i dw_i` over PMUs i with the weights c of `measure_weights`. Raises InputError if
     they do not fit the record.
     """
     weights = measure_weights(record.configuration)
     if not weights:
-        raise InputError("measures: none given; allowed: speed differences, or stations at machines")
-    speeds = station_speeds(record)
+        raise InputError("measures: none given; allowed: speed differences, or PMUs at machines")
+    speeds = pmu_speeds(record)
     return {name: _weighted(record, speeds, f"measures.{name}", one) for name, one in weights.items()}
 
 
-def station_speeds(record: Record) -> NDArray[np.float64]:
-    """Speed at each station, (ticks, stations), p.u.: the true one of its machine, else as reported; NaN: unknown."""
+def pmu_speeds(record: Record) -> NDArray[np.float64]:
+    """Speed at each PMU, (ticks, PMUs), p.u.: the true one of its machine, else as reported; NaN: unknown."""
     found: NDArray[np.float64] = record.frames[:, :, SPEED].copy()
-    machines = {s.get("name"): s.get("machine") for s in inline_system(record.configuration).get("stations") or ()}
-    for i, station in enumerate(record.stations):
-        if machines.get(station) in record.machine_names:
-            true = record.machines["speed_deviation"][:, record.machine_names.index(str(machines[station]))]
+    machines = {s.get("name"): s.get("machine") for s in inline_system(record.configuration).get("pmus") or ()}
+    for i, pmu in enumerate(record.pmus):
+        if machines.get(pmu) in record.machine_names:
+            true = record.machines["speed_deviation"][:, record.machine_names.index(str(machines[pmu]))]
             found[:, i] = np.where(np.isfinite(true), true, found[:, i])
     return found
 
 
 def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, float]]:
-    """Weights of the speed differences by station: {name: {station: weight}}.
+    """Weights of the speed differences by PMU: {name: {PMU: weight}}.
 
-    From `measures` = {"local" | "interarea": {name: {station: weight}}}, or from an inline system, whose `measures` =
+    From `measures` = {"local" | "interarea": {name: {PMU: weight}}}, or from an inline system, whose `measures` =
     {"local" | "interarea": [name]} refer to `signals` = {name: {"weights": ...}}. Default: each machine's speed against
     the first machine's; against synchronous speed if there is an infinite bus.
     """
@@ -60,11 +60,11 @@ def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, 
 
 
 def _against_the_first(system: Mapping[str, Any]) -> dict[str, Mapping[str, float]]:
-    """Default speed differences of the stations at machines, for a system that names none."""
-    stations = [s["name"] for s in system.get("stations") or () if isinstance(s, dict) and s.get("machine")]
-    if system.get("infinite_buses") or len(stations) == 1:
-        return {name: {name: 1.0} for name in stations}
-    return {f"{stations[0]}-{name}": {stations[0]: 1.0, name: -1.0} for name in stations[1:]}
+    """Default speed differences of the PMUs at machines, for a system that names none."""
+    pmus = [s["name"] for s in system.get("pmus") or () if isinstance(s, dict) and s.get("machine")]
+    if system.get("infinite_buses") or len(pmus) == 1:
+        return {name: {name: 1.0} for name in pmus}
+    return {f"{pmus[0]}-{name}": {pmus[0]: 1.0, name: -1.0} for name in pmus[1:]}
 
 
 def setpoint_limits(configuration: Mapping[str, Any]) -> dict[str, float]:
@@ -80,12 +80,12 @@ def inline_system(configuration: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def exactly_measured(configuration: Mapping[str, Any]) -> bool:
-    """Whether stations report exactly and without delay: PMUs without filter, noise and other errors."""
+    """Whether PMUs report exactly and without delay: PMUs without filter, noise and other errors."""
     measurement = configuration.get("measurement")
     if not isinstance(measurement, dict):
         return measurement in (None, "ideal")
     errors = [value for key, value in measurement.items() if key in ("noise", "clock") for value in value.values()]
-    plain = not any(errors) and not measurement.get("bad_data") and not measurement.get("stations")
+    plain = not any(errors) and not measurement.get("bad_data") and not measurement.get("pmus")
     return plain and measurement.get("filter", "ideal") == "ideal"
 
 
@@ -110,8 +110,8 @@ def _weighted(
     record: Record, speeds: NDArray[np.float64], field: str, weights: Mapping[str, float]
 ) -> NDArray[np.float64]:
     total = np.zeros(len(record.time_ns))
-    for station, weight in weights.items():
-        if station not in record.stations:
-            raise InputError(f"{field}: no station {station!r}; allowed: {', '.join(record.stations)}")
-        total += float(weight) * speeds[:, record.stations.index(station)]
+    for pmu, weight in weights.items():
+        if pmu not in record.pmus:
+            raise InputError(f"{field}: no PMU {pmu!r}; allowed: {', '.join(record.pmus)}")
+        total += float(weight) * speeds[:, record.pmus.index(pmu)]
     return total

@@ -22,14 +22,14 @@ UNITS = {"pu": "p.u.", "rad": "rad", "hz": "Hz", "hz_per_s": "Hz/s", "s": "s", "
 def recorded(record: Record, name: str) -> tuple[NDArray[np.float64], str]:
     """Values of a signal (ticks,), NaN where unknown, and its unit as shown in pictures, such as `p.u.` or `rad`.
 
-    `name`: a signal of the system, as its stations measure it, without washout; or a column of `record.arrays` with a
+    `name`: a signal of the system, as its PMUs measure it, without washout; or a column of `record.arrays` with a
     unit. Angles are unwrapped. Raises InputError for any other name.
     """
     signals = inline_system(record.configuration).get("signals") or {}
     if name in signals:
         channel = signals[name].get("channel", "speed_deviation")
         column, parts = list(CHANNELS).index(channel), signals[name]["weights"].items()
-        values = sum(weight * record.frames[:, record.stations.index(one), column] for one, weight in parts)
+        values = sum(weight * record.frames[:, record.pmus.index(one), column] for one, weight in parts)
         unit = CHANNELS[channel]
     elif record.units.get(name) in UNITS and name != "time_s":
         values, unit = record.arrays[name], record.units[name]

@@ -55,7 +55,7 @@ class Site(NamedTuple):
     group_delay_us: int = 0
 
 
-class Pmu(NamedTuple):
+class PmuConfiguration(NamedTuple):
     """A PMU in a stream."""
 
     name: str
@@ -75,7 +75,7 @@ class Pmu(NamedTuple):
 class Configuration(NamedTuple):
     """A stream: its PMUs, the time base (parts of a second), and its rate."""
 
-    pmus: tuple[Pmu, ...]
+    pmus: tuple[PmuConfiguration, ...]
     rate: int  # frames per second; if negative: seconds per frame
     time_base: int = TIME_BASE
 
@@ -153,7 +153,7 @@ def whole(bodies: list[bytes]) -> bool:
     return bool(bodies) and len(bodies[-1]) >= 2 and int.from_bytes(bodies[-1][:2], "big") in (ONLY, LAST)
 
 
-def _pmu(pmu: Pmu, *, long: bool) -> bytes:
+def _pmu(pmu: PmuConfiguration, *, long: bool) -> bytes:
     form = sum(1 << bit for bit, name in enumerate(FORMATS) if getattr(pmu, name))
     names = [
         *(p.name for p in pmu.phasors),
@@ -178,7 +178,7 @@ def _pmu(pmu: Pmu, *, long: bool) -> bytes:
     return b"".join([*parts, struct.pack(">HH", pmu.nominal_hz == 50, pmu.changes)])
 
 
-def _scaled(pmu: Pmu, phasor: Phasor) -> tuple[float, float]:
+def _scaled(pmu: PmuConfiguration, phasor: Phasor) -> tuple[float, float]:
     """Scale and angle of a phasor in configuration 3; floats are already scaled (table 9)."""
     return (1.0, 0.0) if pmu.float_phasors else (phasor.scale, phasor.angle)
 
@@ -191,7 +191,7 @@ def _count(value: float, minimum: int, field: str) -> int:
     return whole & 0xFFFFFF
 
 
-def _read_pmu(reader: _Reader, *, long: bool) -> Pmu:
+def _read_pmu(reader: _Reader, *, long: bool) -> PmuConfiguration:
     name = reader.name("STN", long=long)
     (idcode,) = reader.take("H", "IDCODE")
     (global_id,) = reader.take("16s" if long else "0s", "G_PMU_ID")
@@ -210,7 +210,7 @@ def _read_pmu(reader: _Reader, *, long: bool) -> Pmu:
         north, east, high, kind, window, late = reader.take("fffcII", "PMU_LAT to GRP_DLY")
         site = Site(global_id, north, east, high, kind.decode("latin-1"), window, late)
     nominal, changes = reader.take("HH", "FNOM, CFGCNT")
-    return Pmu(
+    return PmuConfiguration(
         name,
         idcode,
         tuple((_long_phasor if long else _phasor)(n, *w) for n, w in zip(of_phasors, words, strict=True)),

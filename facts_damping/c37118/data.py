@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.c37118.configuration import Configuration, Pmu
+    from facts_damping.c37118.configuration import Configuration, PmuConfiguration
 
 MISSING = -32768  # 0x8000: no value; for a float NaN
 RADIAN, MILLIHERTZ, CENTIHERTZ = 1e-4, 1e-3, 1e-2  # per count of angle, frequency, rate of change of frequency
@@ -53,7 +53,7 @@ FIELDS = ("status", "first", "second", "frequency", "rocof", "analogs", "digital
 STATUS, FIRST, SECOND, FREQUENCY, ROCOF, ANALOG, DIGITAL = range(len(FIELDS))
 
 
-def _items(pmu: Pmu) -> Iterator[tuple[int, bool, bool, float, float]]:
+def _items(pmu: PmuConfiguration) -> Iterator[tuple[int, bool, bool, float, float]]:
     """Field, 32-bit float, signed, scale and offset of each item of a PMU, in their order (table 5)."""
     yield STATUS, False, False, 1.0, 0.0
     for p in pmu.phasors:

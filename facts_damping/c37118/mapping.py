@@ -1,4 +1,4 @@
-"""Mapping of a stream's channels to stations; values in per unit, and the status of each station."""
+"""Mapping of a stream's channels to PMUs; values in per unit, and the status of each PMU."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.c37118 import stat, stations
+from facts_damping.c37118 import stat, system_pmus
 from facts_damping.errors import InputError
 from facts_damping.parameters.streams import UNITS, Channel, Channels
 from facts_damping.signals import CHANNELS
@@ -16,36 +16,36 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.c37118.configuration import Configuration, Pmu
+    from facts_damping.c37118.configuration import Configuration, PmuConfiguration
     from facts_damping.c37118.data import Data
-    from facts_damping.c37118.stations import Station
+    from facts_damping.c37118.system_pmus import Pmu
 
-NAMES = dict(zip(UNITS, (*stations.PHASORS, *stations.ANALOGS), strict=True))  # channel names of our servers
+NAMES = dict(zip(UNITS, (*system_pmus.PHASORS, *system_pmus.ANALOGS), strict=True))  # channel names of our servers
 VOLTAGE, CURRENT, ACTIVE, REACTIVE, SPEED = range(len(UNITS))
 
 
 class Places(NamedTuple):
-    """The stations of a grid in a stream, and their channels; arrays over these."""
+    """The PMUs of a grid in a stream, and their channels; arrays over these."""
 
-    stations: NDArray[np.int64]  # indices in the grid
-    pmus: NDArray[np.int64]  # indices of the stream's PMUs
-    channels: NDArray[np.int64]  # (stations, UNITS): indices of the stream's phasors or analogs; -1: not sent
-    scale: NDArray[np.float64]  # (stations, UNITS): p.u. per unit of the stream; negative: opposite sign
+    pmus: NDArray[np.int64]  # indices in the grid
+    blocks: NDArray[np.int64]  # indices of their PMUs in the stream
+    channels: NDArray[np.int64]  # (PMUs, UNITS): indices of the stream's phasors or analogs; -1: not sent
+    scale: NDArray[np.float64]  # (PMUs, UNITS): p.u. per unit of the stream; negative: opposite sign
 
 
-def places(c: Configuration, grid: Sequence[Station], wanted: Mapping[str, Channels]) -> Places:
-    """The places of a grid's stations in a stream; `wanted` has the names of some of them there.
+def places(c: Configuration, grid: Sequence[Pmu], wanted: Mapping[str, Channels]) -> Places:
+    """The places of a grid's PMUs in a stream; `wanted` has the names of some of them there.
 
     Raises `InputError` if a PMU has no channel of a requested name.
     """
     phasors, analogs = _before([len(p.phasors) for p in c.pmus]), _before([len(p.analogs) for p in c.pmus])
     rows = []
-    for s, station in enumerate(grid):
-        asked = wanted.get(station.name, Channels())
-        p = _pmu(c, station.name if asked.pmu is None else asked.pmu)
+    for s, pmu in enumerate(grid):
+        asked = wanted.get(pmu.name, Channels())
+        p = _pmu(c, pmu.name if asked.pmu is None else asked.pmu)
         if p is None:
             continue
-        where, scale = zip(*(_channel(station, quantity, asked, c.pmus[p]) for quantity in UNITS), strict=True)
+        where, scale = zip(*(_channel(pmu, quantity, asked, c.pmus[p]) for quantity in UNITS), strict=True)
         first = [phasors[p] if i in (VOLTAGE, CURRENT) else analogs[p] for i in range(len(UNITS))]
         rows.append((s, p, [-1 if at < 0 else at + begin for at, begin in zip(where, first, strict=True)], scale))
     found = list(zip(*rows, strict=True)) or [[], [], [], []]
@@ -64,55 +64,55 @@ def _before(counts: Sequence[int]) -> list[int]:
 
 def _pmu(c: Configuration, named: str | int) -> int | None:
     """Index of a PMU by its name or IDCODE."""
-    return next((i for i, pmu in enumerate(c.pmus) if named in (pmu.name, pmu.idcode)), None)
+    return next((i for i, configured in enumerate(c.pmus) if named in (configured.name, configured.idcode)), None)
 
 
-def _channel(station: Station, quantity: str, asked: Channels, pmu: Pmu) -> tuple[int, float]:
+def _channel(pmu: Pmu, quantity: str, asked: Channels, configured: PmuConfiguration) -> tuple[int, float]:
     """Index of a quantity's channel in a PMU, -1: not sent; and p.u. per unit of the channel."""
     given: Channel | None = getattr(asked, quantity)
     channel = given or Channel(channel=NAMES[quantity])
     phasor = quantity in ("voltage", "current")
     there = (
-        [p.name for p in pmu.phasors if p.current == (quantity == "current")]
+        [p.name for p in configured.phasors if p.current == (quantity == "current")]
         if phasor
-        else [a.name for a in pmu.analogs]
+        else [a.name for a in configured.analogs]
     )
     if channel.channel not in there:
         if given is None:
             return -1, 1.0
-        known = f"station {station.name}: {quantity}: '{channel.channel}' given"
-        raise InputError(f"{known}; allowed: what PMU {pmu.name} sends: {', '.join(there) or 'none'}")
-    names = [p.name if p.current == (quantity == "current") else "" for p in pmu.phasors] if phasor else there
+        known = f"PMU {pmu.name}: {quantity}: '{channel.channel}' given"
+        raise InputError(f"{known}; allowed: what PMU {configured.name} sends: {', '.join(there) or 'none'}")
+    names = [p.name if p.current == (quantity == "current") else "" for p in configured.phasors] if phasor else there
     unit = UNITS[quantity][channel.unit or next(iter(UNITS[quantity]))]
-    return names.index(channel.channel), (-unit if channel.reverse else unit) / station.one(quantity)
+    return names.index(channel.channel), (-unit if channel.reverse else unit) / pmu.one(quantity)
 
 
 def told(found: Places, data: Data) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
-    """Values of the stations in a frame (stations, CHANNELS), status bits, and whether a station is absent.
+    """Values of the PMUs in a frame (PMUs, CHANNELS), status bits, and whether a PMU is absent.
 
     Powers that are not sent are computed from the phasors: P + jQ = V I*.
     """
     phasors, analogs = np.vstack([data.phasors, [np.nan, np.nan]]), np.append(data.analogs, np.nan)
     volts, amperes = phasors[found.channels[:, VOLTAGE]], phasors[found.channels[:, CURRENT]]
-    values = np.full((len(found.stations), len(CHANNELS)), np.nan)
+    values = np.full((len(found.pmus), len(CHANNELS)), np.nan)
     for magnitude, angle, sent, of in (
-        (stations.MAGNITUDE, stations.ANGLE, volts, VOLTAGE),
-        (stations.CURRENT, stations.CURRENT_ANGLE, amperes, CURRENT),
+        (system_pmus.MAGNITUDE, system_pmus.ANGLE, volts, VOLTAGE),
+        (system_pmus.CURRENT, system_pmus.CURRENT_ANGLE, amperes, CURRENT),
     ):
         values[:, magnitude] = sent[:, 0] * np.abs(found.scale[:, of])
         values[:, angle] = np.where(found.scale[:, of] < 0.0, _opposite(sent[:, 1]), sent[:, 1])
-    power = values[:, stations.MAGNITUDE] * values[:, stations.CURRENT]
-    between = values[:, stations.ANGLE] - values[:, stations.CURRENT_ANGLE]
+    power = values[:, system_pmus.MAGNITUDE] * values[:, system_pmus.CURRENT]
+    between = values[:, system_pmus.ANGLE] - values[:, system_pmus.CURRENT_ANGLE]
     for column, of, own in (
-        (stations.ACTIVE, ACTIVE, power * np.cos(between)),
-        (stations.REACTIVE, REACTIVE, power * np.sin(between)),
-        (stations.SPEED, SPEED, np.nan),
+        (system_pmus.ACTIVE, ACTIVE, power * np.cos(between)),
+        (system_pmus.REACTIVE, REACTIVE, power * np.sin(between)),
+        (system_pmus.SPEED, SPEED, np.nan),
     ):
         there = found.channels[:, of]
         values[:, column] = np.where(there < 0, own, analogs[there] * found.scale[:, of])
-    values[:, stations.FREQUENCY] = data.frequency[found.pmus]
-    values[:, stations.ROCOF] = data.rocof[found.pmus]
-    words = data.status[found.pmus]
+    values[:, system_pmus.FREQUENCY] = data.frequency[found.blocks]
+    values[:, system_pmus.ROCOF] = data.rocof[found.blocks]
+    words = data.status[found.blocks]
     return values, stat.status(words), stat.absent(words, values)
 
 

@@ -74,8 +74,8 @@ def check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
 
 
 def _check_channels(case: Case, source: str, sets: dict[str, str] | None) -> None:
-    """Check that stages of links name stations or signals (up), or installed devices (down)."""
-    known = {"up": [*(s.name for s in case.system.stations), *case.system.signals], "down": case.run.devices}
+    """Check that stages of links name PMUs or signals (up), or installed devices (down)."""
+    known = {"up": [*(s.name for s in case.system.pmus), *case.system.signals], "down": case.run.devices}
     own = [f"controllers.{c}.link" for c, controller in enumerate(case.run.controllers) if controller.link is not None]
     fields = [*["link"][: len(case.links) - len(own)], *own]
     for field, link in zip(fields, case.links, strict=True):

@@ -81,7 +81,7 @@ def _number(cell: str, name: str, k: int, where: str) -> float | None:
 
 
 def of_record(record: Record, way: str) -> dict[str, Series]:
-    """Delays in a recording, s: of each station's entries (up) or each device's setpoints (down).
+    """Delays in a recording, s: of each PMU's entries (up) or each device's setpoints (down).
 
     None stands for a lost entry. Entries that may still be under way at the end are left out.
     """
@@ -90,8 +90,8 @@ def of_record(record: Record, way: str) -> dict[str, Series]:
         late = (rows["effective_ns"] - rows["issued_ns"]) / NANOSECONDS
         return _kept((name, late[rows["device"] == d].tolist()) for d, name in enumerate(record.device_names))
     found = []
-    for s, name in enumerate(record.stations):
-        own = record.delivered[record.delivered["station"] == s]
+    for s, name in enumerate(record.pmus):
+        own = record.delivered[record.delivered["pmu"] == s]
         own = own[np.argsort(own["arrival_ns"], kind="stable")]
         measured, first = np.unique(own["measured_ns"], return_index=True)
         late = dict(zip(measured.tolist(), ((own["arrival_ns"][first] - measured) / NANOSECONDS).tolist(), strict=True))

@@ -40,17 +40,17 @@ def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link
 
 
 def mean_delays(controller: Controller, system: System, link: Link) -> tuple[float, float]:
-    """Largest mean delay of a controller, s: from station to device, and from controller to device.
+    """Largest mean delay of a controller, s: from PMU to device, and from controller to device.
 
     Both include the devices' dead time.
     """
     signals = [name for name in controller.signals if name in system.signals]  # others, and devices, are checked later
-    stations = {station for name in signals for station in system.signals[name].weights}
-    groups = {s: {s, *(n for n, signal in system.signals.items() if s in signal.weights)} for s in stations}
+    pmus = {pmu for name in signals for pmu in system.signals[name].weights}
+    groups = {s: {s, *(n for n, signal in system.signals.items() if s in signal.weights)} for s in pmus}
     dead = {device.name: device.dead_time for device in system.devices}
     whole = [
         mean_delay([*link.up, *link.down], [*groups[s], device]) + dead.get(device, 0.0)
-        for s in sorted(stations)
+        for s in sorted(pmus)
         for device in controller.devices
     ]
     down = [mean_delay(link.down, [device]) + dead.get(device, 0.0) for device in controller.devices]

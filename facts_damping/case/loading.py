@@ -165,7 +165,7 @@ def _model(run: Run, system: System, source: str, sets: dict[str, str] | None) -
     model = _system(run.model, "model", source, sets)
     for field, own, other in (
         ("devices", [d.name for d in model.devices], [d.name for d in system.devices]),
-        ("stations", [s.name for s in model.stations], [s.name for s in system.stations]),
+        ("pmus", [s.name for s in model.pmus], [s.name for s in system.pmus]),
         ("signals", list(model.signals), list(system.signals)),
     ):
         if own != other:

@@ -28,13 +28,13 @@ def read_measurement(given: str | dict[str, Any], source: str, sets: dict[str, s
 
 
 def check_measurement(case: Case, source: str, sets: dict[str, str] | None) -> None:
-    """Check that filters fit the frame rate, that stations exist, and that controllers' signals are measured."""
-    measurement, stations = case.measurement, [s.name for s in case.system.stations]
-    for name in measurement.stations:
-        check_known(origin("measurement.stations", source, sets), name, stations)
+    """Check that filters fit the frame rate, that PMUs exist, and that controllers' signals are measured."""
+    measurement, pmus = case.measurement, [s.name for s in case.system.pmus]
+    for name in measurement.pmus:
+        check_known(origin("measurement.pmus", source, sets), name, pmus)
     for i, one in enumerate(measurement.bad_data):
-        for name in one.stations or []:
-            check_known(origin(f"measurement.bad_data.{i}.stations", source, sets), name, stations)
+        for name in one.pmus or []:
+            check_known(origin(f"measurement.bad_data.{i}.pmus", source, sets), name, pmus)
     reference_filter(measurement, case.system.frequency, case.run.frame_rate)
     missing = "rocof" if measurement.filter == "ideal" else "speed_deviation"
     for c, controller in enumerate(case.run.controllers):
@@ -49,7 +49,7 @@ def check_measurement(case: Case, source: str, sets: dict[str, str] | None) -> N
 
 
 def numbers(measurement: Measurement) -> dict[str, float]:
-    """Numbers that may change during a run, by path: `noise.angle`, `stations.G1.clock.offset`."""
+    """Numbers that may change during a run, by path: `noise.angle`, `pmus.G1.clock.offset`."""
     return {path: value for path, value in _floats(measurement.model_dump(), "") if path.split(".")[-1] not in FIXED}
 
 

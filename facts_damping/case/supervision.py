@@ -96,15 +96,15 @@ def check_fallbacks(case: Case, source: str, sets: dict[str, str] | None) -> Non
             if signal not in local:
                 raise InputError(
                     f"{where('signals')}: '{signal}' given, which is not measured at {' or '.join(one.devices)}; "
-                    f"allowed for a fallback: {', '.join(local) or 'none, as no station is there'}"
+                    f"allowed for a fallback: {', '.join(local) or 'none, as no pmu is there'}"
                 )
 
 
 def local_signals(system: System, devices: list[str]) -> list[str]:
-    """Signals whose stations are all at a bus of one of the devices or measure the flow through a device."""
+    """Signals whose PMUs are all at a bus of one of the devices or measure the flow through a device."""
     buses = {bus for name in devices for bus in _buses(system, name)}
-    where = system.station_buses()
-    at = {s.name for s in system.stations if where[s.name] in buses or set(s.branches) & set(devices)}
+    where = system.pmu_buses()
+    at = {s.name for s in system.pmus if where[s.name] in buses or set(s.branches) & set(devices)}
     return [name for name, signal in system.signals.items() if set(signal.weights) <= at]
 
 
@@ -114,6 +114,6 @@ def _buses(system: System, device: str) -> list[str]:
 
 
 def ends(system: System) -> list[tuple[int, int]]:
-    """Pairs of stations, by index, that measure at the two ends of one line."""
-    alone = {i: s.branches[0] for i, s in enumerate(system.stations) if len(s.branches) == 1}
+    """Pairs of PMUs, by index, that measure at the two ends of one line."""
+    alone = {i: s.branches[0] for i, s in enumerate(system.pmus) if len(s.branches) == 1}
     return [(a, b) for a, line in alone.items() for b, other in alone.items() if a < b and line == other]

@@ -169,9 +169,7 @@ def _recordings(add: Add) -> None:
         "pmu-serve results/exported/recording --port 4712",
     )
     command.add_argument("recording", metavar="RECORDING", help="folder, or .mcap file")
-    command.add_argument(
-        "--each", action="store_true", help="each station as a PMU of its own, at ports from --port on"
-    )
+    command.add_argument("--each", action="store_true", help="each PMU as a PMU of its own, at ports from --port on")
     text = "as the recording's link N has delivered it, time-aligned; default: as PMUs report it"
     command.add_argument("--behind", type=whole(0, 15), metavar="N", help=text)
     text = "address of this computer at which clients connect; default: 127.0.0.1"

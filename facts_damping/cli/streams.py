@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def pmu_serve(arguments: argparse.Namespace) -> None:
-    """Serve the stations of a recording as PMUs, or as one concentrator, at the recorded pace."""
+    """Serve the PMUs of a recording as PMUs, or as one concentrator, at the recorded pace."""
     from facts_damping.recording.reader import load
 
     record = load(arguments.recording)
@@ -102,20 +102,20 @@ def _in_shadow(arguments: argparse.Namespace) -> None:
 
 
 def _received(case: Case, record: Record) -> tuple[dict[str, Any], list[str]]:
-    """Number of frames from each station, and the output that each controller would have had; with lines of text."""
+    """Number of frames from each PMU, and the output that each controller would have had; with lines of text."""
     there = record.measured_ns != LOST
-    stations = {
+    pmus = {
         name: {"frames": int(there[:, s].sum()), "absent": int((~there[:, s]).sum())}
-        for s, name in enumerate(record.stations)
+        for s, name in enumerate(record.pmus)
     }
     controllers = {}
     for c, name in enumerate(controller_names(case)):
         own = record.issued[record.issued["controller"] == c]["value"]
         controllers[name] = {"setpoints": len(own), "largest": float(np.abs(own).max()) if len(own) else 0.0}
-    rows = [(name, str(row["frames"]), str(row["absent"])) for name, row in stations.items()]
-    lines = table(("station", "frames", "absent"), rows)
+    rows = [(name, str(row["frames"]), str(row["absent"])) for name, row in pmus.items()]
+    lines = table(("pmu", "frames", "absent"), rows)
     lines += [
         f"{name}: {row['setpoints']} setpoints, the largest {row['largest']:.4g} p.u."
         for name, row in controllers.items()
     ]
-    return {"stations": stations, "controllers": controllers}, lines
+    return {"pmus": pmus, "controllers": controllers}, lines

@@ -1,6 +1,6 @@
 """All controllers of a run as arrays, and a controller's tick; compiled.
 
-A controller acts once per arrival, at the arrival's exact time: it updates the newest entry of each station, forms its
+A controller acts once per arrival, at the arrival's exact time: it updates the newest entry of each PMU, forms its
 signals, and issues a setpoint for each of its devices. Between arrivals the setpoint is constant (zero-order hold).
 """
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping.control.plant_prior import PlantPrior
-    from facts_damping.parameters.plant.stations import Signal
+    from facts_damping.parameters.plant.pmus import Signal
     from facts_damping.parameters.run import Controller
 
 law_of = branching(LAWS)  # arguments: a code, then those of a law
@@ -90,7 +90,7 @@ class BankState(Struct):
 def bank(
     controllers: Sequence[Controller],
     signals: Mapping[str, Signal],
-    stations: Sequence[str],
+    pmus: Sequence[str],
     limits: Mapping[str, tuple[float, float]],
     frame_rate: int,
     known: Sequence[PlantPrior | None],
@@ -110,7 +110,7 @@ def bank(
     nets = [controller_network(c) for c in controllers]
     max_signals = max([len(c.signals) for c in controllers], default=0)
     max_devices = max([len(c.devices) for c in controllers], default=0)
-    given, held = inputs([c.signals for c in controllers], signals, stations, nominal)
+    given, held = inputs([c.signals for c in controllers], signals, pmus, nominal)
     names = [controller.compensation for controller in controllers]
     optimal, estimate = state_spaces(designs or [None] * n, max_signals, max_devices)
     compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, max_signals)
@@ -151,7 +151,7 @@ def bank(
         learner=learners(nets, starts),
         memory=memories(n, max_signals, max_devices),
         estimate=estimate,
-        calls=calls(n, max_signals, len(stations)),
+        calls=calls(n, max_signals, len(pmus)),
     )
     return made, state
 

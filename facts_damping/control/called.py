@@ -27,9 +27,9 @@ class Calls(Struct):
     sensed: Sensed
 
 
-def calls(controllers: int, signals: int, stations: int) -> Calls:
+def calls(controllers: int, signals: int, pmus: int) -> Calls:
     """Calls of `controllers` controllers, without functions."""
-    made = sensed(controllers, signals, stations)
+    made = sensed(controllers, signals, pmus)
     failed, once = np.zeros((2, controllers), np.bool_)
     return Calls(np.zeros(controllers, np.int64), failed, once, made)
 

@@ -35,7 +35,7 @@ from facts_damping.signals import NANOSECONDS, Deliveries, Estimates, Setpoints,
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.parameters.plant.stations import Signal
+    from facts_damping.parameters.plant.pmus import Signal
 
 SPARE = 4  # frames beyond the loop's delay for which setpoints are kept
 
@@ -43,7 +43,7 @@ SPARE = 4  # frames beyond the loop's delay for which setpoints are kept
 def identifiers(
     rows: Sequence[Identified],
     signals: Mapping[str, Signal],
-    stations: Sequence[str],
+    pmus: Sequence[str],
     frame_rate: int,
     nominal: float = 60.0,
 ) -> tuple[Identifiers, IdentifierState]:
@@ -56,7 +56,7 @@ def identifiers(
         predictor_network(row.kind, len(row.signals), len(row.devices), o) for row, o in zip(rows, order, strict=True)
     ]
     starts = [start(net, row) if row.weights is None else row.weights for net, row in zip(nets, rows, strict=True)]
-    given, held = inputs([row.signals for row in rows], signals, stations, nominal)
+    given, held = inputs([row.signals for row in rows], signals, pmus, nominal)
     loop_delay_ns = np.array([to_ns(float(row.settings["loop_delay"][0])) for row in rows], np.int64)
     horizon = np.array([int(row.settings["identifier_horizon"][0]) for row in rows], np.int64)
     ahead_ns = np.where([row.predicts for row in rows], loop_delay_ns, UNSET)

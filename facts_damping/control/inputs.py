@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.plant.stations import Signal
+    from facts_damping.parameters.plant.pmus import Signal
 
 UNSET = -1
 IMPLAUSIBLE = 1e6  # p.u. or rad: a quantity this large or larger counts as not available
@@ -30,10 +30,10 @@ class Inputs(Struct):
 
     signals: Int1  # (receivers,): number of signals
     channel: Int2  # (receivers, most signals)
-    weight: Float3  # (receivers, most signals, stations)
+    weight: Float3  # (receivers, most signals, PMUs)
     offset: Float2  # (receivers, most signals): subtracted from the weighted sum
     angle: Bool2  # (receivers, most signals): the signal is an angle, wrapped to half a turn
-    uses: Bool2  # (receivers, stations): a signal uses the station
+    uses: Bool2  # (receivers, PMUs): a signal uses the PMU
     deviation: Bool2  # (receivers, most signals)
     washout: Float2  # (receivers, most signals), s; 0: none
 
@@ -41,26 +41,26 @@ class Inputs(Struct):
 class LatestSamples(Struct):
     """Newest data of each receiver; the first axis is the receiver."""
 
-    entry: Float3  # (receivers, stations, channels): newest entry of each station; NaN: none yet
-    entry_ns: Int2  # (receivers, stations): its time of measurement
-    newest_ns: Int1  # (receivers,): newest time of measurement of its stations; UNSET: none
+    entry: Float3  # (receivers, PMUs, channels): newest entry of each PMU; NaN: none yet
+    entry_ns: Int2  # (receivers, PMUs): its time of measurement
+    newest_ns: Int1  # (receivers,): newest time of measurement of its PMUs; UNSET: none
     baseline: Float2  # (receivers, most signals): first value of each signal
     washed: Float3  # (receivers, most signals, 2): input and output of each washout
     signal: Float2  # (receivers, most signals): newest signals
 
 
 def inputs(
-    given: Sequence[Sequence[str]], signals: Mapping[str, Signal], stations: Sequence[str], nominal: float = 60.0
+    given: Sequence[Sequence[str]], signals: Mapping[str, Signal], pmus: Sequence[str], nominal: float = 60.0
 ) -> tuple[Inputs, LatestSamples]:
     """Build receivers of signals given by name, without data; `nominal`: frequency, Hz."""
     n, maximum = len(given), max([len(names) for names in given], default=0)
     made = Inputs(
         signals=np.array([len(names) for names in given], np.int64),
         channel=np.zeros((n, maximum), np.int64),
-        weight=np.zeros((n, maximum, len(stations))),
+        weight=np.zeros((n, maximum, len(pmus))),
         offset=np.zeros((n, maximum)),
         angle=np.zeros((n, maximum), np.bool_),
-        uses=np.zeros((n, len(stations)), np.bool_),
+        uses=np.zeros((n, len(pmus)), np.bool_),
         deviation=np.zeros((n, maximum), np.bool_),
         washout=np.zeros((n, maximum)),
     )
@@ -71,13 +71,13 @@ def inputs(
             made.deviation[r, i] = signal.deviation
             made.washout[r, i] = signal.washout
             made.angle[r, i] = made.channel[r, i] in ANGLES
-            made.weight[r, i] = station_weights(signal, stations, nominal)
+            made.weight[r, i] = pmu_weights(signal, pmus, nominal)
             if signal.channel == "frequency":
                 made.offset[r, i] = nominal * made.weight[r, i].sum()
         made.uses[r] = (made.weight[r] != 0.0).any(axis=0)
     held = LatestSamples(
-        entry=np.full((n, len(stations), len(CHANNELS)), np.nan),
-        entry_ns=np.full((n, len(stations)), UNSET, np.int64),
+        entry=np.full((n, len(pmus), len(CHANNELS)), np.nan),
+        entry_ns=np.full((n, len(pmus)), UNSET, np.int64),
         newest_ns=np.full(n, UNSET, np.int64),
         baseline=np.full((n, maximum), np.nan),
         washed=np.zeros((n, maximum, 2)),
@@ -86,11 +86,11 @@ def inputs(
     return made, held
 
 
-def station_weights(signal: Signal, stations: Sequence[str], nominal: float) -> NDArray[np.float64]:
-    """Weights of the stations in a signal, (stations,); frequencies are converted from Hz to p.u. of `nominal`."""
-    weights = np.zeros(len(stations))
-    for station, weight in signal.weights.items():
-        weights[stations.index(station)] = weight
+def pmu_weights(signal: Signal, pmus: Sequence[str], nominal: float) -> NDArray[np.float64]:
+    """Weights of the PMUs in a signal, (PMUs,); frequencies are converted from Hz to p.u. of `nominal`."""
+    weights = np.zeros(len(pmus))
+    for pmu, weight in signal.weights.items():
+        weights[pmus.index(pmu)] = weight
     return weights / nominal if signal.channel in ("frequency", "rocof") else weights
 
 
@@ -100,18 +100,18 @@ def ingest(held: LatestSamples, r: int, delivered: NDArray[Any], first: int, cou
     i, arrival = first, delivered[first].arrival_ns
     while i < count and delivered[i].arrival_ns == arrival:
         entry = delivered[i]
-        if entry.measured_ns > held.entry_ns[r, entry.station]:
-            held.entry_ns[r, entry.station] = entry.measured_ns
+        if entry.measured_ns > held.entry_ns[r, entry.pmu]:
+            held.entry_ns[r, entry.pmu] = entry.measured_ns
             for j in range(held.entry.shape[2]):
                 value = entry.values[j]
-                held.entry[r, entry.station, j] = value if abs(value) < IMPLAUSIBLE else math.nan
+                held.entry[r, entry.pmu, j] = value if abs(value) < IMPLAUSIBLE else math.nan
         i += 1
     return i
 
 
 @compiled
 def compute_signals(given: Inputs, held: LatestSamples, r: int) -> int:
-    """Form the signals if one of their stations has a newer frame than all before, and all signals are available.
+    """Form the signals if one of their PMUs has a newer frame than all before, and all signals are available.
 
     Returns the time since the frame before, ns; 0 for the first frame; -1 if nothing is new.
     """

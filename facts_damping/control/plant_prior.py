@@ -14,5 +14,7 @@ class PlantPrior(NamedTuple):
 
     sign: NDArray[np.float64]  # (signals, devices), of dy/du; 0: none, except for the first signal
     jacobian: NDArray[np.float64]  # (signals, devices), p.u./p.u., over the identifier's horizon
-    mode_shape: NDArray[np.complex128]  # (signals,), p.u./p.u., at the least damped swing mode, relative to the first
+    mode_shape: NDArray[
+        np.complex128
+    ]  # (signals,), p.u./p.u., at the least damped electromechanical mode, relative to the first
     z_pole: complex  # the mode's factor from one frame to the next

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 class Sensed(Struct):
     """Age and freshness of several receivers' signals; the first axis is the receiver."""
 
-    taken_ns: Int2  # (receivers, stations): time of measurement at the previous call of `look`
+    taken_ns: Int2  # (receivers, PMUs): time of measurement at the previous call of `look`
     age: Float2  # (receivers, most signals), s, of a signal's newest frame
     fresh: Bool2  # (receivers, most signals): a frame of the signal is new
 
 
-def sensed(receivers: int, signals: int, stations: int) -> Sensed:
+def sensed(receivers: int, signals: int, pmus: int) -> Sensed:
     """Allocate for `receivers` receivers, without data."""
     return Sensed(
-        np.full((receivers, stations), UNSET, np.int64),
+        np.full((receivers, pmus), UNSET, np.int64),
         np.zeros((receivers, signals)),
         np.zeros((receivers, signals), np.bool_),
     )
@@ -34,7 +34,7 @@ def sensed(receivers: int, signals: int, stations: int) -> Sensed:
 
 @compiled
 def _newest(given: Inputs, stamps: NDArray[np.int64], r: int, i: int) -> int:
-    """Newest time of measurement of the stations of signal i; `stamps`: (receivers, stations)."""
+    """Newest time of measurement of the PMUs of signal i; `stamps`: (receivers, PMUs)."""
     newest = UNSET
     for s in range(given.weight.shape[2]):
         if given.weight[r, i, s] != 0.0:

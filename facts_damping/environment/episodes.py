@@ -100,9 +100,9 @@ class Episode:
         """
         self.case, self.loop = case, fresh_loop(case, outside=True)
         agent = case.controllers[c]
-        names, stations = [list(agent.signals)], [station.name for station in case.system.stations]
-        eyes = inputs(names, case.system.signals, stations, case.system.frequency)
-        seen = sensed(1, len(names[0]), len(stations))
+        names, pmus = [list(agent.signals)], [pmu.name for pmu in case.system.pmus]
+        eyes = inputs(names, case.system.signals, pmus, case.system.frequency)
+        seen = sensed(1, len(names[0]), len(pmus))
         self.eyes = AgentInputs(*eyes, seen)
         self.limits = np.array([case.system.device(name).setpoint_max for name in agent.devices])
         self.weights = weights_of(case)
@@ -161,10 +161,10 @@ class Episode:
 def weights_of(case: Case) -> NDArray[np.float64]:
     """Weights of machines' speeds in the monitored speed differences, (differences, machines)."""
     machines = [machine.name for machine in case.system.machines]
-    of = {station.name: station.machine for station in case.system.stations}
+    of = {pmu.name: pmu.machine for pmu in case.system.pmus}
     judged = measure_weights(case.system.model_dump(by_alias=True))
     found = np.zeros((len(judged), len(machines)))
     for row, weights in zip(found, judged.values(), strict=True):
-        for station, weight in weights.items():
-            row[machines.index(str(of[station]))] += weight
+        for pmu, weight in weights.items():
+            row[machines.index(str(of[pmu]))] += weight
     return found

@@ -27,7 +27,7 @@ TYPICAL = (
 )
 FROM_CASE = ("bus", "generator", "P", "V", "slack", "angle")  # fields of a machine's row from the case
 HEAD = ("name", "description", "frequency", "line_model", "step")
-TABLES = ("infinite_buses", "exciters", "stabilisers", "governors", "devices", "stations", "signals", "measures")
+TABLES = ("infinite_buses", "exciters", "stabilisers", "governors", "devices", "pmus", "signals", "measures")
 
 
 class MatpowerCase(NamedTuple):
@@ -81,8 +81,8 @@ def convert(case: MatpowerCase, dynamics: Mapping[str, Any] | None = None) -> Im
         "machines": machines,
         **measured([m["name"] for m in machines]),
     }
-    if "signals" in given or "stations" in given:
-        content |= {"signals": {}, "measures": {}}  # the default ones refer to the default stations
+    if "signals" in given or "pmus" in given:
+        content |= {"signals": {}, "measures": {}}  # the default ones refer to the default PMUs
     content |= {key: value for key, value in given.items() if key != "machines"}
     return Imported(filled(content), typical, notes)
 
@@ -100,7 +100,7 @@ def measured(machines: Sequence[str]) -> dict[str, Any]:
     first = machines[0]
     pairs = {f"w_{first}_{other}": other for other in machines[1:]}
     return {
-        "stations": [{"name": name, "machine": name} for name in machines],
+        "pmus": [{"name": name, "machine": name} for name in machines],
         "signals": {s: {"channel": "speed_deviation", "weights": {first: 1, o: -1}} for s, o in pairs.items()},
         "measures": {"local": list(pairs)},
     }

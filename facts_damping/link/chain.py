@@ -2,7 +2,7 @@
 
 A chain is a table of stages. A stage's model is a code that `traverse` branches on. Random numbers are drawn in advance
 (`stages.py`), so `traverse` directly gives the time at which an entry leaves, in ns and not rounded to frames, or LOST.
-It processes all entries that are sent together: the stations of a frame, or one setpoint.
+It processes all entries that are sent together: the PMUs of a frame, or one setpoint.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class AllPackets(Struct, each=Packets):
 class DirectionSpec(NamedTuple):
     """A direction of a run's links: channels, size and rate of entries, seed of random numbers."""
 
-    channels: Sequence[str]  # stations or devices
+    channels: Sequence[str]  # PMUs or devices
     groups: Mapping[str, Sequence[str]]  # channels by group names that stages may use
     width: int  # number of values of an entry
     per_tick: int  # most entries sent in a tick, all channels together

@@ -1,6 +1,6 @@
 """Transfer of entries: queues ordered by time of arrival, and delivery in a tick; compiled.
 
-A link has two directions: PMU entries from stations to controllers (DELIVERY) and setpoints from controllers to devices
+A link has two directions: PMU entries from PMUs to controllers (DELIVERY) and setpoints from controllers to devices
 (SETPOINT). All links of a run share arrays sized for the largest. The link nodes and the in-process loop call the same
 `uplink` and `downlink`; the plant node and the loop call the same `merge`.
 """
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.link import Link
 
-# Counts of a channel (station or device): sent + duplicated + held = delivered + lost + under way.
+# Counts of a channel (PMU or device): sent + duplicated + held = delivered + lost + under way.
 STATISTICS = np.dtype(
     [
         ("sent", "i8"),
@@ -259,45 +259,45 @@ def uplink(
     measured_ns: Int1,
     status: Int1,
 ) -> int:
-    """Send a frame (stations, channels) up a link at `start_ns`; deliver entries that arrive before `end_ns`.
+    """Send a frame (PMUs, channels) up a link at `start_ns`; deliver entries that arrive before `end_ns`.
 
-    `measured_ns`: time of each station's measurement, (stations,); LOST: absent from the frame. `status`: bits of each
-    station's entry. Delivered entries are in `made.up.out[link]`, in order of arrival; returns their number.
+    `measured_ns`: time of each PMU's measurement, (PMUs,); LOST: absent from the frame. `status`: bits of each
+    PMU's entry. Delivered entries are in `made.up.out[link]`, in order of arrival; returns their number.
     """
     way = made.up.each[link]
     p = way.packets
-    for station in range(frame.shape[0]):
-        _put_in(p, station, start_ns, measured_ns[station])
-        p.status[station] = status[station]
-        if measured_ns[station] == LOST:
-            p.now_ns[0, station] = LOST
+    for pmu in range(frame.shape[0]):
+        _put_in(p, pmu, start_ns, measured_ns[pmu])
+        p.status[pmu] = status[pmu]
+        if measured_ns[pmu] == LOST:
+            p.now_ns[0, pmu] = LOST
         for i in range(frame.shape[1]):
-            p.values[station, i] = frame[station, i]
+            p.values[pmu, i] = frame[pmu, i]
     traverse(way.chain, p, start_ns, 0, frame.shape[0])
-    for station in range(frame.shape[0]):
+    for pmu in range(frame.shape[0]):
         arriving = 0
         for copy in range(p.now_ns.shape[0]):
-            arrival = p.now_ns[copy, station]
+            arrival = p.now_ns[copy, pmu]
             slot = -1 if arrival == LOST else _push(way.entries, way.arrival_ns, way.sent_ns, way.ring, arrival)
             if slot >= 0:
                 arriving += 1
                 way.sent_ns[slot] = start_ns
                 entry = way.entries[slot]
-                entry.station = station
+                entry.pmu = pmu
                 entry.link = link
-                entry.measured_ns = p.stamp_ns[station]
-                entry.status = p.status[station]
+                entry.measured_ns = p.stamp_ns[pmu]
+                entry.status = p.status[pmu]
                 for i in range(frame.shape[1]):
-                    entry.values[i] = p.values[station, i]
-        if measured_ns[station] != LOST or arriving > 0:
-            _count_sent(p, way.statistics, station, arriving)
+                    entry.values[i] = p.values[pmu, i]
+        if measured_ns[pmu] != LOST or arriving > 0:
+            _count_sent(p, way.statistics, pmu, arriving)
     count = 0
     slot = _first_before(way, end_ns)
     while slot >= 0:
         way.out[count] = way.entries[slot]
         way.out[count].tick = tick
         way.out[count].arrival_ns = way.arrival_ns[slot]
-        _count_delivered(way, way.entries[slot].station, slot)
+        _count_delivered(way, way.entries[slot].pmu, slot)
         count += 1
         slot = _first_before(way, end_ns)
     way.ring[RING_DELIVERED] = count

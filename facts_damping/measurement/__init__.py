@@ -1,1 +1,1 @@
-"""PMU measurement of voltages and currents at stations."""
+"""PMUs: measurement of voltages and currents."""

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping import random_numbers
-from facts_damping.measurement import pmu
+from facts_damping.measurement import pmu_model
 from facts_damping.measurement.filters import reference_filter
-from facts_damping.measurement.pmu import Pmus, PmuState
+from facts_damping.measurement.pmu_model import Pmus, PmuState
 from facts_damping.signals import CHANNELS, LOST, to_ns
 
 if TYPE_CHECKING:
@@ -20,34 +20,34 @@ if TYPE_CHECKING:
     from facts_damping.parameters.measurement import Clock, Measurement, Noise
 
 KINDS = {
-    "stuck": pmu.STUCK,
-    "spike": pmu.SPIKE,
-    "wrong_sign": pmu.WRONG_SIGN,
-    "swapped_phases": pmu.SWAPPED_PHASES,
-    "invalid": pmu.INVALID,
+    "stuck": pmu_model.STUCK,
+    "spike": pmu_model.SPIKE,
+    "wrong_sign": pmu_model.WRONG_SIGN,
+    "swapped_phases": pmu_model.SWAPPED_PHASES,
+    "invalid": pmu_model.INVALID,
 }
 STREAM = 2  # stream of a run's random numbers; its links use 0 and 1
 
 
-def wrong_at(measurement: Measurement, station: str) -> tuple[Noise, Clock]:
-    """Noise and clock of a station: its own, else the common ones."""
-    own = measurement.stations.get(station)
+def wrong_at(measurement: Measurement, pmu: str) -> tuple[Noise, Clock]:
+    """Noise and clock of a PMU: its own, else the common ones."""
+    own = measurement.pmus.get(pmu)
     if own is None:
         return measurement.noise, measurement.clock
     return own.noise or measurement.noise, own.clock or measurement.clock
 
 
-def clocks_differ(measurement: Measurement, stations: Sequence[str]) -> bool:
+def clocks_differ(measurement: Measurement, pmus: Sequence[str]) -> bool:
     """Whether the entries of a frame may have different time stamps."""
-    return len({wrong_at(measurement, name)[1] for name in stations}) > 1
+    return len({wrong_at(measurement, name)[1] for name in pmus}) > 1
 
 
 def _chance(
-    normals: int, uniforms: int, bad: int, stations: int, seed: int
+    normals: int, uniforms: int, bad: int, pmus: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Random draws of noise, (normals, stations, NORMALS), and of spikes, (uniforms, bad, stations), per frame."""
-    normal, uniform = np.zeros((normals, stations, pmu.NORMALS)), np.zeros((uniforms, bad, stations))
-    for s in range(stations):
+    """Random draws of noise, (normals, PMUs, NORMALS), and of spikes, (uniforms, bad, PMUs), per frame."""
+    normal, uniform = np.zeros((normals, pmus, pmu_model.NORMALS)), np.zeros((uniforms, bad, pmus))
+    for s in range(pmus):
         random = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, s, i))) for i in range(2)]
         if normals > 1:
             normal[:, s] = random_numbers.standard_normal(random[0], normal[:, s].shape)
@@ -55,9 +55,9 @@ def _chance(
     return normal, uniform
 
 
-def pmus(
+def make_pmus(
     measurement: Measurement,
-    stations: Sequence[str],
+    pmus: Sequence[str],
     nominal: float,
     frame_rate: int,
     draws: int,
@@ -66,33 +66,33 @@ def pmus(
 ) -> tuple[Pmus, PmuState]:
     """Build the PMUs of a run and their initial state; `draws`: frames after which random numbers repeat.
 
-    Each station has its own stream of random numbers; draws of the PMUs `before` are reused. Raises `InputError` for a
+    Each PMU has its own stream of random numbers; draws of the PMUs `before` are reused. Raises `InputError` for a
     rate without a filter.
     """
     made = reference_filter(measurement, nominal, frame_rate)
-    errors = np.zeros(len(stations), pmu.ERRORS)
-    for row, name in zip(errors, stations, strict=True):
+    errors = np.zeros(len(pmus), pmu_model.ERRORS)
+    for row, name in zip(errors, pmus, strict=True):
         noise, clock = wrong_at(measurement, name)
         for field in ("magnitude", "angle", "frequency", "rocof"):
             row[field] = getattr(noise, field)
         row["offset"], row["drift"] = clock.offset, clock.drift
         row["lost_ns"] = LOST if clock.lost is None else to_ns(clock.lost)
-    bad = np.zeros(len(measurement.bad_data), pmu.BAD)
+    bad = np.zeros(len(measurement.bad_data), pmu_model.BAD)
     for row, one in zip(bad, measurement.bad_data, strict=True):
         row["kind"], row["from_ns"] = KINDS[one.kind], to_ns(one.start)
         row["until_ns"] = LOST if one.duration is None else to_ns(one.start) + to_ns(one.duration)
         row["probability"], row["size"] = one.probability, one.size
-    known = [[one.stations is None or s in one.stations for s in stations] for one in measurement.bad_data]
+    known = [[one.pmus is None or s in one.pmus for s in pmus] for one in measurement.bad_data]
     concerns = np.array(known, np.bool_)
-    plain = np.zeros(len(stations), pmu.ERRORS)
+    plain = np.zeros(len(pmus), pmu_model.ERRORS)
     plain["lost_ns"] = LOST
     integers = measurement.quantisation == "int16"
     exact = not integers and not len(bad) and bool((errors == plain).all())
     if before is not None and len(before.normal) > 1:
         normal, uniform = before.normal, before.uniform
     else:
-        spikes = bool((bad["kind"] == pmu.SPIKE).any())
-        normal, uniform = _chance(1 if exact else draws, draws if spikes else 1, len(bad), len(stations), seed)
+        spikes = bool((bad["kind"] == pmu_model.SPIKE).any())
+        normal, uniform = _chance(1 if exact else draws, draws if spikes else 1, len(bad), len(pmus), seed)
     frozen = Pmus(
         filtered=measurement.filter != "ideal",
         exact=exact,
@@ -104,17 +104,17 @@ def pmus(
         delay=made.delay,
         errors=errors,
         bad=bad,
-        concerns=concerns.reshape(len(bad), len(stations)),
+        concerns=concerns.reshape(len(bad), len(pmus)),
         normal=normal,
         uniform=uniform,
-        voltage_step=measurement.voltage_range / pmu.MAX_UNSIGNED if integers else 0.0,
-        current_step=measurement.current_range / pmu.MAX_UNSIGNED if integers else 0.0,
+        voltage_step=measurement.voltage_range / pmu_model.MAX_UNSIGNED if integers else 0.0,
+        current_step=measurement.current_range / pmu_model.MAX_UNSIGNED if integers else 0.0,
     )
     capacity = made.delay * made.per_frame + len(made.weights) + 1
     state = PmuState(
-        np.zeros((len(stations), 2, 2 * capacity), np.complex128),
+        np.zeros((len(pmus), 2, 2 * capacity), np.complex128),
         np.zeros(1, np.int64),
-        np.zeros((len(bad), len(stations), len(CHANNELS))),
-        np.full((len(bad), len(stations)), -1, np.int64),
+        np.zeros((len(bad), len(pmus), len(CHANNELS))),
+        np.full((len(bad), len(pmus)), -1, np.int64),
     )
     return frozen, state

@@ -144,10 +144,10 @@ def _setpoints(case: Case, message: SetpointsMessage, sender: str, of: Iterable[
 
 
 def _frames(case: Case, message: FramesMessage, tick: int) -> bytes:
-    """Frames of all stations that show a swing at half the frame rate."""
+    """Frames of all PMUs that show a swing at half the frame rate."""
     at = start_of(tick, case.run.frame_rate)
-    rows = np.zeros(len(case.system.stations), DELIVERY)
-    rows["station"] = np.arange(len(rows))
+    rows = np.zeros(len(case.system.pmus), DELIVERY)
+    rows["pmu"] = np.arange(len(rows))
     rows["measured_ns"] = rows["arrival_ns"] = at
     rows["values"] = SWING * (1 if tick % 2 else -1)
     return message.fill(tick, at, rows, len(rows))

@@ -34,7 +34,7 @@ TELL_S = 1.0  # wall time between two reports of changes
 
 
 class C37118Server:
-    """Serves a run's stations as C37.118.2 streams."""
+    """Serves a run's PMUs as C37.118.2 streams."""
 
     def __init__(self, node: Node) -> None:
         """Read parameters, subscribe to the plant or to a link."""
@@ -117,7 +117,7 @@ def read_serving(node: Node) -> Serving:
     idcode: int = declare(node, "idcode", 1, descriptor("number of the stream, or of the first", "", 1, 65534))
     text = "what is polar, what are floats: polar, float_phasors, float_analogs, float_frequency, or none; empty: all"
     formats: str = declare(node, "format", "", descriptor(text))
-    text = "true: each station as a PMU of its own, at ports from port on"
+    text = "true: each PMU as a PMU of its own, at ports from port on"
     each: bool = declare(node, "each", False, descriptor(text))
     return Serving(host, port, to, idcode, formats or None, each=each)
 

@@ -38,7 +38,7 @@ class LivePlant:
         self._plant, self.state = built.plant, built.state
         self._work = workspace(self._plant, self.state)
         self._pmus, self._pmu_state = build_pmus(case, DRAWS)
-        self.frame = np.zeros((len(case.system.stations), len(CHANNELS)))
+        self.frame = np.zeros((len(case.system.pmus), len(CHANNELS)))
         self.measured_ns, self.status = (np.zeros(len(self.frame), np.int64) for _ in range(2))
         self.machines = np.zeros(len(self._plant.machines), MACHINE_TRUTH)
         self.devices = np.zeros(len(self._plant.devices), DEVICE_TRUTH)

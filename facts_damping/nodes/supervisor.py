@@ -183,7 +183,7 @@ class SupervisorNode:
             response.message = f"{STATES[state]}; allowed: {name} while {allowed}"
             return response
         if code == PROBE and not self.made.settings["omega"][self.own] > 0.0:
-            response.message = "not probed: the plant has no swing mode"
+            response.message = "not probed: the plant has no electromechanical mode"
             return response
         cause = refusal(self.made, self.state, self.own) if code == ARM else NO_CAUSE
         if cause != NO_CAUSE:

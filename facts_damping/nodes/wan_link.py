@@ -54,8 +54,8 @@ class WanLink:
         self.setpoints = SetpointsMessage(self.case, seal=seal(by, address.topic("setpoints/delivered")))
         heard = {c: one for c, one in speakers(self.case).items() if c in served(self.case, self.index)}
         self.places = {one.name: one.place for one in heard.values()}
-        self.frame = np.full((len(self.case.system.stations), len(CHANNELS)), np.nan)
-        self.measured_ns = np.full(len(self.frame), LOST)  # LOST: the station is absent from the frame
+        self.frame = np.full((len(self.case.system.pmus), len(CHANNELS)), np.nan)
+        self.measured_ns = np.full(len(self.frame), LOST)  # LOST: the PMU is absent from the frame
         self.status = np.zeros(len(self.frame), np.int64)
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", PUBLISHER_QOS)
         self.to_plant = node.create_publisher(DeviceSetpoints, "setpoints/delivered", PUBLISHER_QOS)
@@ -76,7 +76,7 @@ class WanLink:
 
     @property
     def measured(self) -> tuple[Any, ...]:
-        """Measurements of the stations: values, times and status."""
+        """Measurements of the PMUs: values, times and status."""
         return self.frame, self.measured_ns, self.status
 
     def ready(self) -> None:
@@ -138,8 +138,8 @@ class WanLink:
         self.member.begin(tick)
         start, end = self.span(self.tick)
         self.measured_ns[:] = LOST
-        self.frame[rows["station"]], self.measured_ns[rows["station"]] = rows["values"], rows["measured_ns"]
-        self.status[rows["station"]] = rows["status"]
+        self.frame[rows["pmu"]], self.measured_ns[rows["pmu"]] = rows["values"], rows["measured_ns"]
+        self.status[rows["pmu"]] = rows["status"]
         count = uplink(self.links, self.index, self.tick, start, end, *self.measured)
         self.to_controllers.publish(self.frames.fill(self.tick, start, self.links.up.out[self.index], count))
         self.missing = {name for name in self.places if not self.gone(name)}
@@ -182,7 +182,7 @@ class WanLink:
     def publish_statistics(self) -> None:
         """Publish delays and losses of all channels so far."""
         up_rows, down_rows = (way.statistics[self.index] for way in (self.links.up, self.links.down))
-        up = dict(zip([s.name for s in self.case.system.stations], up_rows, strict=True))
+        up = dict(zip([s.name for s in self.case.system.pmus], up_rows, strict=True))
         down = dict(zip(self.case.run.devices, down_rows, strict=False))
         self.to_recorder.publish(link_statistics(self.tick, self.span(self.tick)[0], up, down))
 

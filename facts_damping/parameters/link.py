@@ -28,7 +28,7 @@ class Link(ParameterModel):
     """
 
     description: str = Field("", description="text that `facts-damping list links` shows")
-    up: list[Stage] = Field([], description="stages from the stations to the controllers, in order")
+    up: list[Stage] = Field([], description="stages from the PMUs to the controllers, in order")
     down: list[Stage] = Field([], description="stages from the controllers to the devices, in order")
 
     @model_validator(mode="after")

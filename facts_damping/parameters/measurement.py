@@ -21,9 +21,9 @@ class Noise(ParameterModel):
 
 
 class Clock(ParameterModel):
-    """The error of a station's clock: a constant offset, and a drift after the clock has lost the satellites.
+    """The error of a PMU's clock: a constant offset, and a drift after the clock has lost the satellites.
 
-    The error shifts the time stamps of the station's frames, and their angles by -2 pi f_0 times the error.
+    The error shifts the time stamps of the PMU's frames, and their angles by -2 pi f_0 times the error.
     """
 
     offset: float = quantity(0.0, "s", "how far the clock is ahead of UTC", ge=-1, le=1)
@@ -39,15 +39,15 @@ class Clock(ParameterModel):
         return self
 
 
-class StationErrors(ParameterModel):
-    """Errors of one station, in place of those of all stations."""
+class PmuErrors(ParameterModel):
+    """Errors of one PMU, in place of those of all PMUs."""
 
-    noise: Noise | None = Field(None, description="noise of this station; none: that of all stations")
-    clock: Clock | None = Field(None, description="clock of this station; none: that of all stations")
+    noise: Noise | None = Field(None, description="noise of this PMU; none: that of all PMUs")
+    clock: Clock | None = Field(None, description="clock of this PMU; none: that of all PMUs")
 
 
 class BadData(ParameterModel):
-    """Wrong frames of some stations for some time.
+    """Wrong frames of some PMUs for some time.
 
     `stuck`: values stay as they are at the start. `spike`: in some frames magnitudes, speed and ROCOF (the rate of
     change of frequency) are larger by the fraction `size`. `wrong_sign`: a current transformer is connected the wrong
@@ -58,7 +58,7 @@ class BadData(ParameterModel):
     kind: Literal["stuck", "spike", "wrong_sign", "swapped_phases", "invalid"] = Field(
         ..., description="what is wrong with the frames"
     )
-    stations: list[Name] | None = Field(None, min_length=1, description="stations concerned; none: all")
+    pmus: list[Name] | None = Field(None, min_length=1, description="PMUs concerned; none: all")
     start: float = quantity(0.0, "s", "time of measurement of the first wrong frame", ge=0, le=1e5)
     duration: float | None = quantity(None, "s", "how long frames are wrong; none: to the end", gt=0, le=1e5)
     probability: float = quantity(0.01, "-", "fraction of the frames that are wrong; for `spike` only", ge=0, le=1)
@@ -79,12 +79,12 @@ class Measurement(ParameterModel):
     filter: Literal["ideal", "p_class", "m_class"] = Field(
         "ideal", description="none (`ideal`), or the reference filter of class P or M of IEEE/IEC 60255-118-1, annex D"
     )
-    noise: Noise = Field(Noise(), description="noise of all stations")
-    clock: Clock = Field(Clock(), description="error of the clocks of all stations")
+    noise: Noise = Field(Noise(), description="noise of all PMUs")
+    clock: Clock = Field(Clock(), description="error of the clocks of all PMUs")
     quantisation: Literal["none", "int16"] = Field(
         "none", description="`int16`: the 16-bit integers of IEEE C37.118.2, polar, 0.1 mrad, 1 mHz, 0.01 Hz/s"
     )
     voltage_range: float = quantity(2.0, "p.u.", "largest voltage that 16 bits can express", gt=0, le=100)
     current_range: float = quantity(40.0, "p.u.", "largest current that 16 bits can express", gt=0, le=1e4)
-    stations: dict[Name, StationErrors] = Field({}, description="station: its own noise and clock")
+    pmus: dict[Name, PmuErrors] = Field({}, description="PMU: its own noise and clock")
     bad_data: list[BadData] = Field([], description="wrong frames, one entry for each time and kind")

@@ -307,7 +307,7 @@ class Run(ParameterModel):
     model: str | dict[str, Any] | None = Field(
         None,
         description="system on which controllers and supervisors are designed: name, path or inline, with the devices, "
-        "stations and signals of the plant; none: the plant itself",
+        "PMUs and signals of the plant; none: the plant itself",
     )
     tuning: Name = Field(
         "thesis", description="profile of the tuned parameters that apply where a controller gives none"

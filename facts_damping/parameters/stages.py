@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from facts_damping.extensions import rows
 from facts_damping.parameters.base import Name, ParameterModel, quantity
-from facts_damping.parameters.plant.stations import Channel
+from facts_damping.parameters.plant.pmus import Channel
 
 LONGEST_S = 60.0  # most that a stage may delay
 
@@ -39,7 +39,7 @@ class StageModel(ParameterModel):
     channels: list[Name] | None = Field(
         None,
         min_length=1,
-        description="stations, or signals with all their stations (up), or devices (down), on which it acts; none: all",
+        description="PMUs, or signals with all their PMUs (up), or devices (down), on which it acts; none: all",
     )
     start: float = quantity(0.0, "s", "it acts on what is sent from this time on", ge=0, le=1e5)
     duration: float | None = quantity(None, "s", "how long it acts; none: to the end", gt=0, le=1e5)
@@ -181,7 +181,7 @@ class Wait(StageModel):
         "complete", description="when entries leave: once all have arrived, or always at the end of the wait"
     )
     missing: Literal["drop", "hold"] = Field(
-        "drop", description="`hold`: a missing entry is replaced by the last one of its station, with the new stamp"
+        "drop", description="`hold`: a missing entry is replaced by the last one of its PMU, with the new stamp"
     )
 
 

@@ -1,4 +1,4 @@
-"""Streams of PMUs that a run follows: the servers, and which channel of which PMU is what at which station."""
+"""Streams of PMUs that a run follows: the servers, and which of their channels are those of the system's PMUs."""
 
 from __future__ import annotations
 
@@ -77,9 +77,9 @@ class Channel(ParameterModel):
 
 
 class Channels(ParameterModel):
-    """Where a station's signals are; what is not given is looked for under the names that `pmu-serve` gives."""
+    """Where a PMU's signals are; what is not given is looked for under the names that `pmu-serve` gives."""
 
-    pmu: str | int | None = Field(None, description="name (STN) or IDCODE of the PMU; none: named as the station")
+    pmu: str | int | None = Field(None, description="name (STN) or IDCODE of the PMU; none: named as here")
     voltage: Channel | None = Field(None, description="phasor of the voltage, phase to ground; none: V1")
     current: Channel | None = Field(None, description="phasor of the current; none: I1")
     active_power: Channel | None = Field(
@@ -109,8 +109,8 @@ class Streams(ParameterModel):
     wait: float = quantity(
         0.2, "s", "how long a frame waits, from when it is due, for those of other servers", ge=0, le=60
     )
-    stations: dict[Name, Channels] = Field(
-        {}, description="station of the run's system: where its signals are; others: in the PMU of the same name"
+    pmus: dict[Name, Channels] = Field(
+        {}, description="PMU of the run's system: where its signals are; others: in the PMU of the same name"
     )
 
     @field_validator("servers")

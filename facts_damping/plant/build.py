@@ -78,7 +78,7 @@ def build(
     if watchdog is not None:
         placed["watchdog"] = watchdog
     norton = rotating.rows["admittance"]
-    stations = [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.stations]
+    pmus = [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.pmus]
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=to_ns(system.step),
@@ -99,7 +99,7 @@ def build(
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
         load_noise=load_noise.table(drawn, loads),
         network=np.array([reduce_network(system, ports.places, norton, s.topology, magnitude) for s in steps]),
-        station_machine=np.array(stations),
+        pmu_machine=np.array(pmus),
     )
     n = len(installed)
     source = np.zeros(len(ports.rows), np.complex128)

@@ -80,16 +80,16 @@ def _in_synchronism(plant: Plant, x: NDArray[np.float64], stage: int) -> bool:
 
 @compiled
 def _phasors(plant: Plant, stage: int, inputs: NDArray[np.complex128], phasors: NDArray[np.complex128]) -> None:
-    """Voltage and current of each station from the network's inputs, p.u."""
-    first, stations = plant.machines.size + plant.ports.size, plant.station_machine.size
-    for s in range(stations):
+    """Voltage and current of each PMU from the network's inputs, p.u."""
+    first, pmus = plant.machines.size + plant.ports.size, plant.pmu_machine.size
+    for s in range(pmus):
         phasors[s, 0] = row_times(plant, stage, first + s, inputs)
-        phasors[s, 1] = row_times(plant, stage, first + stations + s, inputs)
+        phasors[s, 1] = row_times(plant, stage, first + pmus + s, inputs)
 
 
 @entry_point
 def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
-    """Write voltage and current of each station at an instant into `work.phasors`."""
+    """Write voltage and current of each PMU at an instant into `work.phasors`."""
     stage = begin_interval(plant, state, time_ns)
     begin_noise(plant, work, time_ns, time_ns)
     solve_network(plant, state.x, state.reference, state.source, stage, work)
@@ -119,7 +119,7 @@ def measure(
     devices: DeviceTruths,
     work: Work,
 ) -> bool:
-    """Measure the stations at an instant into `frame` (stations, channels) and `work.phasors`, and write true values.
+    """Measure the PMUs at an instant into `frame` (PMUs, channels) and `work.phasors`, and write true values.
 
     The frequency is the derivative of the voltage's angle, d theta / dt / (2 pi), along the plant's trajectory from
     this instant; its rate of change is not computed (NaN). True values go into MACHINE_TRUTH and DEVICE_TRUTH tables.
@@ -141,9 +141,9 @@ def measure(
     _phasors(plant, stage, work.inputs, work.phasors)
     _a_moment_later(plant, state, stage, work)
     first = plant.machines.size + plant.ports.size
-    for s in range(plant.station_machine.size):
+    for s in range(plant.pmu_machine.size):
         voltage, current = work.phasors[s, 0], work.phasors[s, 1]
-        g = plant.station_machine[s]
+        g = plant.pmu_machine[s]
         flow = voltage * current.conjugate()
         later = row_times(plant, stage, first + s, work.inputs)
         frame[s, 0] = magnitude(voltage)

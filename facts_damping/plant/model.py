@@ -37,9 +37,9 @@ class Plant(Struct):
 
     `network[s]`, complex, is the network of stage s, valid from `stage_start_ns[s]`. It maps its inputs (Norton
     currents of machines, voltages of infinite buses, sources at the ports) to its outputs (machine voltages, responses
-    of the ports, station voltages, station currents), p.u. A parallel port injects a current and its response is the
+    of the ports, PMU voltages, PMU currents), p.u. A parallel port injects a current and its response is the
     bus voltage; a series port injects a voltage drop and its response is the current. Shape
-    (machines + ports + 2 stations, machines + infinite buses + ports).
+    (machines + ports + 2 PMUs, machines + infinite buses + ports).
     """
 
     omega_0: float  # rad/s
@@ -63,7 +63,7 @@ class Plant(Struct):
     load_scale: Float2  # (stages, loads)
     load_noise: Float3  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: no noise
     network: Complex3
-    station_machine: Int1  # (stations,), machine index or -1
+    pmu_machine: Int1  # (PMUs,), machine index or -1
 
 
 class PlantState(Struct):
@@ -99,7 +99,7 @@ class Work(Struct):
     change: Float1  # (2 ports,)
     step: Float1  # (2 ports,)
     source: Complex1  # (ports,), of a solution that is not stored in the state
-    phasors: Complex2  # (stations, 2), voltages and currents of the stations, p.u.
+    phasors: Complex2  # (PMUs, 2), voltages and currents of the PMUs, p.u.
     noise: Float2  # (loads, 2), relative, of P and Q, current values
     noise_start: Float2  # values at the start of the current segment of its grid
     noise_slope: Float2  # 1/s
@@ -124,7 +124,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(2 * ports),
         np.zeros(2 * ports),
         np.zeros(ports, np.complex128),
-        np.zeros((len(plant.station_machine), 2), np.complex128),
+        np.zeros((len(plant.pmu_machine), 2), np.complex128),
         np.zeros((len(plant.loads), 2)),
         np.zeros((len(plant.loads), 2)),
         np.zeros((len(plant.loads), 2)),

@@ -138,17 +138,17 @@ def time_ns(time: Any) -> NDArray[np.int64]:
     return np.asarray(np.asarray(time.sec, np.int64) * NANOSECONDS + time.nanosec, np.int64)
 
 
-def frames(source: Series, stations: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Frames (ticks, stations, channels), and their times of measurement and status, both (ticks, stations).
+def frames(source: Series, pmus: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Frames (ticks, PMUs, channels), and their times of measurement and status, both (ticks, PMUs).
 
-    NaN, LOST and 0 where a station did not report.
+    NaN, LOST and 0 where a PMU did not report.
     """
-    values = np.full((len(source.ticks), len(stations), len(CHANNELS)), np.nan)
+    values = np.full((len(source.ticks), len(pmus), len(CHANNELS)), np.nan)
     measured_ns, status = np.full(values.shape[:2], LOST), np.zeros(values.shape[:2], np.int64)
-    index = _index(stations)
+    index = _index(pmus)
     for block in source.blocks:
         for entry in block.message.frames:
-            at = block.rows, index[entry.station]
+            at = block.rows, index[entry.pmu]
             values[at], status[at] = _values(entry, FRAME_FIELDS), entry.status
             measured_ns[at] = time_ns(entry.header.stamp)
     return values, measured_ns, status
@@ -165,18 +165,18 @@ def truth(source: Series, entries: str, name: str, names: Sequence[str]) -> NDAr
     return values.view(layout)[..., 0] if values.size else np.empty(values.shape[:2], layout)
 
 
-def deliveries(sources: Sequence[Series], stations: Sequence[str]) -> NDArray[Any]:
+def deliveries(sources: Sequence[Series], pmus: Sequence[str]) -> NDArray[Any]:
     """Frames as delivered by the links: one row (DELIVERY) per entry, sorted by tick, then link.
 
-    Raises RecordingError for an unknown station.
+    Raises RecordingError for an unknown PMU.
     """
-    index = _index(stations)
+    index = _index(pmus)
     parts = [
         _rows(
             DELIVERY,
             block,
             source,
-            station=_lookup(index, entry.station, source.topic),
+            pmu=_lookup(index, entry.pmu, source.topic),
             link=link,
             status=entry.status,
             measured_ns=time_ns(entry.header.stamp),

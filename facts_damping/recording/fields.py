@@ -28,7 +28,7 @@ FIELDS: dict[str, dict[str, str]] = {
     TIME: {"sec": "int32", "nanosec": "uint32"},
     HEADER: {"stamp": TIME},
     f"{OURS}PmuDataFrame": {"tick": "uint64", "frames": f"{OURS}PmuFrame[]"},
-    f"{OURS}PmuFrame": {"header": HEADER, "station": "string", "arrival": TIME, "status": "uint16"}
+    f"{OURS}PmuFrame": {"header": HEADER, "pmu": "string", "arrival": TIME, "status": "uint16"}
     | dict.fromkeys(FRAME_FIELDS, "float64"),
     f"{OURS}DeviceSetpoints": {"tick": "uint64", "controller": "string", "setpoints": f"{OURS}DeviceSetpoint[]"},
     f"{OURS}DeviceSetpoint": {"header": HEADER, "device": "string", "controller": "string"}

@@ -128,16 +128,16 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     first, last = int(ticks[0]), int(ticks[-1])
     cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
     plant = {kind: decode.select(cut[kind][0], ticks) for kind in REQUIRED}
-    stations = _named(of, "station", plant["frames"], "frames")
+    pmus = _named(of, "pmu", plant["frames"], "frames")
     devices = _named(of, "device", plant["state"], "devices")
     machines = _named(of, "machine", plant["state"], "machines")
     controllers, issued = _controllers(cut["issued"], cut["applied"])
     applied = decode.setpoints(cut["applied"], controllers, devices)
     state = plant["state"]
-    frames, measured_ns, status = decode.frames(plant["frames"], stations)
+    frames, measured_ns, status = decode.frames(plant["frames"], pmus)
     return Record(
         configuration=configuration,
-        stations=stations,
+        pmus=pmus,
         machine_names=machines,
         device_names=devices,
         controller_names=controllers,
@@ -145,7 +145,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         frames=frames,
         measured_ns=measured_ns,
         status=status,
-        delivered=decode.deliveries(cut["delivered"], stations),
+        delivered=decode.deliveries(cut["delivered"], pmus),
         issued=decode.setpoints(issued, controllers, devices),
         applied=applied if len(cut["applied"]) < 2 else decode.merged(applied),
         supervised=decode.setpoints(cut["supervised"], controllers, devices),
@@ -316,7 +316,7 @@ def _check_end(
 
 
 def _named(of: Expected, kind: str, found: Series, entries: str) -> list[str]:
-    """Stations, devices or machines in the run's order, silent ones included; else in order of appearance."""
+    """PMUs, devices or machines in the run's order, silent ones included; else in order of appearance."""
     return list(of.names.get(kind) or decode.names_of(found.blocks, entries, kind))
 
 

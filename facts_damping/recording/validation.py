@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 # Where names stand in messages, by kind: owner of the name, list, field of its entries (none: the entry itself).
 NAMES: dict[str, list[tuple[str, str, str]]] = {
-    "frames": [("station", "frames", "station")],
+    "frames": [("pmu", "frames", "pmu")],
     "state": [("machine", "machines", "machine"), ("device", "devices", "device")],
-    "delivered": [("station", "frames", "station")],
+    "delivered": [("pmu", "frames", "pmu")],
     "issued": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
     "supervised": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
     "applied": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
@@ -48,7 +48,7 @@ def expected(configuration: Mapping[str, Any]) -> Expected:
     system, rate, duration = (configuration.get(key) for key in ("system", "frame_rate", "duration"))
     names: dict[str, Collection[str]] = {}
     if isinstance(system, dict):
-        names = {kind: [row["name"] for row in system[f"{kind}s"]] for kind in ("station", "machine")}
+        names = {kind: [row["name"] for row in system[f"{kind}s"]] for kind in ("pmu", "machine")}
     if configuration.get("devices") is not None:
         names["device"] = configuration["devices"]
     ticks = MAX_TICKS

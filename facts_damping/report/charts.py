@@ -24,8 +24,8 @@ SENTENCES = {
     "each other go up and down by turns.",
     "differences": "Speeds of machines or areas against each other: what the indices, the settling time and the modes "
     "are taken from. It should die out.",
-    "tie_power": "Active power at the stations without a machine: over a tie it swings with the areas at its ends.",
-    "voltage": "Magnitude of the voltage at the same stations.",
+    "tie_power": "Active power at the PMUs without a machine: over a tie it swings with the areas at its ends.",
+    "voltage": "Magnitude of the voltage at the same PMUs.",
     "centre_of_angle": "Mean rotor angle of each area, weighted by inertia: areas that drift apart lose synchronism.",
     "injected_voltage": "What each device does: a series device injects a voltage, one at a bus moves its voltage "
     "reference. Dashed is the setpoint in force, dotted its limit.",

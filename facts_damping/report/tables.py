@@ -176,7 +176,7 @@ def links(runs: Sequence[ReportedRun]) -> ReportTable:
     ]
     lost = ", ".join(f"{run.name} {run.summary['frames_lost']}" for run in runs)
     sentence = (
-        "Latency of each hop from the measurement to the device, in simulated time, by station, controller or device; "
+        "Latency of each hop from the measurement to the device, in simulated time, by PMU, controller or device; "
         "n is how many were delivered to each. A setpoint rests on the newest frames that are there: late ones count "
         f"in the first hop, and not in the whole. Entries of frames that the link lost: {lost}."
     )

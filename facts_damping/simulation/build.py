@@ -22,7 +22,7 @@ from facts_damping.errors import InputError
 from facts_damping.link.chain import DirectionSpec
 from facts_damping.link.stages import mean_delay
 from facts_damping.link.transfer import Links, links
-from facts_damping.measurement.build import pmus
+from facts_damping.measurement.build import make_pmus
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.parameters.supervision import Supervision
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.control.state_space import StateSpace
-    from facts_damping.measurement.pmu import Pmus, PmuState
+    from facts_damping.measurement.pmu_model import Pmus, PmuState
     from facts_damping.neurofuzzy.network import Network
     from facts_damping.parameters.run import Controller
 
@@ -94,9 +94,9 @@ def build_pmus(case: Case, draws: int = 0, before: Pmus | None = None) -> tuple[
 
     `before`: the same PMUs with other settings, whose random numbers are reused.
     """
-    stations, run = [station.name for station in case.system.stations], case.run
+    pmus, run = [pmu.name for pmu in case.system.pmus], case.run
     nominal, often = case.system.frequency, (run.frame_rate, max(case.ticks, draws), run.seed)
-    return pmus(case.measurement, stations, nominal, *often, before)
+    return make_pmus(case.measurement, pmus, nominal, *often, before)
 
 
 def build_links(case: Case) -> Links:
@@ -106,11 +106,11 @@ def build_links(case: Case) -> Links:
 
 def ways(case: Case) -> dict[str, DirectionSpec]:
     """Both directions of the links of a case."""
-    stations = [station.name for station in case.system.stations]
+    pmus = [pmu.name for pmu in case.system.pmus]
     signals = {name: list(signal.weights) for name, signal in case.system.signals.items()}
     often, seed = (case.run.frame_rate, case.ticks), case.run.seed
     return {
-        "up": DirectionSpec(stations, signals, len(CHANNELS), len(stations), *often, (seed, 0)),
+        "up": DirectionSpec(pmus, signals, len(CHANNELS), len(pmus), *often, (seed, 0)),
         "down": DirectionSpec(case.run.devices, {}, 1, 2 * commands(case), *often, (seed, 1)),
     }
 
@@ -142,7 +142,7 @@ def _designed(case: Case, i: int, plant: Residues | None) -> StateSpace | None:
 
 
 def plant_residues(case: Case) -> Residues | None:
-    """Residues of the plant without events, for the design of controllers; None without a swing mode."""
+    """Residues of the plant without events, for the design of controllers; None without an electromechanical mode."""
     start = build(case.designed_on, case.run.devices, [])
     return residues(start, case.designed_on, case.run.devices, case.run.frame_rate, case.filter)
 
@@ -155,21 +155,21 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
     """
     devices = [case.system.device(name) for name in case.run.devices]
     limits = {d.name: (d.setpoint_max, d.rate_max) for d in devices}
-    stations = [station.name for station in case.system.stations]
+    pmus = [pmu.name for pmu in case.system.pmus]
     if plant is None and needs_residues(case):
         plant = plant_residues(case)
     known = [_known(case, i, plant) for i in range(len(case.controllers))]
     omega = [_compensated(case, i, plant) for i in range(len(case.controllers))]
     designs = [_designed(case, i, plant) for i in range(len(case.controllers))]
     rate, nominal = case.run.frame_rate, case.system.frequency
-    plan = stations, limits, rate, known, omega, designs, nominal, case.run.seed
+    plan = pmus, limits, rate, known, omega, designs, nominal, case.run.seed
     made, state = bank(case.controllers, case.system.signals, *plan)
     rows = [
         _identified(case, i, made, own)
         for i, own in enumerate(known)
         if own is not None and case.controllers[i].scheme == "indirect"
     ]
-    return made, state, *identifiers(rows, case.system.signals, stations, rate, nominal)
+    return made, state, *identifiers(rows, case.system.signals, pmus, rate, nominal)
 
 
 def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Supervisors, SupervisorState]:
@@ -186,9 +186,9 @@ def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Superv
         if controller.fallback_of is None and case.supervision is not None
     ]
     limits = {name: case.system.device(name).setpoint_max for name in case.run.devices}
-    stations, rate = [station.name for station in case.system.stations], case.run.frame_rate
+    pmus, rate = [pmu.name for pmu in case.system.pmus], case.run.frame_rate
     given = case.supervision or Supervision()
-    known = given, case.system.signals, stations, limits, rate, case.system.frequency, ends(case.system)
+    known = given, case.system.signals, pmus, limits, rate, case.system.frequency, ends(case.system)
     made, state = supervisors(watched, case.controllers, *known)
     _check_probes(case, given, made, plant)
     return made, state
@@ -199,7 +199,7 @@ def _check_probes(case: Case, given: Supervision, made: Supervisors, plant: Resi
     start = given.probe.start
     if plant is None and made.settings.size and (given.arming.probe or start is not None):
         field = "arming.probe: true" if given.arming.probe else f"probe.start: {start:g}"
-        raise InputError(f"supervision.{field} given; allowed: no probe, as the plant has no swing mode")
+        raise InputError(f"supervision.{field} given; allowed: no probe, as the plant has no electromechanical mode")
     if start is None or not given.arming.probe or case.run.arm_at is None:
         return
     for own in made.settings:
@@ -244,7 +244,7 @@ def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:
         return None
     here = f"controllers.{i}.parameters.sensitivity"
     if plant is None:
-        raise InputError(f"{here}: the plant has no swing mode; allowed: a controller without adaptation")
+        raise InputError(f"{here}: the plant has no electromechanical mode; allowed: a controller without adaptation")
     sign, given = np.zeros((len(c.signals), len(c.devices))), c.number("sensitivity")
     for s, signal in enumerate(c.signals):
         for d, device in enumerate(c.devices):
@@ -284,14 +284,16 @@ def _compensated(case: Case, i: int, plant: Residues | None) -> float:
         allowed = [*COMPENSATIONS, *(OF_IDENTIFIERS if c.scheme == "indirect" else [])]
         raise InputError(f"{here}: 'smith' given; allowed: {', '.join(allowed)}: {_no_smith(mode)}")
     if mode is None and c.number("mode_hz") == 0.0:
-        raise InputError(f"{here}: '{c.compensation}' given, but the plant has no swing mode; allowed: none")
+        raise InputError(
+            f"{here}: '{c.compensation}' given, but the plant has no electromechanical mode; allowed: none"
+        )
     return TURN * c.number("mode_hz") or float(mode.imag if mode is not None else 0.0)
 
 
 def _no_smith(mode: complex | None) -> str:
     """Reason why a Smith predictor is refused."""
     if mode is None:
-        return "the plant has no swing mode"
+        return "the plant has no electromechanical mode"
     of = f"{mode.real:+.3f} +- {mode.imag:.3f}j 1/s ({mode.imag / TURN:.2f} Hz) without controllers"
     if mode.real > 0.0:
         return f"the plant's mode {of} is unstable, and a Smith predictor leaves it in the loop"

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.measurement.pmu import Pmus
+    from facts_damping.measurement.pmu_model import Pmus
     from facts_damping.parameters.link import Link
     from facts_damping.plant.build import Built
     from facts_damping.signals import Record, RunChange
@@ -191,7 +191,7 @@ def rerun(case: Case, changes: Sequence[RunChange]) -> Record:
     """Run a closed loop in process with recorded changes; gives the record of the lockstep graph."""
     loop, now, events = build_loop(case), case, grid_events(case)
     if any(change.kind in ("link", "parameter") for change in changes):  # copies of entries, stamps of their own
-        loop = loop._replace(signals=signals_for(case, stamps=len(case.system.stations), up=2, down=2))
+        loop = loop._replace(signals=signals_for(case, stamps=len(case.system.pmus), up=2, down=2))
     told: list[dict[str, Any]] = []
     acting, restarts = by_tick(changes), Restarts(loop.control.bank, loop.control.bank_state)
     for tick in range(case.ticks):

@@ -75,9 +75,7 @@ def build_loop(
     applied = np.zeros(links.down.out.size, SETPOINT)
     spoofed = bool((links.up.chain.rows["model"] == SPOOF).any())
     stamps = (
-        len(case.system.stations)
-        if spoofed or clocks_differ(case.measurement, [s.name for s in case.system.stations])
-        else 1
+        len(case.system.pmus) if spoofed or clocks_differ(case.measurement, [s.name for s in case.system.pmus]) else 1
     )
     up, down = (way.packets.now_ns.shape[1] for way in (links.up, links.down))
     signals = signals_for(case, stamps, up, down)
@@ -96,7 +94,7 @@ def control_system(case: Case, entries: int, residues: Residues | None = None) -
 def signals_for(case: Case, stamps: int, up: int, down: int) -> Signals:
     """Arrays for a loop's signals; `stamps`: most time stamps in a frame; `up`, `down`: most copies made by links."""
     rows = case.ticks * 2 * commands(case) * stamps  # a controller acts at each new stamp
-    delivered = case.ticks * len(case.system.stations) * len(case.links) * up
+    delivered = case.ticks * len(case.system.pmus) * len(case.links) * up
     return allocate_signals(case, case.ticks, delivered=delivered, issued=rows, applied=rows * down)
 
 
@@ -105,9 +103,9 @@ def allocate_signals(case: Case, ticks: int, *, delivered: int, issued: int, app
     watched = supervised(case)
     return Signals(
         np.zeros(ticks, np.int64),
-        np.zeros((ticks, len(case.system.stations), len(CHANNELS))),
-        np.zeros((ticks, len(case.system.stations)), np.int64),
-        np.zeros((ticks, len(case.system.stations)), np.int64),
+        np.zeros((ticks, len(case.system.pmus), len(CHANNELS))),
+        np.zeros((ticks, len(case.system.pmus)), np.int64),
+        np.zeros((ticks, len(case.system.pmus)), np.int64),
         np.zeros((ticks, len(case.system.machines)), MACHINE_TRUTH),
         np.zeros((ticks, len(case.run.devices)), DEVICE_TRUTH),
         np.zeros(ticks, np.bool_),
@@ -172,7 +170,7 @@ def record(case: Case, loop: Loop) -> Record:
         raise RunError(f"loop: {delivered} entries, {issued} setpoints, {applied} applied: more than there is room for")
     return Record(
         configuration=case.document(),
-        stations=[s.name for s in case.system.stations],
+        pmus=[s.name for s in case.system.pmus],
         machine_names=[m.name for m in case.system.machines],
         device_names=list(case.run.devices),
         controller_names=controller_names(case),

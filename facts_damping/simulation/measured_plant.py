@@ -1,4 +1,4 @@
-"""The plant with PMUs at its stations: measures and advances both; compiled."""
+"""The plant with PMUs at its PMUs: measures and advances both; compiled."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Float2, Int1
-from facts_damping.measurement.pmu import Pmus, PmuState, report, take_sample
+from facts_damping.measurement.pmu_model import Pmus, PmuState, report, take_sample
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure, sample
 from facts_damping.plant.model import Plant, PlantState, Work
@@ -47,10 +47,10 @@ def measure_with_pmus(
 def entries(
     start_ns: int, frame: NDArray[np.float64], measured_ns: NDArray[np.int64], status: NDArray[np.int64]
 ) -> NDArray[Any]:
-    """The PMUs' entries (DELIVERY) of a tick begun at `start_ns`, without absent stations."""
+    """The PMUs' entries (DELIVERY) of a tick begun at `start_ns`, without absent PMUs."""
     there = np.flatnonzero(measured_ns != LOST)
     rows = np.zeros(len(there), DELIVERY)
-    rows["station"], rows["values"] = there, frame[there]
+    rows["pmu"], rows["values"] = there, frame[there]
     rows["status"], rows["measured_ns"] = status[there], measured_ns[there]
     rows["arrival_ns"] = start_ns
     return rows

@@ -113,15 +113,15 @@ def _forget(content: dict[str, Any], changes: set[str]) -> None:
 
 
 def fitted(record: Record, case: Case) -> Record:
-    """The part of a record that a case can replay: up to its first gap, with the case's station and device indices.
+    """The part of a record that a case can replay: up to its first gap, with the case's PMU and device indices.
 
     Setpoints are assigned to the case's controller of their device. Raises `InputError` if the case has no controller
-    or has a station or link that was not recorded, or if the frames of the first tick are missing.
+    or has a PMU or link that was not recorded, or if the frames of the first tick are missing.
     """
-    names = [station.name for station in case.system.stations]
-    missing = [name for name in names if name not in record.stations]
+    names = [pmu.name for pmu in case.system.pmus]
+    missing = [name for name in names if name not in record.pmus]
     if missing:
-        raise InputError(f"stations: '{missing[0]}' was not recorded; there are {', '.join(record.stations)}")
+        raise InputError(f"pmus: '{missing[0]}' was not recorded; there are {', '.join(record.pmus)}")
     if not case.controllers:
         raise InputError("controllers: none given; allowed: at least one, --set controllers.0.name=...")
     if max(case.used_links) >= record.links:
@@ -133,19 +133,19 @@ def fitted(record: Record, case: Case) -> Record:
         lacks = f"tick {end}: its frames, as delivered, or setpoints are missing"
         raise InputError(f"{lacks}; nothing can be replayed{_noted(record)}")
     delivered = record.delivered[record.delivered["tick"] < end]
-    places = np.array([names.index(name) if name in names else -1 for name in record.stations], np.int64)
-    delivered["station"] = places[delivered["station"]]
-    stations = [record.stations.index(name) for name in names]
+    places = np.array([names.index(name) if name in names else -1 for name in record.pmus], np.int64)
+    delivered["pmu"] = places[delivered["pmu"]]
+    pmus = [record.pmus.index(name) for name in names]
     return replace(
         record,
-        stations=names,
+        pmus=names,
         device_names=list(case.run.devices),
         controller_names=controller_names(case),
         time_ns=record.time_ns[kept],
-        frames=record.frames[kept][:, stations],
-        measured_ns=record.measured_ns[kept][:, stations],
-        status=record.status[kept][:, stations],
-        delivered=delivered[delivered["station"] >= 0],
+        frames=record.frames[kept][:, pmus],
+        measured_ns=record.measured_ns[kept][:, pmus],
+        status=record.status[kept][:, pmus],
+        delivered=delivered[delivered["pmu"] >= 0],
         issued=_counted(record.issued, record, case, end),
         supervised=_counted(record.supervised, record, case, end),
         supervision=record.supervision[record.supervision["tick"] < end],

@@ -36,10 +36,10 @@ class Stepper:
         self.loop, self.tick, self._case = loop, -1, case
         self._goes_on, self._own = True, loop.control.bank.code.copy()
         names = [list(controller.signals) for controller in case.controllers]
-        stations = [station.name for station in case.system.stations]
+        pmus = [pmu.name for pmu in case.system.pmus]
         self._names, maximum = names, max(map(len, names), default=0)
-        self._eyes = (*inputs(names, case.system.signals, stations, case.system.frequency),)
-        self._sensed = sensed(len(names), maximum, len(stations))
+        self._eyes = (*inputs(names, case.system.signals, pmus, case.system.frequency),)
+        self._sensed = sensed(len(names), maximum, len(pmus))
         self._restarts = Restarts(loop.control.bank, loop.control.bank_state)
         self.step(None)
 

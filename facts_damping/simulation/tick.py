@@ -16,7 +16,7 @@ from facts_damping.control.identifier import identify, store_setpoints, write_es
 from facts_damping.control.identifier_model import Identifiers, IdentifierState
 from facts_damping.control.table import DIRECT, INDIRECT
 from facts_damping.link.transfer import RING_DELIVERED, Links, downlink, merge, uplink
-from facts_damping.measurement.pmu import Pmus, PmuState
+from facts_damping.measurement.pmu_model import Pmus, PmuState
 from facts_damping.neurofuzzy.learning import write_learning
 from facts_damping.neurofuzzy.network import shape_of
 from facts_damping.plant.model import Plant, PlantState, Work

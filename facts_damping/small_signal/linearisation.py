@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.control.inputs import station_weights
+from facts_damping.control.inputs import pmu_weights
 from facts_damping.matrices import product
 from facts_damping.phasors import exponentials, over, times
 from facts_damping.plant.dynamics import derivatives
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.measurement.filters import Filter
-    from facts_damping.parameters.plant.stations import Signal
+    from facts_damping.parameters.plant.pmus import Signal
     from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
@@ -138,11 +138,11 @@ def linearise(built: Built) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def linear_model(
     built: Built,
     signals: Mapping[str, Signal],
-    stations: Sequence[str],
+    pmus: Sequence[str],
     measured: Filter | None = None,
     frame_rate: int = 1,
 ) -> LinearModel:
-    """The linear plant at its start, from the devices' references to the stations' signals.
+    """The linear plant at its start, from the devices' references to the PMUs' signals.
 
     `measured`: the filter of its PMUs at a frame rate; None: exact signals.
     """
@@ -150,12 +150,12 @@ def linear_model(
     work = workspace(plant, state)
     machines, devices = np.zeros(len(plant.machines), MACHINE_TRUTH), np.zeros(len(plant.devices), DEVICE_TRUTH)
     nominal = plant.omega_0 / (2.0 * np.pi)
-    weights = np.zeros((len(signals), len(stations), len(CHANNELS)))
+    weights = np.zeros((len(signals), len(pmus), len(CHANNELS)))
     for i, signal in enumerate(signals.values()):
-        weights[i] = weights_of(signal, stations, nominal, ANGLE if signal.channel in TURNING else signal.channel)
+        weights[i] = weights_of(signal, pmus, nominal, ANGLE if signal.channel in TURNING else signal.channel)
 
     def seen(x: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
-        frame = np.zeros((len(stations), len(CHANNELS)))
+        frame = np.zeros((len(pmus), len(CHANNELS)))
         measure(plant, copy(state)._replace(x=x, reference=reference), 0, frame, machines, devices, work)
         return product(weights.reshape(len(signals), frame.size), np.nan_to_num(frame.ravel()))
 
@@ -176,15 +176,13 @@ def linear_model(
     return LinearModel(A, B, C, D, washout, own, plant.devices["dead_ns"] / NANOSECONDS)
 
 
-def weights_of(
-    signal: Signal, stations: Sequence[str], nominal: float, channel: str | None = None
-) -> NDArray[np.float64]:
-    """Weights of a signal over all stations' channels, (stations, channels).
+def weights_of(signal: Signal, pmus: Sequence[str], nominal: float, channel: str | None = None) -> NDArray[np.float64]:
+    """Weights of a signal over all PMUs' channels, (PMUs, channels).
 
     `nominal`: frequency, Hz; `channel`: the weighted channel, by default the signal's.
     """
-    made = np.zeros((len(stations), len(CHANNELS)))
-    made[:, list(CHANNELS).index(channel or signal.channel)] = station_weights(signal, stations, nominal)
+    made = np.zeros((len(pmus), len(CHANNELS)))
+    made[:, list(CHANNELS).index(channel or signal.channel)] = pmu_weights(signal, pmus, nominal)
     return made
 
 

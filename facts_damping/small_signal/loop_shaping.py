@@ -1,8 +1,8 @@
 """H-infinity loop shaping: maximum robustness to errors of the normalised coprime factors of a shaped plant.
 
-The plant is its least damped swing mode alone, two states, from setpoints to signals, with a Pade term for the loop
-delay. Weights shape it: `gain` and a washout before each device; signals are scaled by their swing relative to the
-first. For the shaped plant (A, B, C), with X and Z the solutions of its two Riccati equations,
+The plant is its least damped electromechanical mode alone, two states, from setpoints to signals, with a Pade term for
+the loop delay. Weights shape it: `gain` and a washout before each device; signals are scaled by their swing relative
+to the first. For the shaped plant (A, B, C), with X and Z the solutions of its two Riccati equations,
 
     least gamma = sqrt(1 + rho(X Z)),  gamma = above * least
     dx/dt = (A - B B^T X + H C) x + H y,  u = B^T X x,  H = gamma^2 L^-T Z C^T,  L = (1 - gamma^2) 1 + X Z
@@ -44,9 +44,11 @@ class Linear(NamedTuple):
 
 
 def design(plant: Residues | None, system: System, controller: Controller, here: str) -> StateSpace:
-    """The controller's matrices. Raises `InputError` if the plant has no swing mode; `here`: its field."""
+    """The controller's matrices. Raises `InputError` if the plant has no electromechanical mode; `here`: its field."""
     if plant is None:
-        raise InputError(f"{here}.name: '{controller.name}' given, but the plant has no swing mode; allowed: LLC")
+        raise InputError(
+            f"{here}.name: '{controller.name}' given, but the plant has no electromechanical mode; allowed: LLC"
+        )
     devices, rate = controller.devices, plant.frame_rate
     gain = np.broadcast_to(np.array(controller.parameters["gain"], float), len(devices))
     Tw = np.broadcast_to(np.array(controller.parameters["Tw"], float), len(devices))

@@ -72,7 +72,7 @@ class DesignModel(NamedTuple):
 def design(plant: Residues | None, system: System, controller: Controller, here: str) -> StateSpace:
     """The controller's matrices. Raises `InputError` if plant and signals do not permit a design; `here`: its field."""
     if plant is None:
-        raise InputError(f"{here}.name: 'LQG' given, but the plant has no swing mode; allowed: LLC")
+        raise InputError(f"{here}.name: 'LQG' given, but the plant has no electromechanical mode; allowed: LLC")
     whole = model(plant, system, controller)
     rows = [plant.signals.index(name) for name in controller.signals]
     size = magnitudes(plant.mode_shape[rows]) / np.sqrt((magnitudes(product(whole.Z, plant.shape)) ** 2).sum())
@@ -122,14 +122,14 @@ def model(plant: Residues, system: System, controller: Controller) -> DesignMode
     """The linearised plant of a controller; signals before washouts and filters."""
     rows = [plant.signals.index(name) for name in controller.signals]
     columns = [plant.devices.index(name) for name in controller.devices]
-    machine = {station.name: station.machine for station in system.stations}
+    machine = {pmu.name: pmu.machine for pmu in system.pmus}
     differences = measure_weights({"system": system.model_dump(by_alias=True)}).values()
     G, Z = np.zeros((len(plant.names), len(system.machines))), np.zeros((len(differences), len(plant.names)))
     for i, one in enumerate(system.machines):
         G[plant.names.index(f"{one.name}.omega"), i] = 1.0 / (2.0 * one.H)
     for i, weights in enumerate(differences):
-        for station, weight in weights.items():
-            Z[i, plant.names.index(f"{machine[station]}.omega")] += weight
+        for pmu, weight in weights.items():
+            Z[i, plant.names.index(f"{machine[pmu]}.omega")] += weight
     own = plant.model
     C, D = own.seen
     return DesignModel(own.A, own.B[:, columns], G, C[rows], D[np.ix_(rows, columns)], Z)

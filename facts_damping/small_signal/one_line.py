@@ -46,7 +46,7 @@ class Loop(NamedTuple):
     """The path of a control loop: from the PMUs of its signals to its devices, by name."""
 
     name: str  # for the legend
-    stations: list[str]
+    pmus: list[str]
     devices: list[str]
 
 
@@ -100,7 +100,7 @@ def draw(
     named = _machines(axes, system, at)
     if mode is not None:
         _arrows(axes, system, at, mode)
-    marks = [*named, *_devices(axes, system, installed, at), *_stations(axes, system, at)]
+    marks = [*named, *_devices(axes, system, installed, at), *_pmus(axes, system, at)]
     marks += _loops(axes, system, loops, at)
     axes.legend(handles=marks, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False)
     axes.set_aspect("equal")
@@ -184,7 +184,7 @@ def _devices(axes: Axes, system: System, installed: Sequence[str], at: Places) -
     return marks
 
 
-def _stations(axes: Axes, system: System, at: Places) -> list[Any]:
+def _pmus(axes: Axes, system: System, at: Places) -> list[Any]:
     """Draw PMUs as triangles beside their buses."""
     where = _seen_at(system, at)
     for place in where.values():
@@ -194,7 +194,7 @@ def _stations(axes: Axes, system: System, at: Places) -> list[Any]:
 
 def _seen_at(system: System, at: Places) -> Places:
     """Positions of the PMUs' measurements, by name."""
-    return {name: at[bus] for name, bus in system.station_buses().items()}
+    return {name: at[bus] for name, bus in system.pmu_buses().items()}
 
 
 def _loops(axes: Axes, system: System, loops: Sequence[Loop], at: Places) -> list[Any]:
@@ -204,8 +204,8 @@ def _loops(axes: Axes, system: System, loops: Sequence[Loop], at: Places) -> lis
         look: dict[str, Any] = {"color": "black", "ls": LOOPS[i % len(LOOPS)], "lw": 0.9}
         for device in loop.devices:
             end = _place(system.device(device), at)
-            for station in loop.stations:
-                axes.plot(*np.transpose([where[station], end]), alpha=0.6, zorder=2, **look)
+            for pmu in loop.pmus:
+                axes.plot(*np.transpose([where[pmu], end]), alpha=0.6, zorder=2, **look)
         marks.append(Line2D([], [], label=loop.name, **look))
     return marks
 

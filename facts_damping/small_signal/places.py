@@ -19,7 +19,7 @@ import numpy as np
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.parameters.plant.devices import Parallel, Series, Sssc, Statcom
 from facts_damping.parameters.plant.placement import place
-from facts_damping.parameters.plant.stations import Signal, Station
+from facts_damping.parameters.plant.pmus import Pmu, Signal
 from facts_damping.plant.build import build
 from facts_damping.small_signal import linearisation
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.plant.stations import Channel
+    from facts_damping.parameters.plant.pmus import Channel
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.small_signal.linearisation import Eigenmode
 
@@ -110,49 +110,49 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
     fastest machine, if none is opposite). It also adds the differences of areas' mean speeds, weighted by inertia, and
     the active power of each line. Existing signals are not duplicated.
     """
-    stations = {s.machine: s.name for s in system.stations if s.machine is not None}
-    taken = {s.name for s in system.stations}
-    more: list[Station] = []
+    pmus = {s.machine: s.name for s in system.pmus if s.machine is not None}
+    taken = {s.name for s in system.pmus}
+    more: list[Pmu] = []
     for m in system.machines:
-        if m.name not in stations:
-            stations[m.name] = _free(m.name, taken)
-            more.append(Station(name=stations[m.name], machine=m.name))
-    weights = {"_".join(["w", *names]): _difference([stations[name] for name in names]) for names in _opposed(modes)}
-    means = _mean_speeds(system, stations)
+        if m.name not in pmus:
+            pmus[m.name] = _free(m.name, taken)
+            more.append(Pmu(name=pmus[m.name], machine=m.name))
+    weights = {"_".join(["w", *names]): _difference([pmus[name] for name in names]) for names in _opposed(modes)}
+    means = _mean_speeds(system, pmus)
     for a, b in combinations(means, 2) if len(means) <= MAX_AREAS else ():
-        weights[f"w_{a}_{b}"] = {**means[a], **{station: -w for station, w in means[b].items()}}
+        weights[f"w_{a}_{b}"] = {**means[a], **{pmu: -w for pmu, w in means[b].items()}}
     there = [s.weights for s in system.signals.values() if s.channel == SPEED]
-    there += [{station: -w for station, w in own.items()} for own in there]
+    there += [{pmu: -w for pmu, w in own.items()} for own in there]
     named = set(system.signals)
     new = {_free(name, named): Signal(channel=SPEED, weights=own) for name, own in weights.items() if own not in there}
     measured = _measured_flows(system)
     for line in system.lines:
         if line.name not in measured:
             own_name = _free(f"P_{line.name}", taken)
-            more.append(Station(name=own_name, bus=line.from_bus, branches=[line.name]))
+            more.append(Pmu(name=own_name, bus=line.from_bus, branches=[line.name]))
             flow = Signal(channel=FLOW, weights={own_name: 1.0}, deviation=True)
             new[_free(f"p_{line.name}", named)] = flow
-    return system.model_copy(update={"stations": [*system.stations, *more], "signals": {**system.signals, **new}})
+    return system.model_copy(update={"pmus": [*system.pmus, *more], "signals": {**system.signals, **new}})
 
 
-def _difference(stations: Sequence[str]) -> dict[str, float]:
-    """Weights of the speed of one station, or of the difference of two."""
-    return dict(zip(stations, (1.0, -1.0), strict=False))
+def _difference(pmus: Sequence[str]) -> dict[str, float]:
+    """Weights of the speed of one PMU, or of the difference of two."""
+    return dict(zip(pmus, (1.0, -1.0), strict=False))
 
 
 def _measured_flows(system: System) -> set[str]:
     """The lines whose active power is already a single signal."""
-    alone = {s.name: s.branches[0] for s in system.stations if len(s.branches) == 1}
+    alone = {s.name: s.branches[0] for s in system.pmus if len(s.branches) == 1}
     flows = [s for s in system.signals.values() if s.channel == FLOW and len(s.weights) == 1]
-    return {alone[station] for one in flows for station in one.weights if station in alone}
+    return {alone[pmu] for one in flows for pmu in one.weights if pmu in alone}
 
 
 def only(system: System, signals: Sequence[str], own: System) -> System:
     """The system with only these signals, without PMUs needed only by others, except those of `own`."""
     kept = {name: system.signals[name] for name in signals}
-    used = {station for one in kept.values() for station in one.weights} | {s.name for s in own.stations}
-    stations = [s for s in system.stations if s.name in used]
-    return system.model_copy(update={"signals": kept, "stations": stations})
+    used = {pmu for one in kept.values() for pmu in one.weights} | {s.name for s in own.pmus}
+    pmus = [s for s in system.pmus if s.name in used]
+    return system.model_copy(update={"signals": kept, "pmus": pmus})
 
 
 def _free(name: str, taken: set[str]) -> str:
@@ -174,12 +174,12 @@ def _opposed(modes: Sequence[Eigenmode]) -> list[tuple[str, ...]]:
     return list(found)
 
 
-def _mean_speeds(system: System, stations: Mapping[str, str]) -> dict[str, dict[str, float]]:
+def _mean_speeds(system: System, pmus: Mapping[str, str]) -> dict[str, dict[str, float]]:
     """By area, the inertia weights of its machines' mean speed; empty without areas."""
     inertia: dict[str, dict[str, float]] = {}
     for m in system.machines:
         if m.area is not None:
-            inertia.setdefault(m.area, {})[stations[m.name]] = m.H * m.rating
+            inertia.setdefault(m.area, {})[pmus[m.name]] = m.H * m.rating
     return {area: {s: w / sum(own.values()) for s, w in own.items()} for area, own in inertia.items()}
 
 
@@ -212,7 +212,7 @@ def _tried(
     """Controllability (modes, devices) and observability (modes, signals) of the modes, found again with devices."""
     system = place(system)
     built = build(system, devices, [])
-    model = linearisation.linear_model(built, system.signals, [s.name for s in system.stations])
+    model = linearisation.linear_model(built, system.signals, [s.name for s in system.pmus])
     values, left, right = linearisation.eigenvectors(model.A)
     speeds = np.array([name.endswith(".omega") for name in built.state_names])
     control = np.full((len(modes), len(devices)), np.nan + 0j)

@@ -25,7 +25,7 @@ CLEAR_DEG = 60.0  # largest distance from 0 or 180 degrees for a residue with a 
 
 
 class Residues(NamedTuple):
-    """Residues at the least damped swing mode, the swing of the signals in it, and time responses.
+    """Residues at the least damped electromechanical mode, the swing of the signals in it, and time responses.
 
     Signals and devices are those of the system and of the run, in their order; signals are after their washouts.
     """
@@ -82,13 +82,13 @@ class Residues(NamedTuple):
 def residues(
     built: Built, system: System, devices: Sequence[str], frame_rate: int, measured: Filter | None = None
 ) -> Residues | None:
-    """The residues from the installed devices to a system's signals; None without a swing mode.
+    """The residues from the installed devices to a system's signals; None without an electromechanical mode.
 
     Residues are F (C v)(w B) exp(-lambda Td), the swing F (C v) (Kundur 1994, 12.3.4); F washouts and the PMUs' filter
     `measured`, Td dead times.
     """
-    stations = [s.name for s in system.stations]
-    model = linearisation.linear_model(built, system.signals, stations, measured, frame_rate)
+    pmus = [s.name for s in system.pmus]
+    model = linearisation.linear_model(built, system.signals, pmus, measured, frame_rate)
     swings = [mode for mode in linearisation.modes(model.A, built.state_names, system) if mode.swings]
     if not swings:
         return None

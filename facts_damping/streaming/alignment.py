@@ -1,4 +1,4 @@
-"""Time alignment, as in a phasor data concentrator: combines the stations' reports of the same instant."""
+"""Time alignment, as in a phasor data concentrator: combines the PMUs' reports of the same instant."""
 
 from __future__ import annotations
 
@@ -14,38 +14,38 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-class StationReport(NamedTuple):
-    """Reports of some stations for one instant."""
+class PmuReport(NamedTuple):
+    """Reports of some PMUs for one instant."""
 
-    where: NDArray[np.int64]  # indices of the stations
+    where: NDArray[np.int64]  # indices of the PMUs
     values: NDArray[np.float64]  # (where, CHANNELS)
     status: NDArray[np.int64]  # (where,)
-    absent: NDArray[np.bool_] | None = None  # (where,): stations reported as absent; None: none
+    absent: NDArray[np.bool_] | None = None  # (where,): PMUs reported as absent; None: none
 
 
 class AlignedFrame(NamedTuple):
-    """Combined reports of all stations for one instant."""
+    """Combined reports of all PMUs for one instant."""
 
     instant: int  # frame number since the epoch of the stamps
-    values: NDArray[np.float64]  # (stations, CHANNELS); NaN: no value
-    status: NDArray[np.int64]  # (stations,)
-    there: NDArray[np.bool_]  # (stations,): has values
-    heard: NDArray[np.bool_]  # (stations,): has reported, be it values or absence
+    values: NDArray[np.float64]  # (PMUs, CHANNELS); NaN: no value
+    status: NDArray[np.int64]  # (PMUs,)
+    there: NDArray[np.bool_]  # (PMUs,): has values
+    heard: NDArray[np.bool_]  # (PMUs,): has reported, be it values or absence
 
 
 class Alignment:
-    """Emits instants in order: each when all `awaited` stations have reported, or when its time is over.
+    """Emits instants in order: each when all `awaited` PMUs have reported, or when its time is over.
 
     If an instant is missing, later ones wait until its time is over, since frames may overtake each other.
     """
 
-    def __init__(self, stations: int) -> None:
-        """Await all of `stations` stations at first."""
-        self.awaited, self.late = np.ones(stations, bool), 0  # entries that arrived after their instant was emitted
+    def __init__(self, pmus: int) -> None:
+        """Await all of `pmus` PMUs at first."""
+        self.awaited, self.late = np.ones(pmus, bool), 0  # entries that arrived after their instant was emitted
         self._open: dict[int, AlignedFrame] = {}
         self._given: int | None = None  # the newest instant emitted or over
 
-    def put(self, instant: int, said: StationReport) -> bool:
+    def put(self, instant: int, said: PmuReport) -> bool:
         """Add a report of an instant. Returns whether it was in time."""
         if self._given is not None and instant <= self._given:
             self.late += len(said.where)

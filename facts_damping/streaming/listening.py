@@ -13,7 +13,7 @@ from facts_damping.streaming.client import Client
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from facts_damping.c37118.configuration import Pmu
+    from facts_damping.c37118.configuration import PmuConfiguration
     from facts_damping.parameters.streams import Server
 
 TITLES = ("PMU", "IDCODE", "format", "channel", "value")
@@ -50,7 +50,7 @@ class ServerState:
         refused = f", {sum(self.refused.values())} refused ({self.why})" if self.refused else ""
         return f"{self.server}: {len(c.pmus)} PMUs, {rate}; {self.frames} frames have come{refused}"
 
-    def values(self) -> Iterator[tuple[Pmu, list[tuple[str, float | None, str]]]]:
+    def values(self) -> Iterator[tuple[PmuConfiguration, list[tuple[str, float | None, str]]]]:
         """PMUs with their channels: name, newest value, unit."""
         if self.configuration is None:
             return
@@ -103,7 +103,7 @@ class ServerState:
         }
 
 
-def _format(pmu: Pmu) -> str:
+def _format(pmu: PmuConfiguration) -> str:
     """Text of FORMAT: polar or rectangular, and which values are floats."""
     floats = [name.removeprefix("float_") for name in FORMATS if name.startswith("float_") and getattr(pmu, name)]
     return f"{'polar' if pmu.polar else 'rectangular'}, floats: {', '.join(floats) or 'none'}"

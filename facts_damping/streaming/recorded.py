@@ -1,4 +1,4 @@
-"""Plays a recording as a stream: the stations' reports at each tick, at the recorded pace."""
+"""Plays a recording as a stream: the PMUs' reports at each tick, at the recorded pace."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.c37118 import stations
+from facts_damping.c37118 import system_pmus
 from facts_damping.c37118.data import Data
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.measured_plant import entries
@@ -40,8 +40,8 @@ def instants(record: Record, concentrator: Concentrator, link: int | None = None
 
 
 def one_of(instant: Instant, i: int) -> Instant:
-    """Part of an instant for station i alone."""
-    d, phasors, analogs = instant.data, len(stations.PHASORS), len(stations.ANALOGS)
+    """Part of an instant for PMU i alone."""
+    d, phasors, analogs = instant.data, len(system_pmus.PHASORS), len(system_pmus.ANALOGS)
     own = Data(
         d.status[i : i + 1],
         d.phasors[phasors * i : phasors * (i + 1)],
@@ -54,7 +54,7 @@ def one_of(instant: Instant, i: int) -> Instant:
 
 
 async def play(servers: Sequence[Server], timed: Iterator[Timed], *, each: bool) -> None:
-    """Send instants at the recorded pace once a client listens; `each`: one server per station."""
+    """Send instants at the recorded pace once a client listens; `each`: one server per PMU."""
     while not any(server.listening for server in servers):  # noqa: ASYNC110 (clients come when they like)
         await asyncio.sleep(WAIT_S)
     loop = asyncio.get_running_loop()
@@ -65,6 +65,6 @@ async def play(servers: Sequence[Server], timed: Iterator[Timed], *, each: bool)
 
 
 def send(servers: Sequence[Server], instant: Instant, *, each: bool) -> None:
-    """Send an instant to all listening clients; `each`: one server per station."""
+    """Send an instant to all listening clients; `each`: one server per PMU."""
     for i, server in enumerate(servers):
         server.send(one_of(instant, i) if each else instant)

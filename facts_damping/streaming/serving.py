@@ -1,4 +1,4 @@
-"""Servers of a run's stations: one for all, as a concentrator, or one for each, as PMUs."""
+"""Servers of a run's PMUs: one for all, as a concentrator, or one for each, as PMUs."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import socket
 from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.c37118 import session, stations
+from facts_damping.c37118 import session, system_pmus
 from facts_damping.c37118.configuration import FORMATS, Site
 from facts_damping.errors import InputError, check_known, one_line
 from facts_damping.parameters.streams import MAX_ID
-from facts_damping.streaming.concentrator import grid_stations
+from facts_damping.streaming.concentrator import grid_pmus
 from facts_damping.streaming.server import Server
 from facts_damping.terminal import some_of
 
@@ -23,32 +23,32 @@ if TYPE_CHECKING:
 
 
 class Serving(NamedTuple):
-    """Options for serving a run's stations."""
+    """Options for serving a run's PMUs."""
 
     host: str  # address of this computer
     port: int  # port of the first server, TCP and UDP; 0: any free ones
     to: Sequence[str]  # HOST:PORT of further UDP receivers
     idcode: int  # of the first stream
     format: str | None  # names of FORMATS, separated by commas; None: all
-    each: bool  # one server per station
+    each: bool  # one server per PMU
 
 
 def servers(case: Case, asked: Serving, now: Callable[[], tuple[int, int]]) -> list[Server]:
     """The servers, not yet started; `now`: time of their answers. Raises `InputError`."""
-    grid, rate, measured = grid_stations(case), case.run.frame_rate, case.measurement
+    grid, rate, measured = grid_pmus(case), case.run.frame_rate, case.measurement
     if asked.idcode + len(grid) > MAX_ID:
-        given = f"idcode: {asked.idcode} given with {len(grid)} stations"
+        given = f"idcode: {asked.idcode} given with {len(grid)} PMUs"
         raise InputError(f"{given}; allowed: 1 to {MAX_ID - len(grid)}")
     formats, ranges = _formats(asked.format), (measured.voltage_range, measured.current_range)
     late, sample = round(1e6 * case.filter.delay / rate), 1e6 / (rate * case.filter.per_frame)
     service, window = "P" if measured.filter == "p_class" else "M", round(2 * case.filter.side * sample)
     site = Site(service_class=service, window_us=window, group_delay_us=late)
     made = []
-    for i, group in enumerate([[station] for station in grid] if asked.each else [grid]):
+    for i, group in enumerate([[pmu] for pmu in grid] if asked.each else [grid]):
         own = asked.idcode + i
         pmu = own if asked.each else own + 1
-        one = stations.configuration(group, rate, round(case.system.frequency), formats, site, ranges, pmu)
-        text = f"{case.system.name}: {', '.join(station.name for station in group)}"
+        one = system_pmus.configuration(group, rate, round(case.system.frequency), formats, site, ranges, pmu)
+        text = f"{case.system.name}: {', '.join(pmu.name for pmu in group)}"
         made.append(Server(session.stream(own, one, text), now))
     return made
 
@@ -88,7 +88,7 @@ async def _address(text: str, own: str) -> Address:
 
 
 def _names(server: Server) -> str:
-    """Text: stream and stations."""
+    """Text: stream and PMUs."""
     return f"IDCODE {server.stream.idcode}, {some_of([pmu.name for pmu in server.stream.configuration.pmus])}"
 
 

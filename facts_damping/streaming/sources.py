@@ -1,4 +1,4 @@
-"""The streams of a run: checks their configurations, finds their stations, and converts instants to ticks."""
+"""The streams of a run: checks their configurations, finds their PMUs, and converts instants to ticks."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from facts_damping.c37118 import mapping, stat
 from facts_damping.c37118.configuration import TIME_BASE, Configuration
 from facts_damping.c37118.session import Instant
 from facts_damping.errors import InputError, check_known
-from facts_damping.measurement.pmu import UNSYNCHRONISED
+from facts_damping.measurement.pmu_model import UNSYNCHRONISED
 from facts_damping.parameters.streams import server
 from facts_damping.signals import DELIVERY, LOST
 from facts_damping.simulation.measured_plant import entries, tick_ns
-from facts_damping.streaming.alignment import StationReport
-from facts_damping.streaming.concentrator import grid_stations
+from facts_damping.streaming.alignment import PmuReport
+from facts_damping.streaming.concentrator import grid_pmus
 from facts_damping.streaming.stream_clock import JUMP_S, Following, latency
 from facts_damping.terminal import some_of
 
@@ -37,15 +37,15 @@ class Sources:
     def __init__(self, case: Case, streams: Streams) -> None:
         self.servers = [server(text) for text in streams.servers]
         self.clients: list[Client] = []
-        self.grid, self._case, self._streams = grid_stations(case), case, streams
+        self.grid, self._case, self._streams = grid_pmus(case), case, streams
         self.following = Following(len(self.grid), case.run.frame_rate, streams.wait)
         self._known: list[Configuration | None] = [None] * len(self.servers)
         self._places: list[Places | None] = [None] * len(self.servers)
         self._down: dict[int, str] = {}  # reason for a lost connection, by server
-        self._seen = np.zeros(len(self.grid), bool)  # stations with values in the newest tick
+        self._seen = np.zeros(len(self.grid), bool)  # PMUs with values in the newest tick
         self.wrong = False  # whether the last message reports an error
-        for name in streams.stations:
-            check_known("stations", name, [one.name for one in self.grid])
+        for name in streams.pmus:
+            check_known("pmus", name, [one.name for one in self.grid])
 
     def take(self, i: int, at_s: float, what: Configuration | Instant | Lost) -> str:
         """Process data of server i at a time of this computer's clock. Returns a message for the user, or none."""
@@ -69,10 +69,10 @@ class Sources:
             status |= UNSYNCHRONISED
         rate = self._case.run.frame_rate
         number = what.soc * rate + round(what.fraction * rate / TIME_BASE)
-        self.following.put(number, StationReport(found.stations, values, status, absent), at_s)
+        self.following.put(number, PmuReport(found.pmus, values, status, absent), at_s)
 
     def _configuration(self, i: int, what: Configuration) -> str:
-        """Use a configuration if it fits; otherwise the server's stations are absent until one does."""
+        """Use a configuration if it fits; otherwise the server's PMUs are absent until one does."""
         back = self._down.pop(i, None) is not None
         if what == self._known[i]:
             self._await()
@@ -86,7 +86,7 @@ class Sources:
             text = f"{self.servers[i]}: {error}"
         else:
             names = self._names(self._of([i])) or "none"
-            text = f"{self.servers[i]}: {len(what.pmus)} PMUs, {what.rate} frames/s; stations: {names}"
+            text = f"{self.servers[i]}: {len(what.pmus)} PMUs, {what.rate} frames/s; pmus: {names}"
         if self.following.first is None:
             sound = [
                 c for c, found in zip(self._known, self._places, strict=True) if c is not None and found is not None
@@ -96,24 +96,24 @@ class Sources:
         return text
 
     def _placed(self, i: int, c: Configuration) -> Places:
-        """Stations of a server and their places in its data. Raises InputError if another server has one of them."""
-        made = mapping.places(c, self.grid, self._streams.stations)
+        """PMUs of a server and their places in its data. Raises InputError if another server has one of them."""
+        made = mapping.places(c, self.grid, self._streams.pmus)
         for j, other in enumerate(self._places):
-            twice = [] if other is None or j == i else np.intersect1d(made.stations, other.stations).tolist()
+            twice = [] if other is None or j == i else np.intersect1d(made.pmus, other.pmus).tolist()
             if twice:
-                given = f"station {self.grid[twice[0]].name}: in this stream and in {self.servers[j]}"
-                raise InputError(f"{given}; allowed: each station in one")
+                given = f"PMU {self.grid[twice[0]].name}: in this stream and in {self.servers[j]}"
+                raise InputError(f"{given}; allowed: each PMU in one")
         return made
 
     def _await(self) -> None:
-        """Await the stations of the connected servers."""
+        """Await the PMUs of the connected servers."""
         self.following.alignment.awaited[:] = False
         self.following.alignment.awaited[self._of(i for i in range(len(self.servers)) if i not in self._down)] = True
 
     def _of(self, servers: Iterable[int]) -> NDArray[np.intp]:
-        """Indices of the stations of some servers."""
+        """Indices of the PMUs of some servers."""
         found = [self._places[i] for i in servers]
-        return np.sort(np.concatenate([np.zeros(0, np.intp), *(one.stations for one in found if one is not None)]))
+        return np.sort(np.concatenate([np.zeros(0, np.intp), *(one.pmus for one in found if one is not None)]))
 
     def _check(self, c: Configuration) -> None:
         """Raise InputError for a stream that does not fit the run's grid."""
@@ -129,7 +129,7 @@ class Sources:
             raise InputError(f"FNOM: {other.nominal_hz} Hz given by {other.name}; allowed: {nominal} Hz, the system's")
 
     def rows(self, tick: Tick, start_ns: int) -> NDArray[Any]:
-        """Entries of a tick (DELIVERY), for stations with values."""
+        """Entries of a tick (DELIVERY), for PMUs with values."""
         self._seen = np.zeros(len(self.grid), bool) if tick.said is None else tick.said.there
         if tick.said is None:
             return np.zeros(0, DELIVERY)
@@ -137,7 +137,7 @@ class Sources:
         return entries(start_ns, tick.said.values, np.where(tick.said.there, measured, LOST), tick.said.status)
 
     def _names(self, places: NDArray[np.intp]) -> str:
-        """Names of stations, as text."""
+        """Names of PMUs, as text."""
         return some_of([self.grid[s].name for s in places.tolist()])
 
     def unknown(self) -> bool:
@@ -145,7 +145,7 @@ class Sources:
         return not any(self._known)
 
     def flaws(self) -> list[str]:
-        """Servers and stations that are missing, as texts."""
+        """Servers and PMUs that are missing, as texts."""
         known = self._of(range(len(self.servers)))
         lacking, unknown = known[~self._seen[known]], np.setdiff1d(np.arange(len(self.grid)), known)
         return [

@@ -1,7 +1,7 @@
 """Converts streams to ticks of a run: assigns instants to ticks and decides when a tick is over.
 
 One tick is one frame instant. It is due, by this computer's clock, at the earliest time its frame can arrive: the
-delay of the quickest recent frames. It then waits for all stations of the streams, but at most a given time; data that
+delay of the quickest recent frames. It then waits for all PMUs of the streams, but at most a given time; data that
 are still missing stay missing. So ticks continue, empty, while nothing arrives.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.streaming.alignment import AlignedFrame, Alignment, StationReport
+from facts_damping.streaming.alignment import AlignedFrame, Alignment, PmuReport
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,8 +32,8 @@ class Tick(NamedTuple):
 class Following:
     """Converts arriving instants to ticks."""
 
-    def __init__(self, stations: int, rate: int, wait_s: float) -> None:
-        self.alignment, self.ahead = Alignment(stations), 0  # ticks by which the run's time is ahead of the stamps
+    def __init__(self, pmus: int, rate: int, wait_s: float) -> None:
+        self.alignment, self.ahead = Alignment(pmus), 0  # ticks by which the run's time is ahead of the stamps
         self.first: int | None = None  # instant of tick 0
         self.next, self.moved = 0, 0  # the next tick; number of changes of the time base
         self._rate, self._wait_s = rate, wait_s
@@ -41,7 +41,7 @@ class Following:
         self._min_s = -math.inf  # earliest plausible value of `_due_s`
         self._off_s = math.inf  # since when all instants have been out of range
 
-    def put(self, instant: int, said: StationReport, now_s: float) -> None:
+    def put(self, instant: int, said: PmuReport, now_s: float) -> None:
         """Add a report of an instant."""
         if self.first is None:
             self._begin(instant, now_s)

@@ -18,7 +18,7 @@ from facts_damping.signals import CHANNELS, NANOSECONDS, to_ns
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.parameters.plant.stations import Signal
+    from facts_damping.parameters.plant.pmus import Signal
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.supervision import Supervision
 
@@ -96,8 +96,8 @@ SUPERVISOR = np.dtype(
     ]
 )
 
-# State kept for each station.
-STATION = np.dtype(
+# State kept for each PMU.
+PMU = np.dtype(
     [
         ("measured_ns", "i8"),  # measurement of the newest frame; UNSET: none yet
         ("angle", "f8"),  # rad, unwrapped voltage angle
@@ -146,7 +146,7 @@ class Supervisors(Struct):
     inputs: Inputs
     plausible: Float1  # (channels,): largest plausible value
     used: Bool2  # (supervisors, channels): channels in its signals
-    ends: Int2  # (pairs, 2): stations at the two ends of a line
+    ends: Int2  # (pairs, 2): PMUs at the two ends of a line
     devices: Annotated[NDArray[Any], Array(DEVICE, 2)]  # (supervisors, most devices) of DEVICE
 
 
@@ -155,7 +155,7 @@ class SupervisorState(Struct):
 
     rows: SupervisorRows  # (supervisors,) of SUPERVISOR
     held: LatestSamples
-    stations: Annotated[NDArray[Any], Array(STATION, 2)]  # (supervisors, stations) of STATION
+    pmus: Annotated[NDArray[Any], Array(PMU, 2)]  # (supervisors, PMUs) of PMU
     commanded: Annotated[NDArray[Any], Array(COMMANDED, 2)]  # (supervisors, most devices) of COMMANDED
     past: Float3  # (supervisors, ticks, 4): signal, largest acting output / limit, limit hit (+1, -1), reversals
     phasors: Float3  # (supervisors, 1 + most devices, 3): of the first signal, then of each output
@@ -179,7 +179,7 @@ def supervisors(
     controllers: Sequence[Controller],
     given: Supervision,
     signals: Mapping[str, Signal],
-    stations: Sequence[str],
+    pmus: Sequence[str],
     limits: Mapping[str, float],
     frame_rate: int,
     nominal: float,
@@ -189,7 +189,7 @@ def supervisors(
     n, order = len(watched), list(limits)
     own = [controllers[one.controller] for one in watched]
     maximum = max([len(c.devices) for c in own], default=0)
-    made, held = inputs([c.signals for c in own], signals, stations, nominal)
+    made, held = inputs([c.signals for c in own], signals, pmus, nominal)
     settings, thresholds = np.zeros(n, SETTINGS), np.zeros((n, len(MONITORS)), THRESHOLD)
     devices, used = np.zeros((n, maximum), DEVICE), np.zeros((n, len(CHANNELS)), np.bool_)
     devices["place"] = UNSET
@@ -214,7 +214,7 @@ def supervisors(
     state = SupervisorState(
         rows=np.zeros(n, SUPERVISOR),
         held=held,
-        stations=np.zeros((n, len(stations)), STATION),
+        pmus=np.zeros((n, len(pmus)), PMU),
         commanded=np.zeros((n, maximum), COMMANDED),
         past=np.zeros((n, ticks, 4)),
         phasors=np.zeros((n, 1 + maximum, 3)),
@@ -238,11 +238,11 @@ def begin(state: SupervisorState, s: int) -> None:
     row.probed = 0
     held.entry[s], held.entry_ns[s], held.newest_ns[s] = math.nan, UNSET, UNSET
     held.baseline[s], held.washed[s], held.signal[s] = math.nan, 0.0, math.nan
-    for i in range(state.stations.shape[1]):
-        station = state.stations[s, i]
-        station.angle = station.angle_at_start = math.nan
-        station.turning = station.slipping = station.early = 0.0
-        station.measured_ns, station.same_ns, station.status = UNSET, UNSET, 0
+    for i in range(state.pmus.shape[1]):
+        pmu = state.pmus[s, i]
+        pmu.angle = pmu.angle_at_start = math.nan
+        pmu.turning = pmu.slipping = pmu.early = 0.0
+        pmu.measured_ns, pmu.same_ns, pmu.status = UNSET, UNSET, 0
     state.past[s], state.phasors[s], state.expected[s], state.sums[s] = 0.0, 0.0, 0.0, 0.0
     for m in range(row.values.size):
         row.values[m], row.over_ns[m] = 0.0, UNSET

@@ -29,7 +29,7 @@ _CHANNEL = {name: i for i, name in enumerate(CHANNELS)}
 _ANGLE, _SPEED, _POWER = _CHANNEL["voltage_angle"], _CHANNEL["speed_deviation"], _CHANNEL["active_power"]
 _FREQUENCY = _CHANNEL["frequency"]
 
-SMOOTHING = 0.1  # s, time constant of a station's mismatches
+SMOOTHING = 0.1  # s, time constant of a PMU's mismatches
 LATENCY = 1.0  # s, time constant of the mean latency
 STILL_HZ = 5e-4  # Hz: this close to the nominal frequency an angle may stay constant
 SATURATION = 2.0  # s, window
@@ -43,34 +43,34 @@ PHASOR = 0.25  # rate of the phasor filters / omega of the mode
 
 @compiled
 def check_entry(made: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
-    """Update a station's data quality from a newer frame; call it for each frame of an arrival, before `ingest`."""
-    station = state.stations[s, entry.station]
-    before_ns = station.measured_ns
+    """Update a PMU's data quality from a newer frame; call it for each frame of an arrival, before `ingest`."""
+    pmu = state.pmus[s, entry.pmu]
+    before_ns = pmu.measured_ns
     if entry.measured_ns <= before_ns:
         return
-    station.measured_ns = entry.measured_ns
-    values, before = entry.values, state.held.entry[s, entry.station]
-    station.status = entry.status
-    station.early = (entry.measured_ns - entry.arrival_ns) * 1e-9
+    pmu.measured_ns = entry.measured_ns
+    values, before = entry.values, state.held.entry[s, entry.pmu]
+    pmu.status = entry.status
+    pmu.early = (entry.measured_ns - entry.arrival_ns) * 1e-9
     off = values[_FREQUENCY] - made.settings[s].nominal
     same = before_ns != UNSET and abs(off) > STILL_HZ
     for i in range(values.size):
         same = same and (values[i] == before[i] or (math.isnan(values[i]) and math.isnan(before[i])))
     if not same:
-        station.same_ns = entry.measured_ns
-    if before_ns == UNSET or math.isnan(station.angle):
-        station.angle = station.angle_at_start = values[_ANGLE]
+        pmu.same_ns = entry.measured_ns
+    if before_ns == UNSET or math.isnan(pmu.angle):
+        pmu.angle = pmu.angle_at_start = values[_ANGLE]
         return
     dt = (entry.measured_ns - before_ns) * 1e-9
     fraction = 1.0 - exp(-dt / SMOOTHING)
     if math.isfinite(off) and math.isfinite(values[_ANGLE]):
-        turn = values[_ANGLE] - station.angle - TURN * off * dt
+        turn = values[_ANGLE] - pmu.angle - TURN * off * dt
         turn -= TURN * math.floor(turn / TURN + 0.5)
-        station.turning += fraction * (-turn / (TURN * dt) - station.turning)
-        station.angle += turn + TURN * off * dt
+        pmu.turning += fraction * (-turn / (TURN * dt) - pmu.turning)
+        pmu.angle += turn + TURN * off * dt
     slip = values[_SPEED] * made.settings[s].nominal - off
     if math.isfinite(slip):
-        station.slipping += fraction * (slip - station.slipping)
+        pmu.slipping += fraction * (slip - pmu.slipping)
 
 
 @compiled
@@ -141,13 +141,13 @@ def check_data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -
         at = held.entry_ns[s, i]
         if not made.inputs.uses[s, i] or at == UNSET:
             continue
-        station = state.stations[s, i]
+        pmu = state.pmus[s, i]
         oldest, newest = at if oldest == UNSET else min(oldest, at), max(newest, at)
-        value[STUCK] = max(value[STUCK], (at - station.same_ns) * 1e-9)
-        value[ANGLE] = max(value[ANGLE], abs(station.turning))
-        value[SPEED] = max(value[SPEED], abs(station.slipping))
-        value[STATUS] += 1.0 if station.status & BAD else 0.0
-        value[CLOCK] = max(value[CLOCK], station.early)
+        value[STUCK] = max(value[STUCK], (at - pmu.same_ns) * 1e-9)
+        value[ANGLE] = max(value[ANGLE], abs(pmu.turning))
+        value[SPEED] = max(value[SPEED], abs(pmu.slipping))
+        value[STATUS] += 1.0 if pmu.status & BAD else 0.0
+        value[CLOCK] = max(value[CLOCK], pmu.early)
         for c in range(made.plausible.size):
             if made.used[s, c]:
                 size = held.entry[s, i, c] - (own.nominal if c == _FREQUENCY else 0.0)
@@ -214,27 +214,27 @@ def check_grid(made: Supervisors, state: SupervisorState, s: int, devices: NDArr
 
 @compiled
 def _apart(made: Supervisors, state: SupervisorState, s: int) -> tuple[float, float]:
-    """Largest frequency deviation, Hz, and largest change of an angle between two stations since the start, degrees."""
+    """Largest frequency deviation, Hz, and largest change of an angle between two PMUs since the start, degrees."""
     held, worst, low, high = state.held, 0.0, math.inf, -math.inf
     for i in range(held.entry_ns.shape[1]):
-        station = state.stations[s, i]
+        pmu = state.pmus[s, i]
         if made.inputs.uses[s, i] and held.entry_ns[s, i] != UNSET:
             worst = max(worst, abs(held.entry[s, i, _FREQUENCY] - made.settings[s].nominal))
-            moved = station.angle - station.angle_at_start
+            moved = pmu.angle - pmu.angle_at_start
             low, high = min(low, moved), max(high, moved)
     return worst, math.degrees(max(0.0, high - low))
 
 
 @compiled
 def _count_turns_anew(made: Supervisors, state: SupervisorState, s: int) -> None:
-    """Rewrap angles after unsound data, in which turns are lost: within half a turn of the first station's change."""
+    """Rewrap angles after unsound data, in which turns are lost: within half a turn of the first PMU's change."""
     held, first = state.held, math.nan
     for i in range(held.entry_ns.shape[1]):
-        station = state.stations[s, i]
-        moved = station.angle - station.angle_at_start
+        pmu = state.pmus[s, i]
+        moved = pmu.angle - pmu.angle_at_start
         if made.inputs.uses[s, i] and held.entry_ns[s, i] != UNSET and math.isfinite(moved):
             first = moved if math.isnan(first) else first
-            station.angle -= TURN * math.floor((moved - first) / TURN + 0.5)
+            pmu.angle -= TURN * math.floor((moved - first) / TURN + 0.5)
 
 
 @compiled

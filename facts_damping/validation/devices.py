@@ -45,7 +45,7 @@ def _line() -> System:
                 {"name": "M", "bus": "M", "model": "classical", "rating": 1.0, "P": 0.0, "V": 1.0, "H": 5.0, "Xd1": 0.3}
             ],
             "devices": [{"name": "sssc", "kind": "sssc", "line": "line", "rs": 1e-6, "xs": 1e-6, "Ki": 5.0}],
-            "stations": [{"name": "A", "bus": "A", "branches": ["line"]}],
+            "pmus": [{"name": "A", "bus": "A", "branches": ["line"]}],
         }
     )
 
@@ -62,7 +62,7 @@ def _follow(
     asked["device"], asked["value"] = [installed.index(name) for name in setpoints], list(setpoints.values())
     machines = np.zeros(len(system.machines), MACHINE_TRUTH)
     devices = np.zeros((len(times), len(installed)), DEVICE_TRUTH)
-    frames = np.zeros((len(times), len(system.stations), len(CHANNELS)))
+    frames = np.zeros((len(times), len(system.pmus), len(CHANNELS)))
     now = 0
     for k, time in enumerate(times):
         advance(built.plant, state, now, to_ns(time), asked, len(asked) if now == 0 else 0, work)

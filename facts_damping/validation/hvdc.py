@@ -47,7 +47,7 @@ def two_machines(H: tuple[float, float], ratings: tuple[float, float], P: float)
             "lines": [{"name": "tie", "from": "G1", "to": "G2", "r": 0.0, "x": ACROSS}],
             "machines": machines,
             "devices": [{**LINK, "from": "G1", "to": "G2", "P": P}],
-            "stations": [{"name": name, "machine": name} for name in names],
+            "pmus": [{"name": name, "machine": name} for name in names],
             "signals": {"w12": {"channel": "speed_deviation", "weights": {"G1": 1.0, "G2": -1.0}}},
         }
     )
@@ -71,7 +71,7 @@ def _at_a_reactance(P: float, loss: float, R: float, pf: float) -> System:
             "infinite_buses": [{"name": name, "bus": name} for name in "AB"],
             "machines": [machine],
             "devices": [{**LINK, "from": "S", "to": "B", "P": P, "loss": loss, "R": R, "pf_from": pf, "pf_to": pf}],
-            "stations": [{"name": "S", "bus": "S", "branches": ["spur"]}],
+            "pmus": [{"name": "S", "bus": "S", "branches": ["spur"]}],
         }
     )
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.measurement.build import pmus
-from facts_damping.measurement.pmu import FREQUENCY, ROCOF, VA, VM, report, take_sample
+from facts_damping.measurement.build import make_pmus
+from facts_damping.measurement.pmu_model import FREQUENCY, ROCOF, VA, VM, report, take_sample
 from facts_damping.parameters.measurement import Measurement
 from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
 from facts_damping.validation.table import Row, ValidationTable, within
@@ -68,7 +68,7 @@ class Reported(NamedTuple):
 def reported(name: str, signal: Signal, seconds: float) -> Reported:
     """What a PMU of a class reports of a signal."""
     ticks = round(seconds * RATE)
-    m, state = pmus(Measurement(filter=name), ["S"], NOMINAL, RATE, ticks, 0)  # type: ignore[arg-type]
+    m, state = make_pmus(Measurement(filter=name), ["S"], NOMINAL, RATE, ticks, 0)  # type: ignore[arg-type]
     frames, stamps = np.zeros((ticks, 1, len(CHANNELS))), np.zeros((ticks, 1), np.int64)
     status, phasors = np.zeros(1, np.int64), np.zeros((1, 2), np.complex128)
     for k in range(ticks):

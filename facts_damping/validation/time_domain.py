@@ -49,7 +49,7 @@ def follow(system: System, devices: list[str], listed: list[dict[str, Any]], tim
     state = copy(built.state)
     work, none = workspace(built.plant, state), np.zeros(0, SETPOINT)
     machines = np.zeros((len(times), len(system.machines)), MACHINE_TRUTH)
-    truth, frame = np.zeros(len(devices), DEVICE_TRUTH), np.zeros((len(system.stations), len(CHANNELS)))
+    truth, frame = np.zeros(len(devices), DEVICE_TRUTH), np.zeros((len(system.pmus), len(CHANNELS)))
     now = 0
     for k, time in enumerate(times):
         advance(built.plant, state, now, to_ns(time), none, 0, work)

@@ -79,10 +79,10 @@ def _each(topic: str, path: str, labels: Sequence[str]) -> list[Curve]:
 
 
 def _grid(case: Case, full: Callable[[str], str]) -> Tab:
-    """Machines, stations at buses, events."""
+    """Machines, PMUs at buses, events."""
     state, frames, events = full("plant/state"), full("pmu/frames"), full("plant/events")
     machines = [machine.name for machine in case.system.machines]
-    buses = {i: station.name for i, station in enumerate(case.system.stations) if station.machine is None}
+    buses = {i: pmu.name for i, pmu in enumerate(case.system.pmus) if pmu.machine is None}
 
     def at_buses(field: str) -> list[Curve]:
         return [Curve(frames, f"frames[{i}].{field}", name) for i, name in buses.items()]
@@ -211,9 +211,9 @@ def _learning(topic: str, outputs: Sequence[str], parts: Sequence[str]) -> list[
 
 def _link(case: Case, here: str, name: str) -> Tab:
     """One link: delays and losses of its channels, and the delivered speeds or frequencies."""
-    topic, stations = f"{here}/link/statistics", [station.name for station in case.system.stations]
-    machines = [station.name for station in case.system.stations if station.machine is not None]
-    channels = {"up": stations, "down": case.run.devices}
+    topic, pmus = f"{here}/link/statistics", [pmu.name for pmu in case.system.pmus]
+    machines = [pmu.name for pmu in case.system.pmus if pmu.machine is not None]
+    channels = {"up": pmus, "down": case.run.devices}
     turning, title = "speed_deviation_pu", "speed deviation as delivered, p.u."
     if case.measurement.filter != "ideal":
         turning, title = "frequency_hz", "frequency as delivered, Hz"
@@ -225,7 +225,7 @@ def _link(case: Case, here: str, name: str) -> Tab:
             for curve in _each(topic, f"{way}[#].{field}", [f"{way} {one}" for one in names])
         ]
 
-    speeds = [Curve(f"{here}/pmu/delivered", f'frames[:]{{station=="{one}"}}.{turning}', one) for one in machines]
+    speeds = [Curve(f"{here}/pmu/delivered", f'frames[:]{{pmu=="{one}"}}.{turning}', one) for one in machines]
     return Tab(
         name,
         [

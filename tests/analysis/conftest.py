@@ -29,7 +29,7 @@ def make_record(ticks: int = 1200, damping: float = 0.3, **changes: Any) -> Reco
     applied["measured_ns"], applied["effective_ns"] = time_ns, time_ns + 120_000_000
     arrived = np.repeat(np.arange(ticks - 6), 3)
     delivered = np.zeros(len(arrived), DELIVERY)
-    delivered["station"] = np.tile([0, 1, 2], ticks - 6)
+    delivered["pmu"] = np.tile([0, 1, 2], ticks - 6)
     delivered["measured_ns"] = time_ns[arrived]
     delivered["arrival_ns"] = delivered["measured_ns"] + 100_000_000
     machines = np.zeros((ticks, 2), MACHINE_TRUTH)
@@ -46,7 +46,7 @@ def make_record(ticks: int = 1200, damping: float = 0.3, **changes: Any) -> Reco
             "frame_rate": RATE,
             "duration": ticks / RATE,
         },
-        "stations": ["G1", "G2", "TIE"],
+        "pmus": ["G1", "G2", "TIE"],
         "machine_names": ["G1", "G2"],
         "device_names": ["sssc"],
         "controller_names": ["controller_0_LLC"],

@@ -102,23 +102,23 @@ def test_entries_under_way_are_not_lost(swing_record: Callable[..., Record]) -> 
 
 
 def test_what_never_arrives_is_lost_also_at_the_end(swing_record: Callable[..., Record]) -> None:
-    """A station that falls silent, one that was never heard, and a link that brings nothing at all."""
+    """A PMU that falls silent, one that was never heard, and a link that brings nothing at all."""
     record = swing_record(200)
     rows = record.delivered
-    silent = (rows["station"] == 1) & (rows["measured_ns"] >= record.time_ns[120])
+    silent = (rows["pmu"] == 1) & (rows["measured_ns"] >= record.time_ns[120])
     assert frames_lost(swing_record(200, delivered=rows[~silent])) == 194 - 120
-    assert frames_lost(swing_record(200, delivered=rows[rows["station"] != 1])) == 194
+    assert frames_lost(swing_record(200, delivered=rows[rows["pmu"] != 1])) == 194
     assert frames_lost(swing_record(200, delivered=rows[:0])) == 3 * 200
     assert frames_lost(swing_record(200, links=2)) == 3 * 194
 
 
 def test_of_a_link_that_is_cut_all_is_lost_to_the_end() -> None:
-    """From 5 s on nothing gets through; what left the stations before that and is 100 ms late arrives."""
+    """From 5 s on nothing gets through; what left the PMUs before that and is 100 ms late arrives."""
     cut = {"stage": "network", "model": "bernoulli", "loss": 1.0, "start": 5.0}
     record = simulate(link={"up": [{"stage": "network", "delay": 0.1}, cut]})
     # The last 100 ms may be under way, for all that the record tells: six frames.
-    assert frames_lost(record) == len(record.stations) * (15 * 60 - 6)
-    assert frames_lost(simulate(link={"up": [cut]})) == len(record.stations) * 15 * 60
+    assert frames_lost(record) == len(record.pmus) * (15 * 60 - 6)
+    assert frames_lost(simulate(link={"up": [cut]})) == len(record.pmus) * 15 * 60
     assert frames_lost(simulate(link={"up": [{"stage": "network", "delay": 0.1}]})) == 0
 
 
@@ -157,7 +157,7 @@ def test_cdf_is_the_share_that_is_not_above(values: list[float]) -> None:
 def test_hops_of_constant_delays(swing_record: Callable[..., Record]) -> None:
     record = swing_record(100)
     record.delivered["arrival_ns"] = record.delivered["measured_ns"] + 80_000_000
-    record.delivered["arrival_ns"][record.delivered["station"] == 1] += 5_000_000  # for it the controller waits
+    record.delivered["arrival_ns"][record.delivered["pmu"] == 1] += 5_000_000  # for it the controller waits
     record.applied["issued_ns"] = record.applied["measured_ns"] + 85_000_000
     record.issued["issued_ns"] = record.applied["issued_ns"]
     found = hops_ms(record)

@@ -87,7 +87,7 @@ def test_weights_given_directly(swing_record: Callable[..., Record]) -> None:
     ("configuration", "reason"),
     [
         ({}, "measures: none given"),
-        ({"measures": {"local": {"w19": {"G9": 1.0}}}}, "measures.w19: no station 'G9'; allowed: G1, G2, TIE"),
+        ({"measures": {"local": {"w19": {"G9": 1.0}}}}, "measures.w19: no PMU 'G9'; allowed: G1, G2, TIE"),
     ],
 )
 def test_measures_that_do_not_fit(
@@ -147,7 +147,7 @@ def test_why_a_run_was_unstable(swing_record: Callable[..., Record]) -> None:
 
 def test_without_measures_each_machine_counts_against_the_first(swing_record: Callable[..., Record]) -> None:
     machines = [{"name": name, "machine": name} for name in ("G1", "G2")]
-    system = {"stations": [*machines, {"name": "TIE", "bus": "B8"}], "measures": {"local": [], "interarea": []}}
+    system = {"pmus": [*machines, {"name": "TIE", "bus": "B8"}], "measures": {"local": [], "interarea": []}}
     record = swing_record(configuration={"system": system})
     speeds = record.frames[:, :2, list(CHANNELS).index("speed_deviation")]
     np.testing.assert_array_equal(speed_differences(record)["G1-G2"], speeds[:, 0] - speeds[:, 1])

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.c37118 import configuration, data, frame
-from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, Pmu, Site
+from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration, Site
 from facts_damping.c37118.data import Data
 from facts_damping.c37118.frame import Frame, FrameError
 
@@ -26,13 +26,13 @@ def float32(value: float) -> float:
 
 
 @st.composite
-def pmus(draw: Any) -> Pmu:
+def pmus(draw: Any) -> PmuConfiguration:
     text = st.text(st.characters(min_codepoint=33, max_codepoint=126), min_size=1, max_size=16)
     formats = {name: draw(st.booleans()) for name in configuration.FORMATS}
     phasors = draw(st.lists(st.tuples(text, st.booleans(), st.sampled_from(UNITS)), max_size=4))
     analogs = draw(st.lists(st.tuples(text, st.integers(0, 2), st.integers(1, 5000)), max_size=3))
     digitals = draw(st.lists(st.lists(text, min_size=16, max_size=16), max_size=2))
-    return Pmu(
+    return PmuConfiguration(
         draw(text),
         draw(st.integers(1, 65534)),
         tuple(Phasor(*one) for one in phasors),
@@ -57,10 +57,10 @@ def as_told(c: Configuration, kind: str) -> Configuration:
     if kind != "configuration_3":
         return c
 
-    def phasor(pmu: Pmu, one: Phasor) -> Phasor:
+    def phasor(pmu: PmuConfiguration, one: Phasor) -> Phasor:
         return one._replace(scale=1.0 if pmu.float_phasors else float32(one.scale), flags=0)
 
-    def analog(pmu: Pmu, one: Analog) -> Analog:
+    def analog(pmu: PmuConfiguration, one: Analog) -> Analog:
         return one._replace(scale=1.0 if pmu.float_analogs else one.scale, kind=0)
 
     return c._replace(
@@ -138,8 +138,8 @@ def test_data_there_and_back_floats_bit_for_bit_integers_within_half_a_count(c: 
 
 
 def stream(**formats: Any) -> Configuration:
-    first = Pmu("Station A", 7734, (Phasor("VA"), Phasor("I1", True)), (Analog("P"),), **formats)
-    return Configuration((first, Pmu("B", 5, (Phasor("V"),), nominal_hz=50)), 30)
+    first = PmuConfiguration("Station A", 7734, (Phasor("VA"), Phasor("I1", True)), (Analog("P"),), **formats)
+    return Configuration((first, PmuConfiguration("B", 5, (Phasor("V"),), nominal_hz=50)), 30)
 
 
 @pytest.mark.parametrize("floats", [True, False])
@@ -165,7 +165,9 @@ def test_beyond_the_integers_are_their_ends() -> None:
 
 def test_a_frame_by_hand() -> None:
     """A data frame of one PMU, byte by byte as in table 5: STAT, a phasor, FREQ, DFREQ, one analog, CHK."""
-    c = Configuration((Pmu("X", 60, (Phasor("V", scale=0.5),), (Analog("A", scale=2.0),), polar=False),), 30)
+    c = Configuration(
+        (PmuConfiguration("X", 60, (Phasor("V", scale=0.5),), (Analog("A", scale=2.0),), polar=False),), 30
+    )
     made = data.layout(c)
     sent = Data(
         np.array([0x2000]),
@@ -201,7 +203,7 @@ def test_commands_there_and_back() -> None:
 
 def test_a_long_configuration_3_is_sent_in_parts() -> None:
     names = tuple(f"bit {i} " + "x" * 200 for i in range(16))
-    wide = Pmu("W", 1, (), (), tuple(Digital(names) for _ in range(15)), site=Site(latitude=47.5))
+    wide = PmuConfiguration("W", 1, (), (), tuple(Digital(names) for _ in range(15)), site=Site(latitude=47.5))
     c = Configuration((wide, wide._replace(idcode=2)), 60)
     bodies = configuration.encode(c, "configuration_3")
     assert [int.from_bytes(body[:2], "big") for body in bodies] == [1, 0xFFFF]

@@ -1,4 +1,4 @@
-"""Channels of a stream as a station's signals: names, units, directions, powers that are not sent, what is wrong."""
+"""Channels of a stream as a PMU's signals: names, units, directions, powers that are not sent, what is wrong."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import data, mapping, stations
-from facts_damping.c37118.configuration import FORMATS, Analog, Configuration, Phasor, Pmu
-from facts_damping.c37118.stations import Station
+from facts_damping.c37118 import data, mapping, system_pmus
+from facts_damping.c37118.configuration import FORMATS, Analog, Configuration, Phasor, PmuConfiguration
+from facts_damping.c37118.system_pmus import Pmu
 from facts_damping.errors import InputError
 from facts_damping.parameters.streams import Channels
 
-GRID = [Station("A", 230.0, 100.0), Station("B", 20.0, 100.0), Station("C", 20.0, 100.0)]
+GRID = [Pmu("A", 230.0, 100.0), Pmu("B", 20.0, 100.0), Pmu("C", 20.0, 100.0)]
 
 
-def floats(name: str, idcode: int, phasors: tuple[Phasor, ...], analogs: tuple[Analog, ...] = ()) -> Pmu:
+def floats(name: str, idcode: int, phasors: tuple[Phasor, ...], analogs: tuple[Analog, ...] = ()) -> PmuConfiguration:
     formats: dict[str, Any] = dict.fromkeys(FORMATS, True)
-    return Pmu(name, idcode, phasors, analogs, **formats)
+    return PmuConfiguration(name, idcode, phasors, analogs, **formats)
 
 
 THEIRS = Configuration(
@@ -52,29 +52,29 @@ SAID = data.Data(
 
 def test_stations_are_where_the_file_or_their_name_says() -> None:
     found = mapping.places(THEIRS, GRID, WANTED)
-    assert found.stations.tolist() == [0, 1]  # C is in no PMU
+    assert found.pmus.tolist() == [0, 1]  # C is in no PMU
     values, status, absent = mapping.told(found, SAID)
     assert status.tolist() == [0x2000, 0x8000]
     assert not absent.any()
     a, b = values
-    assert a[stations.MAGNITUDE] == pytest.approx(1.0, abs=1e-6)
-    assert a[stations.CURRENT_ANGLE] == pytest.approx(0.1 - np.pi)
-    assert a[stations.CURRENT] == pytest.approx(200.0 / GRID[0].amperes)
-    assert a[stations.ACTIVE] == pytest.approx(0.75)
-    assert a[stations.SPEED] == 1e-3
-    assert (a[stations.FREQUENCY], a[stations.ROCOF]) == (60.1, 0.2)
-    assert b[stations.ANGLE] == 0.2
-    assert np.isnan(b[[stations.SPEED, stations.ROCOF]]).all()
+    assert a[system_pmus.MAGNITUDE] == pytest.approx(1.0, abs=1e-6)
+    assert a[system_pmus.CURRENT_ANGLE] == pytest.approx(0.1 - np.pi)
+    assert a[system_pmus.CURRENT] == pytest.approx(200.0 / GRID[0].amperes)
+    assert a[system_pmus.ACTIVE] == pytest.approx(0.75)
+    assert a[system_pmus.SPEED] == 1e-3
+    assert (a[system_pmus.FREQUENCY], a[system_pmus.ROCOF]) == (60.1, 0.2)
+    assert b[system_pmus.ANGLE] == 0.2
+    assert np.isnan(b[[system_pmus.SPEED, system_pmus.ROCOF]]).all()
 
 
 def test_powers_that_are_not_sent_are_those_of_the_phasors() -> None:
     """P + jQ = 3 V I*, phase to ground."""
     values, _, _ = mapping.told(mapping.places(THEIRS, GRID, WANTED), SAID)
     apart = 3.0 * 11547.0 * 1000.0 * np.exp(0.5j) / 100e6
-    assert values[1, stations.ACTIVE] == pytest.approx(apart.real)
-    assert values[1, stations.REACTIVE] == pytest.approx(apart.imag)
+    assert values[1, system_pmus.ACTIVE] == pytest.approx(apart.real)
+    assert values[1, system_pmus.REACTIVE] == pytest.approx(apart.imag)
     turned = 3.0 * 132790.56 * 200.0 * np.exp(1j * (0.5 - 0.1 + np.pi)) / 100e6
-    assert values[0, stations.REACTIVE] == pytest.approx(turned.imag)
+    assert values[0, system_pmus.REACTIVE] == pytest.approx(turned.imag)
 
 
 def test_a_voltage_and_a_current_of_the_same_name_are_two() -> None:
@@ -88,13 +88,13 @@ def test_a_voltage_and_a_current_of_the_same_name_are_two() -> None:
     [
         (
             {"pmu": "SOUTH 1", "current": "I1"},
-            "station A: current: 'I1' given; allowed: what PMU SOUTH 1 sends: none",
+            "PMU A: current: 'I1' given; allowed: what PMU SOUTH 1 sends: none",
         ),
         (
             {"pmu": "NORTH 2", "voltage": "I+"},
-            "station A: voltage: 'I\\+' given; allowed: what PMU NORTH 2 sends: V\\+",
+            "PMU A: voltage: 'I\\+' given; allowed: what PMU NORTH 2 sends: V\\+",
         ),
-        ({"pmu": 9, "speed": "RPM"}, "station A: speed: 'RPM' given; allowed: what PMU NORTH 2 sends: MW, dw"),
+        ({"pmu": 9, "speed": "RPM"}, "PMU A: speed: 'RPM' given; allowed: what PMU NORTH 2 sends: MW, dw"),
     ],
 )
 def test_a_channel_that_is_not_sent_is_named(asked: dict[str, object], said: str) -> None:

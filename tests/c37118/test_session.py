@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from facts_damping.c37118 import configuration, data, frame, session, stat
-from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, Pmu
+from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration
 from facts_damping.c37118.data import Data
 from facts_damping.c37118.frame import FrameError
 from facts_damping.c37118.session import Instant, Receiver
@@ -18,7 +18,9 @@ from facts_damping.c37118.session import Instant, Receiver
 MUTATED = int(os.environ.get("MUTATED_FRAMES", "40000"))
 WIDE = Configuration(
     tuple(
-        Pmu(f"P{i}", i, (Phasor("V"), Phasor("I", current=True)), (Analog("P"),), float_phasors=True, polar=True)
+        PmuConfiguration(
+            f"P{i}", i, (Phasor("V"), Phasor("I", current=True)), (Analog("P"),), float_phasors=True, polar=True
+        )
         for i in range(1, 4)
     ),
     60,
@@ -44,10 +46,10 @@ def same(one: object, other: Instant) -> bool:
 
 @pytest.mark.parametrize("kind", ["configuration_1", "configuration_2", "configuration_3"])
 def test_a_command_is_answered(kind: str) -> None:
-    served = session.stream(9, WIDE, "three stations")
+    served = session.stream(9, WIDE, "three PMUs")
     told = Receiver().take(session.answers(served, f"send_{kind}", 5, 0))
     assert told == ([] if kind == "configuration_1" else [WIDE])  # 1 says what could be sent
-    assert Receiver().take(session.answers(served, "send_header", 5, 0)) == ["three stations"]
+    assert Receiver().take(session.answers(served, "send_header", 5, 0)) == ["three PMUs"]
     assert session.answers(served, "turn_on", 5, 0) == []
 
 
@@ -82,7 +84,7 @@ def test_a_configuration_that_changes_is_asked_for_again() -> None:
 
 def test_parts_of_a_configuration_3_that_do_not_fit_are_refused() -> None:
     names = tuple(f"bit {i} " + "x" * 200 for i in range(16))
-    wide = Pmu("W", 1, (), (), tuple(Digital(names) for _ in range(15)))
+    wide = PmuConfiguration("W", 1, (), (), tuple(Digital(names) for _ in range(15)))
     c = Configuration((wide, wide), 60)
     served, receiver = session.Stream(9, c, data.layout(c)), Receiver()  # too long for configurations 1 and 2
     first, last = session.answers(served, "send_configuration_3", 1, 0)
@@ -127,11 +129,11 @@ def test_mutated_streams_end_nothing_and_are_counted() -> None:
 
 
 def test_a_stream_that_is_too_wide_is_refused_before_it_begins() -> None:
-    pmu = Pmu("X", 1, tuple(Phasor(f"V{i}") for i in range(9000)), float_phasors=True)
+    pmu = PmuConfiguration("X", 1, tuple(Phasor(f"V{i}") for i in range(9000)), float_phasors=True)
     with pytest.raises(FrameError, match="FRAMESIZE: 72022 bytes of data; allowed: 16 to 65535"):
         session.stream(1, Configuration((pmu,), 60))
     with pytest.raises(FrameError, match="CHNAM: 'a name of more than 16' has 22 bytes; allowed: 16"):
-        session.stream(1, Configuration((Pmu("X", 1, (Phasor("a name of more than 16"),)),), 60))
+        session.stream(1, Configuration((PmuConfiguration("X", 1, (Phasor("a name of more than 16"),)),), 60))
 
 
 def test_a_stream_without_pmus_is_refused() -> None:

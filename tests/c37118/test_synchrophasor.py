@@ -17,7 +17,7 @@ collections.Sequence = collections.abc.Sequence  # type: ignore[attr-defined]
 from synchrophasor.frame import CommandFrame, CommonFrame, ConfigFrame2, DataFrame, HeaderFrame  # noqa: E402
 
 from facts_damping.c37118 import configuration, data, frame  # noqa: E402
-from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, Pmu  # noqa: E402
+from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration  # noqa: E402
 from facts_damping.c37118.data import Data  # noqa: E402
 from facts_damping.c37118.frame import Frame  # noqa: E402
 
@@ -33,7 +33,9 @@ FORMATS = [
 
 def stream(**formats: Any) -> Configuration:
     phasors = Phasor("VA", scale=9.15527), Phasor("I1", current=True, scale=0.45776)
-    pmu = Pmu("Station A", 7734, phasors, (Analog("P", 1, 2.0),), (Digital(BITS, 0, 0xFFFF),), changes=22, **formats)
+    pmu = PmuConfiguration(
+        "Station A", 7734, phasors, (Analog("P", 1, 2.0),), (Digital(BITS, 0, 0xFFFF),), changes=22, **formats
+    )
     return Configuration((pmu,), 30)
 
 

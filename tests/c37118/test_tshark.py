@@ -15,25 +15,27 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import configuration, frame, session, stat, stations
-from facts_damping.c37118.configuration import UNIT, Analog, Configuration, Digital, Phasor, Pmu, Site
+from facts_damping.c37118 import configuration, frame, session, stat, system_pmus
+from facts_damping.c37118.configuration import UNIT, Analog, Configuration, Digital, Phasor, PmuConfiguration, Site
 from facts_damping.c37118.data import MISSING, RADIAN, Data
 from facts_damping.c37118.session import Instant
-from facts_damping.c37118.stations import Station
+from facts_damping.c37118.system_pmus import Pmu
 
 TSHARK = shutil.which("tshark")
 pytestmark = pytest.mark.skipif(TSHARK is None, reason="needs Wireshark's dissector: apt install tshark")
 
 SOC, FRACTION = 1_700_000_000, 250_000
 KINDS = ("configuration_1", "configuration_2", "configuration_3")
-GRID = [Station("G1", 20.0, 100.0), Station("TIE", 230.0, 100.0)]
+GRID = [Pmu("G1", 20.0, 100.0), Pmu("TIE", 230.0, 100.0)]
 MEASURED = np.array([
     [0.9812, 0.4123, 1.234e-3, 7.031, -2.017, 60.0512, 0.312, 7.4, -0.5012],
     [1.0123, -2.513, np.nan, -3.011, 0.5071, 59.9036, -0.257, np.nan, np.nan],
 ])  # fmt: skip
 GIVEN = list(itertools.product((False, True), repeat=4))
 FORMATS = [dict(zip(configuration.FORMATS, given, strict=True)) for given in GIVEN]
-STREAMS = [session.stream(100 + k, stations.configuration(GRID, 60, 60, formats)) for k, formats in enumerate(FORMATS)]
+STREAMS = [
+    session.stream(100 + k, system_pmus.configuration(GRID, 60, 60, formats)) for k, formats in enumerate(FORMATS)
+]
 EACH = range(len(STREAMS))
 CLOCKS = 2 * [  # the largest error and the unlocked time, s, a status; what is read of them
     (5e-8, 1.0, 0, ("error < 100 ns", "within 10^-7 s", "less than 10 s", "Good measurement data")),
@@ -49,11 +51,11 @@ COMMANDS = {"turn_off": "data transmission off", "turn_on": "data transmission o
 COMMANDS |= {f"send_configuration_{i}": f"send CFG-{i} frame" for i in (1, 2, 3)} | {"extended": "extended frame"}
 FLAGS = {"status": 14, "sync": 13, "sorting": 12, "trigger": 11, "CFGchange": 10, "data_modified": 9}  # bits of STAT
 FLAGS |= {"pmu_tq": 6, "t_unlock": 4, "trigger_reason": 0}
-# What stations do not have: offsets, digital words, 50 Hz, a place, seconds a frame, another base of time.
+# What PMUs do not have: offsets, digital words, 50 Hz, a place, seconds a frame, another base of time.
 BREAKERS = Digital(tuple(f"BREAKER {i}" for i in range(16)), 0xA5A5, 0x7FFF)
 PHASOR, ANALOG = Phasor("V", scale=0.5, angle=0.25), Analog("T", 2, 2.0, 10.0)
 SITE = Site(bytes(range(16)), 45.5, 9.25, 120.0, "P", 33_333, 16_667)
-PMU = Pmu("X", 9, (PHASOR,), (ANALOG,), (BREAKERS,), nominal_hz=50, changes=7, site=SITE)
+PMU = PmuConfiguration("X", 9, (PHASOR,), (ANALOG,), (BREAKERS,), nominal_hz=50, changes=7, site=SITE)
 OTHER = session.stream(9, Configuration((PMU,), -5, 1 << 23), "A text")
 VALUES = Data(*map(np.array, ([0], [[100.0, 0.5]], [50.1], [0.0], [30.0], [0x3C12])))
 
@@ -69,7 +71,7 @@ def sent() -> dict[str, bytes]:
     frames = {name: frame.command(7, name, SOC, FRACTION, b"word" * (name == "extended")) for name in COMMANDS}
     for k, one in enumerate(STREAMS):
         quality = 0x30 | stat.message_quality(np.array([CLOCKS[k][0]]))
-        instant = Instant(SOC, FRACTION, quality, stations.to_data(GRID, MEASURED, np.array(status(k))))
+        instant = Instant(SOC, FRACTION, quality, system_pmus.to_data(GRID, MEASURED, np.array(status(k))))
         for kind in KINDS:
             (frames[f"{k} {kind}"],) = session.answers(one, f"send_{kind}", SOC, FRACTION)
             frames |= {f"{k} data {kind}": session.told(one, instant)} if kind != KINDS[0] else {}
@@ -159,8 +161,8 @@ def test_configurations(found: dict[str, ET.Element], k: int, kind: str) -> None
     formats = ("phasor_notation", "phasor_format", "analog_format", "dfreq_format")
     assert [numbers(one, f"conf.{name}") for name in formats] == [[given, given] for given in GIVEN[k]]
     names = fields(one, "synphasor.conf.chnam" if long else "synphasor.channel_name")
-    assert [name.rstrip() for name in names] == [*stations.PHASORS, *stations.ANALOGS] * 2
-    assert re.findall(r'Station #\d: "(\w+) *"', lines(one)) == ["G1", "TIE"]
+    assert [name.rstrip() for name in names] == [*system_pmus.PHASORS, *system_pmus.ANALOGS] * 2
+    assert re.findall(r'PMU #\d: "(\w+) *"', lines(one)) == ["G1", "TIE"]
     scales = [p.scale for pmu in c.pmus for p in pmu.phasors], [a.scale for pmu in c.pmus for a in pmu.analogs]
     if not long:
         assert [round(scale / UNIT) for scale in scales[0]] == [n & 0xFFFFFF for n in numbers(one, "conversion_factor")]
@@ -178,10 +180,10 @@ def test_data(found: dict[str, ET.Element], k: int, kind: str) -> None:
     """Floats to the digits that are printed, integers within a count."""
     one, pmus, text = found[f"{k} data {kind}"], STREAMS[k].configuration.pmus, lines(found[f"{k} data {kind}"])
     polar, float_phasors, float_analogs, float_frequency = GIVEN[k]
-    wanted = stations.to_data(GRID, MEASURED, np.array(status(k)))
+    wanted = system_pmus.to_data(GRID, MEASURED, np.array(status(k)))
     assert numbers(one, "idcode_stream_source", "fracsec_raw") == [100 + k, FRACTION]
     assert numbers(one, "timeqal.lsdir", "timeqal.lsocc", "timeqal.lspend") == [0, 1, 1]
-    assert unsaid(one, *CLOCKS[k][-1], 'Station: "G1', 'Station: "TIE', "second: 250") == []
+    assert unsaid(one, *CLOCKS[k][-1], 'PMU: "G1', 'PMU: "TIE', "second: 250") == []
     words = [np.array(numbers(one, f"data.{name}")) << bit for name, bit in FLAGS.items()]
     assert np.add.reduce(words).tolist() == status(k)
     names, read = zip(*phasors(one), strict=True)

@@ -267,10 +267,10 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
     ),
     "gain reduction too fast": ("two_area", {"exciters.0.TB": 0.005}, "exciters.0: TB must be 0 or at least 0.01 s"),
     "half a gain reduction": ("two_area", {"exciters.0.TC": 1.0}, "exciters.0: TC = 1 needs TB above 0"),
-    "station that measures a line elsewhere": (
+    "PMU that measures a line elsewhere": (
         "two_area",
-        {"stations.4.branches": ["line_4"]},
-        "stations: TIE.branches: 'line_4' given; allowed: line_1, line_2, sssc",
+        {"pmus.4.branches": ["line_4"]},
+        "pmus: TIE.branches: 'line_4' given; allowed: line_1, line_2, sssc",
     ),
 }
 

@@ -1,4 +1,4 @@
-"""What the tests of controllers share: stations, signals, devices, and controllers that are given entries."""
+"""What the tests of controllers share: PMUs, signals, devices, and controllers that are given entries."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from facts_damping.control.bank import act, bank, settings
 from facts_damping.control.plant_prior import PlantPrior
 from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.parameters.plant.stations import Signal
+from facts_damping.parameters.plant.pmus import Signal
 from facts_damping.parameters.run import Controller
 from facts_damping.signals import CHANNELS, DELIVERY, NANOSECONDS, SETPOINT
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 MS = 1_000_000
 FRAMES = 60  # frames/s
-STATIONS = ["A", "B", "C"]
+PMUS = ["A", "B", "C"]
 SIGNALS = {
     "speed": Signal(channel="speed_deviation", weights={"A": 1.0}),
     "difference": Signal(channel="speed_deviation", weights={"A": 2.0, "B": -1.0}),
@@ -35,7 +35,7 @@ SCALE, CHANGE_SCALE = 0.01, 0.001  # p.u., p.u./frame: defaults of neuro-fuzzy c
 class Entry(NamedTuple):
     """One PMU entry as a link delivers it; times in ms."""
 
-    station: str
+    pmu: str
     measured: float
     arrival: float
     speed: float = 0.0
@@ -51,7 +51,7 @@ def delivery(*entries: Entry) -> NDArray[Any]:
     """The entries of one tick as a table."""
     delivered = np.zeros(len(entries), DELIVERY)
     for row, entry in zip(delivered, entries, strict=True):
-        row["station"] = STATIONS.index(entry.station)
+        row["pmu"] = PMUS.index(entry.pmu)
         row["measured_ns"], row["arrival_ns"] = round(entry.measured * MS), round(entry.arrival * MS)
         row["values"] = np.nan
         row["values"][list(CHANNELS).index("speed_deviation")] = entry.speed
@@ -82,7 +82,7 @@ class Bench:
     ) -> None:
         """`plant`: what networks know of it; none: SIGN, and signals that swing alike."""
         plants = [None if c.scheme is None else plant or known(len(c.signals), len(c.devices)) for c in controllers]
-        self.bank, self.state = bank(controllers, signals, STATIONS, limits, FRAMES, plants)
+        self.bank, self.state = bank(controllers, signals, PMUS, limits, FRAMES, plants)
         self.tick = 0
 
     def give(self, *entries: Entry, controller: int = 0) -> NDArray[Any]:
@@ -95,7 +95,7 @@ class Bench:
         return out[1:end]
 
     def frame(self, k: int, speed: float, late_ms: float = 0.0) -> float:
-        """The setpoint on frame k of station A, which arrives `late_ms` after its measurement."""
+        """The setpoint on frame k of PMU A, which arrives `late_ms` after its measurement."""
         measured = frame_ns(k) / MS
         (made,) = self.give(Entry("A", measured, measured + late_ms, speed))
         return float(made["value"])

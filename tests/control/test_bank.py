@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from facts_damping.control.bank import act, bank
 from facts_damping.control.inputs import IMPLAUSIBLE
 from facts_damping.control.lead_lag import step
-from facts_damping.parameters.plant.stations import Signal
+from facts_damping.parameters.plant.pmus import Signal
 from facts_damping.parameters.run import Controller
 from facts_damping.signals import CHANNELS, SETPOINT
-from tests.control.bench import FRAMES, LIMITS, MS, SIGNALS, STATIONS, Bench, Entry, delivery, llc, settings_of
+from tests.control.bench import FRAMES, LIMITS, MS, PMUS, SIGNALS, Bench, Entry, delivery, llc, settings_of
 
 some = settings(deadline=None, max_examples=40)
 
@@ -119,7 +119,7 @@ def test_what_is_older_than_what_is_held_is_passed_over() -> None:
 def test_controllers_do_not_see_each_other() -> None:
     """Two controllers side by side issue what each would alone."""
     rng = np.random.default_rng(2)
-    rows = [[Entry(s, 20 * k, 20 * k + 1, *rng.normal(size=2) * 1e-3) for s in STATIONS] for k in range(20)]
+    rows = [[Entry(s, 20 * k, 20 * k + 1, *rng.normal(size=2) * 1e-3) for s in PMUS] for k in range(20)]
     alone = [Bench(llc()), Bench(llc("power", "second", gain=2.0))]
     both = Bench(llc(), llc("power", "second", gain=2.0))
     for entries in rows:
@@ -131,7 +131,7 @@ def test_controllers_do_not_see_each_other() -> None:
 
 
 def test_no_controllers_are_no_controllers() -> None:
-    made, state = bank([], SIGNALS, STATIONS, LIMITS, FRAMES, [])
+    made, state = bank([], SIGNALS, PMUS, LIMITS, FRAMES, [])
     assert made.code.size == state.held.newest_ns.size == 0
 
 
@@ -144,9 +144,9 @@ def test_output_is_never_beyond_the_limit(data: st.DataObject, gain: float) -> N
     )
     bench, now = Bench(llc(gain=gain)), 0
     bench.give(Entry("A", 0, 0), Entry("B", 0, 0))
-    for station, gap, speed in data.draw(st.lists(rows, max_size=20)):
+    for pmu, gap, speed in data.draw(st.lists(rows, max_size=20)):
         now += gap
-        (made,) = bench.give(Entry(station, now, now, speed))
+        (made,) = bench.give(Entry(pmu, now, now, speed))
         assert abs(made["value"]) <= LIMITS["first"][0]
 
 

@@ -17,9 +17,9 @@ from tests.control.bench import (
     FRAMES,
     LIMITS,
     MS,
+    PMUS,
     SCALE,
     SIGNALS,
-    STATIONS,
     Entry,
     controller,
     delivery,
@@ -46,10 +46,10 @@ def asked(
 
 
 class Observer:
-    """Identifiers that are given frames of one station, and setpoints."""
+    """Identifiers that are given frames of one PMU, and setpoints."""
 
     def __init__(self, *rows: Identified, rate: int = FRAMES) -> None:
-        self.made, self.state = identifiers(rows, SIGNALS, STATIONS, rate)
+        self.made, self.state = identifiers(rows, SIGNALS, PMUS, rate)
         self.rate = rate
 
     def ns(self, k: int) -> int:

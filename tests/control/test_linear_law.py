@@ -28,9 +28,9 @@ SPEED = list(CHANNELS).index("speed_deviation")
 
 
 def weights(case: Case) -> dict[int, float]:
-    """Of the signal `speed`, by the index of the station."""
-    stations = [station.name for station in case.system.stations]
-    return {stations.index(name): weight for name, weight in case.system.signals["speed"].weights.items()}
+    """Of the signal `speed`, by the index of the PMU."""
+    pmus = [pmu.name for pmu in case.system.pmus]
+    return {pmus.index(name): weight for name, weight in case.system.signals["speed"].weights.items()}
 
 
 def own(law: dict[str, Any] | str, *sets: str, name: str = "my_damper", **fields: Any) -> Record:
@@ -51,8 +51,8 @@ def test_a_continuous_one_is_discretised_exactly() -> None:
     record = own({"num": (5.0 * np.array(NUM)).tolist(), "den": DEN}, "link=delay_100ms")
     case = load_case("two_area_large", [])
     signal = sum(
-        weight * record.delivered[record.delivered["station"] == station]["values"][:, SPEED]
-        for station, weight in weights(case).items()
+        weight * record.delivered[record.delivered["pmu"] == pmu]["values"][:, SPEED]
+        for pmu, weight in weights(case).items()
     )
     A, B, C, D, dt = cont2discrete(tf2ss(5.0 * np.array(NUM), DEN), 1.0 / 60.0, method="zoh")
     _, wanted, _ = dlsim((A, B, C, D, dt), signal)
@@ -103,11 +103,11 @@ def test_a_lost_frame_leaves_the_signal_as_it_was() -> None:
     wanted = []
     for tick in np.unique(record.delivered["tick"]):
         rows = record.delivered[record.delivered["tick"] == tick]
-        rows = rows[np.isin(rows["station"], list(of_signal))]
-        held |= {int(row["station"]): float(row["values"][SPEED]) for row in rows}
+        rows = rows[np.isin(rows["pmu"], list(of_signal))]
+        held |= {int(row["pmu"]): float(row["values"][SPEED]) for row in rows}
         if len(held) < len(of_signal) or not len(rows):
             continue
-        value = sum(weight * held[station] for station, weight in of_signal.items())
+        value = sum(weight * held[pmu] for pmu, weight in of_signal.items())
         if last is not None:
             state += (tick - last) / 60.0 * before
         wanted.append(state)

@@ -15,7 +15,7 @@ from facts_damping.control.identifier_model import Identified
 from facts_damping.control.plant_prior import PlantPrior
 from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.parameters.plant.stations import Signal
+from facts_damping.parameters.plant.pmus import Signal
 from facts_damping.parameters.run import Controller
 from facts_damping.signals import SETPOINT
 from tests.control.bench import (
@@ -23,8 +23,8 @@ from tests.control.bench import (
     FRAMES,
     LIMITS,
     MS,
+    PMUS,
     SCALE,
-    STATIONS,
     Bench,
     Entry,
     delivery,
@@ -33,8 +33,8 @@ from tests.control.bench import (
 )
 
 SIGNALS = {
-    name: Signal(channel="speed_deviation", weights={station: 1.0})
-    for name, station in (("first", "A"), ("second", "B"), ("third", "C"))
+    name: Signal(channel="speed_deviation", weights={pmu: 1.0})
+    for name, pmu in (("first", "A"), ("second", "B"), ("third", "C"))
 }
 THREE = {**LIMITS, "third": (0.2, 8.0)}
 TURN = complex(np.exp(1j * 0.063))
@@ -58,7 +58,7 @@ def mimo(
 
 
 class Mimo(Bench):
-    """A controller of several signals, one a station, and several devices."""
+    """A controller of several signals, one a PMU, and several devices."""
 
     def __init__(self, row: Controller, plant: PlantPrior | None = None) -> None:
         own = plant or known(len(row.signals), len(row.devices))
@@ -67,7 +67,7 @@ class Mimo(Bench):
     def values(self, k: int, y: Any) -> list[float]:
         """The setpoints on frame k."""
         measured = frame_ns(k) / MS
-        entries = [Entry(s, measured, measured, float(v)) for s, v in zip(STATIONS, [*y, 0, 0], strict=False)]
+        entries = [Entry(s, measured, measured, float(v)) for s, v in zip(PMUS, [*y, 0, 0], strict=False)]
         return [float(v) for v in self.give(*entries)["value"]]
 
 
@@ -241,13 +241,13 @@ class Observer:
 
     def __init__(self, jacobian: Any, horizon: int = 1, plant: PlantPrior | None = None, **parameters: Any) -> None:
         row = mimo("ANFTSC", "indirect", identifier_horizon=horizon, loop_delay=0.0, **parameters)
-        self.made, _ = bank([row], SIGNALS, STATIONS, THREE, FRAMES, [known(2, 2)])
+        self.made, _ = bank([row], SIGNALS, PMUS, THREE, FRAMES, [known(2, 2)])
         self.scale = self.made.settings["scale"][0]
         self.limits = np.array([THREE[name][0] for name in row.devices])
         J = np.array(jacobian) * self.scale[:, None] / self.limits
         own = (plant or known(2, 2))._replace(jacobian=J)
         asked = Identified(0, self.made.settings[0], "ANFTSI", row.signals, [0, 1], self.limits.tolist(), own, None)
-        self.ids, self.state = identifiers([asked], SIGNALS, STATIONS, FRAMES)
+        self.ids, self.state = identifiers([asked], SIGNALS, PMUS, FRAMES)
 
     def frame(self, k: int, y: Any, u: Any) -> None:
         measured = frame_ns(k) / MS

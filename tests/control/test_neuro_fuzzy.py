@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from facts_damping.neurofuzzy.learning import REGULAR
 from facts_damping.neurofuzzy.network import FLOOR, Network
 from facts_damping.neurofuzzy.table import VARIANTS
-from tests.control.bench import CHANGE_SCALE, LIMITS, SCALE, SIGN, STATIONS, Bench, Entry, controller, llc, raw, wide
+from tests.control.bench import CHANGE_SCALE, LIMITS, PMUS, SCALE, SIGN, Bench, Entry, controller, llc, raw, wide
 
 SCHEMES = ("direct", "indirect")
 LIMIT = LIMITS["first"][0]
@@ -155,7 +155,7 @@ def test_controllers_of_different_networks_do_not_see_each_other() -> None:
     for one in (both, alone[2]):
         one.state.jacobian[2 if one is both else 0] = 0.02
     for k in range(40):
-        entries = [Entry(station, 20 * k, 20 * k + 1, rng.normal() * 3e-3) for station in STATIONS]
+        entries = [Entry(pmu, 20 * k, 20 * k + 1, rng.normal() * 3e-3) for pmu in PMUS]
         for c, single in enumerate(alone):
             (ours,), (theirs,) = both.give(*entries, controller=c), single.give(*entries)
             assert ours["value"] == theirs["value"]

@@ -176,7 +176,7 @@ def test_in_a_run_it_says_where_the_signal_goes() -> None:
         told = record.estimates[record.estimates["measured_ns"] > 1_000_000_000]
         assert told["ahead"] == pytest.approx(0.2)
         weights = load_case("two_area_small", [*OWN]).system.signals["speed"].weights
-        y = record.frames[:, [record.stations.index(s) for s in weights], 2] @ np.array(list(weights.values()))
+        y = record.frames[:, [record.pmus.index(s) for s in weights], 2] @ np.array(list(weights.values()))
         at = np.searchsorted(record.time_ns, told["measured_ns"])
         known = at + 13 < len(y)
         true = y[at[known] + 13] - y[at[known] + 1]

@@ -16,7 +16,7 @@ from facts_damping.control.state_space import MAX_MISSED, StateSpace
 from facts_damping.control.table import defaults, kind
 from facts_damping.parameters.run import Controller
 from facts_damping.signals import NANOSECONDS, SETPOINT
-from tests.control.bench import FRAMES, LIMITS, MS, SIGNALS, STATIONS, Entry, delivery, frame_ns, llc
+from tests.control.bench import FRAMES, LIMITS, MS, PMUS, SIGNALS, Entry, delivery, frame_ns, llc
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,7 +40,7 @@ def drawn(seed: int, states: int, signals: int, devices: int) -> StateSpace:
 
 
 class Given:
-    """A controller with such matrices, beside a lead-lag, that is given frames of stations A and C."""
+    """A controller with such matrices, beside a lead-lag, that is given frames of PMUs A and C."""
 
     def __init__(self, own: StateSpace, limits: dict[str, tuple[float, float]]) -> None:
         self.signals, self.devices = len(own.C), len(own.K)
@@ -54,9 +54,7 @@ class Given:
         )
         plain = {"power": SIGNALS["power"].model_copy(update={"deviation": False})}
         rows = [llc("power", "second"), row]
-        self.made, self.state = bank(
-            rows, {**SIGNALS, **plain}, STATIONS, limits, FRAMES, [None] * 2, None, [None, own]
-        )
+        self.made, self.state = bank(rows, {**SIGNALS, **plain}, PMUS, limits, FRAMES, [None] * 2, None, [None, own])
 
     def frame(self, k: int, y: NDArray[np.float64]) -> NDArray[np.float64]:
         """The setpoints on frame k; empty where there are none."""

@@ -150,7 +150,7 @@ def test_the_window_holds_what_was_delivered() -> None:
         before = max((row["measured_ns"] for row in held.values()), default=-1)
         arrived = -1
         for row in rows:
-            name = record.stations[row["station"]]
+            name = record.pmus[row["pmu"]]
             if name in weights and row["measured_ns"] > (held[name]["measured_ns"] if name in held else -1):
                 held[name] = row.copy()
             newest = max((one["measured_ns"] for one in held.values()), default=-1)

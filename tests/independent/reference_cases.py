@@ -207,7 +207,7 @@ def infinite() -> Row:
     system["machines"] = [{**m, "slack": False, "P": 700.0} for m in system["machines"][:2]]
     for controls in ("exciters", "stabilisers", "governors"):
         system[controls] = system[controls][:2]
-    for rows in ("transformers", "stations"):
+    for rows in ("transformers", "pmus"):
         system[rows] = system[rows][:2]
     system["buses"] = [bus for bus in system["buses"] if bus["name"] not in ("B3", "B4")]
     ends = (("north", "B10", 1.0, -33.0), ("south", "B11", 0.99, -30.0))

@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-RATE, STATIONS, DEVICES = 50, 3, 2
-SOUND = np.zeros(STATIONS, np.int64)  # status of entries
-CROWD = 30  # stations, of which one frame gives many draws
+RATE, PMUS, DEVICES = 50, 3, 2
+SOUND = np.zeros(PMUS, np.int64)  # status of entries
+CROWD = 30  # PMUs, of which one frame gives many draws
 PERIOD_NS = 20_000_000
 MANY = 2_000  # frames of the crowd of which fractions are taken
 one_stage: TypeAdapter[Any] = TypeAdapter(Stage)
 
 
-def way_up(ticks: int, seed: int = 0, stations: int = STATIONS) -> DirectionSpec:
+def way_up(ticks: int, seed: int = 0, pmus: int = PMUS) -> DirectionSpec:
     groups = {"both": ["s0", "s2"]}
-    return DirectionSpec([f"s{i}" for i in range(stations)], groups, len(CHANNELS), stations, RATE, ticks, (seed, 0))
+    return DirectionSpec([f"s{i}" for i in range(pmus)], groups, len(CHANNELS), pmus, RATE, ticks, (seed, 0))
 
 
 def way_down(ticks: int, seed: int = 0) -> DirectionSpec:
@@ -42,31 +42,31 @@ def way_down(ticks: int, seed: int = 0) -> DirectionSpec:
 
 
 def made(
-    up: Sequence[dict[str, Any]], down: Sequence[dict[str, Any]], ticks: int, seed: int = 0, stations: int = STATIONS
+    up: Sequence[dict[str, Any]], down: Sequence[dict[str, Any]], ticks: int, seed: int = 0, pmus: int = PMUS
 ) -> Links:
     link = Link.model_validate({"up": list(up), "down": list(down)})
-    return links([link], [0], way_up(ticks, seed, stations), way_down(ticks, seed))
+    return links([link], [0], way_up(ticks, seed, pmus), way_down(ticks, seed))
 
 
-def values(tick: int, stations: int = STATIONS) -> NDArray[np.float64]:
-    """A frame whose values say tick, station and channel."""
-    return np.asarray(tick + 0.1 * np.arange(stations)[:, None] + 0.01 * np.arange(len(CHANNELS)))
+def values(tick: int, pmus: int = PMUS) -> NDArray[np.float64]:
+    """A frame whose values say tick, PMU and channel."""
+    return np.asarray(tick + 0.1 * np.arange(pmus)[:, None] + 0.01 * np.arange(len(CHANNELS)))
 
 
 def send(own: Links, ticks: int, first: int = 0) -> NDArray[Any]:
     """Everything that is delivered while a frame a tick is sent."""
-    out, stations = [np.zeros(0, DELIVERY)], own.up.statistics.shape[1]
-    sound = np.zeros(stations, np.int64)
+    out, pmus = [np.zeros(0, DELIVERY)], own.up.statistics.shape[1]
+    sound = np.zeros(pmus, np.int64)
     for k in range(first, first + ticks):
         start, end = tick_ns(k, RATE), tick_ns(k + 1, RATE)
-        count = uplink(own, 0, k, start, end, values(k, stations), np.full(stations, start), sound)
+        count = uplink(own, 0, k, start, end, values(k, pmus), np.full(pmus, start), sound)
         out.append(own.up.out[0, :count].copy())
     return np.concatenate(out)
 
 
-def up(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0, stations: int = STATIONS) -> NDArray[Any]:
+def up(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0, pmus: int = PMUS) -> NDArray[Any]:
     """All that becomes of `ticks` frames: with those after them, which are left out, all have arrived."""
-    found = send(made(stages, [], ticks, seed, stations), ticks + 2 * RATE)
+    found = send(made(stages, [], ticks, seed, pmus), ticks + 2 * RATE)
     return found[found["measured_ns"] < ticks * PERIOD_NS]
 
 
@@ -74,10 +74,10 @@ def late_s(found: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray((found["arrival_ns"] - found["measured_ns"]) * 1e-9)
 
 
-def lateness(found: NDArray[Any], ticks: int, stations: int = STATIONS) -> NDArray[np.float64]:
-    """Delay of each frame's entries, s, (ticks, stations); NaN: it did not come."""
-    table = np.full((ticks, stations), math.nan)
-    table[found["measured_ns"] // PERIOD_NS, found["station"]] = late_s(found)
+def lateness(found: NDArray[Any], ticks: int, pmus: int = PMUS) -> NDArray[np.float64]:
+    """Delay of each frame's entries, s, (ticks, PMUs); NaN: it did not come."""
+    table = np.full((ticks, pmus), math.nan)
+    table[found["measured_ns"] // PERIOD_NS, found["pmu"]] = late_s(found)
     return table
 
 
@@ -105,7 +105,7 @@ DISTRIBUTIONS: dict[str, tuple[dict[str, Any], Any]] = {
 def test_delays_have_the_distribution_that_they_are_named_after(case: tuple[dict[str, Any], Any]) -> None:
     """Kolmogorov and Smirnov's test against SciPy's, and moments within three standard errors."""
     stage, expected = case
-    late = late_s(up([stage], 700, stations=CROWD))
+    late = late_s(up([stage], 700, pmus=CROWD))
     n = len(late)
     assert n == 700 * CROWD
     assert abs(late.mean() - expected.mean()) < 3.0 * expected.std() / math.sqrt(n)
@@ -118,7 +118,7 @@ def test_entries_draw_by_themselves() -> None:
     """Neither channels nor successive entries are correlated: within three standard errors of zero."""
     late = lateness(up([JITTER], 5000), 5000).T
     bound = 3.0 / math.sqrt(5000)
-    assert np.abs(np.corrcoef(late)[np.triu_indices(STATIONS, 1)]).max() < bound
+    assert np.abs(np.corrcoef(late)[np.triu_indices(PMUS, 1)]).max() < bound
     assert max(abs(np.corrcoef(own[1:], own[:-1])[0, 1]) for own in late) < bound
 
 
@@ -132,7 +132,7 @@ def test_the_seed_decides_and_places_do_not_share_draws() -> None:
 
 @pytest.mark.parametrize("loss", [0.0, 0.02, 0.3, 1.0])
 def test_a_share_is_lost(loss: float) -> None:
-    own = made([{"model": "bernoulli", "loss": loss}], [], MANY, stations=CROWD)
+    own = made([{"model": "bernoulli", "loss": loss}], [], MANY, pmus=CROWD)
     found, n = send(own, MANY), MANY * CROWD
     assert abs(len(found) / n - (1.0 - loss)) <= 3.0 * math.sqrt(loss * (1.0 - loss) / n)
     assert own.up.statistics[0]["lost"].sum() == n - len(found)
@@ -142,7 +142,7 @@ def test_losses_come_in_bursts_of_the_length_that_the_chain_has() -> None:
     """Share loss_B p_GB / (p_GB + p_BG), and with loss_B = 1 bursts of geometric length with mean 1 / p_BG."""
     p_gb, p_bg = 0.02, 0.25
     stage = {"model": "gilbert_elliott", "p_GB": p_gb, "p_BG": p_bg}
-    there = ~np.isnan(lateness(up([stage], MANY, stations=CROWD), MANY, CROWD))
+    there = ~np.isnan(lateness(up([stage], MANY, pmus=CROWD), MANY, CROWD))
     lengths: list[int] = []
     for own in there.T:
         edges = np.flatnonzero(np.diff(np.concatenate([[True], own, [True]])))
@@ -156,22 +156,22 @@ def test_losses_come_in_bursts_of_the_length_that_the_chain_has() -> None:
 
 def test_a_good_state_may_lose_and_a_bad_one_may_deliver() -> None:
     stage = {"model": "gilbert_elliott", "p_GB": 0.1, "p_BG": 0.1, "loss_G": 0.05, "loss_B": 0.5}
-    there, fraction = len(up([stage], MANY, stations=CROWD)) / (MANY * CROWD), (0.05 + 0.5) / 2.0
+    there, fraction = len(up([stage], MANY, pmus=CROWD)) / (MANY * CROWD), (0.05 + 0.5) / 2.0
     assert abs(1.0 - there - fraction) < 3.0 * math.sqrt(fraction / (MANY * CROWD) * (2.0 - 0.2) / 0.2)
 
 
 def test_copies_go_their_own_way() -> None:
     """With a probability of 1 every entry comes twice; a copy draws by itself what comes after it was made."""
     twice = {"model": "duplicate", "probability": 1.0}
-    key = ["station", "measured_ns", "arrival_ns"]
+    key = ["pmu", "measured_ns", "arrival_ns"]
     found = up([JITTER, twice], 100)
-    assert (len(found), len(np.unique(found[key]))) == (2 * 100 * STATIONS, 100 * STATIONS)
+    assert (len(found), len(np.unique(found[key]))) == (2 * 100 * PMUS, 100 * PMUS)
     apart = up([twice, JITTER], 100)
-    assert (len(apart), len(np.unique(apart[key]))) == (2 * 100 * STATIONS, 2 * 100 * STATIONS)
+    assert (len(apart), len(np.unique(apart[key]))) == (2 * 100 * PMUS, 2 * 100 * PMUS)
 
 
 def test_a_share_is_copied() -> None:
-    own = made([{"model": "duplicate", "probability": 0.2}], [], MANY, stations=CROWD)
+    own = made([{"model": "duplicate", "probability": 0.2}], [], MANY, pmus=CROWD)
     found, n = send(own, MANY), MANY * CROWD
     assert abs(len(found) / n - 1.2) < 3.0 * math.sqrt(0.2 * 0.8 / n)
     assert own.up.statistics[0]["duplicated"].sum() == len(found) - n
@@ -205,12 +205,12 @@ def test_a_concentrator_sends_what_came_within_its_wait_together(reference: str,
 
 
 def test_a_concentrator_may_hold_the_last_entry_in_the_place_of_one_that_is_missing() -> None:
-    """The values are the last ones that it sent of this station, the stamp is the frame's; they are counted as held."""
+    """The values are the last ones that it sent of this PMU, the stamp is the frame's; they are counted as held."""
     lossy = [{"model": "bernoulli", "loss": 0.3, "channels": ["s1"]}]
     lost = np.isnan(lateness(up(lossy, 300), 300)[:, 1])
     own = made([*lossy, {"model": "wait", "wait": 0.05, "missing": "hold"}], [], 300)
     found = send(own, 300)
-    said = {int(row["measured_ns"] // PERIOD_NS): row for row in found[found["station"] == 1]}
+    said = {int(row["measured_ns"] // PERIOD_NS): row for row in found[found["pmu"] == 1]}
     newest, held = -1, 0
     for k in range(300):
         newest = newest if lost[k] else k
@@ -243,7 +243,7 @@ def test_a_trace_is_replayed_entry_by_entry_and_again() -> None:
     delays = [0.03, 0.01, None, 0.05]
     table = lateness(up([{"model": "trace", "delays": delays}], 8), 8)
     wanted = [math.nan if d is None else d for d in delays * 2]
-    np.testing.assert_allclose(table, np.array(wanted)[:, None] * np.ones(STATIONS))
+    np.testing.assert_allclose(table, np.array(wanted)[:, None] * np.ones(PMUS))
     own = lateness(up([{"model": "trace", "delays": {"s1": [0.02]}}], 5), 5)
     np.testing.assert_allclose(own, [[0.0, 0.02, 0.0]] * 5)
 
@@ -251,7 +251,7 @@ def test_a_trace_is_replayed_entry_by_entry_and_again() -> None:
 @pytest.mark.parametrize(("names", "who"), [(["s1"], [1]), (["both"], [0, 2]), (["both", "s1"], [0, 1, 2])])
 def test_stages_act_on_stations_or_on_those_of_signals(names: list[str], who: list[int]) -> None:
     table = lateness(up([{"delay": 0.03, "channels": names}], 5), 5)
-    np.testing.assert_allclose(table, [[0.03 * (s in who) for s in range(STATIONS)]] * 5)
+    np.testing.assert_allclose(table, [[0.03 * (s in who) for s in range(PMUS)]] * 5)
 
 
 def test_stages_act_on_devices() -> None:
@@ -264,7 +264,7 @@ def test_stages_act_on_devices() -> None:
 def test_a_step_of_the_delay_is_two_stages_one_until_and_one_from_then_on() -> None:
     """By the time of sending: nothing has both delays, nothing has none."""
     table = lateness(up([{"delay": 0.05, "duration": 0.2}, {"delay": 0.15, "start": 0.2}], 30), 30)
-    np.testing.assert_allclose(table, np.where(np.arange(30) < 10, 0.05, 0.15)[:, None] * np.ones(STATIONS))
+    np.testing.assert_allclose(table, np.where(np.arange(30) < 10, 0.05, 0.15)[:, None] * np.ones(PMUS))
 
 
 SPEED = list(CHANNELS).index("speed_deviation")
@@ -284,21 +284,21 @@ DISTURBED: dict[str, tuple[dict[str, Any], Callable[[NDArray[np.float64]], NDArr
 def test_disturbed_data(
     model: str, case: tuple[dict[str, Any], Callable[[NDArray[np.float64]], NDArray[np.float64]]], measurement: Any
 ) -> None:
-    """From 0.3 to 0.5 s, one station, all its values or one; the others and the times stay as they are."""
+    """From 0.3 to 0.5 s, one PMU, all its values or one; the others and the times stay as they are."""
     fields, wanted = case
     stage = {"model": model, **fields, "start": 0.3, "duration": 0.2, "channels": ["s1"], "measurement": measurement}
     found, plain = up([stage], 40), up([], 40)
     np.testing.assert_array_equal(found["arrival_ns"], plain["arrival_ns"])
-    for s in range(STATIONS):
+    for s in range(PMUS):
         for j in range(len(CHANNELS)):
-            y = plain["values"][plain["station"] == s][:, j]
+            y = plain["values"][plain["pmu"] == s][:, j]
             struck = s == 1 and (measurement is None or j == SPEED)
-            np.testing.assert_allclose(found["values"][found["station"] == s][:, j], wanted(y) if struck else y)
+            np.testing.assert_allclose(found["values"][found["pmu"] == s][:, j], wanted(y) if struck else y)
 
 
 def added(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> NDArray[np.float64]:
-    """What stages add to values that are zero, (ticks, stations, channels)."""
-    own, found = made(stages, [], ticks, seed), np.zeros((ticks, STATIONS, len(CHANNELS)))
+    """What stages add to values that are zero, (ticks, PMUs, channels)."""
+    own, found = made(stages, [], ticks, seed), np.zeros((ticks, PMUS, len(CHANNELS)))
     for k in range(ticks):
         count = uplink(
             own,
@@ -310,8 +310,8 @@ def added(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> NDArra
             np.full(found.shape[1], tick_ns(k, RATE)),
             SOUND,
         )
-        assert count == STATIONS
-        found[k, own.up.out[0, :count]["station"]] = own.up.out[0, :count]["values"]
+        assert count == PMUS
+        found[k, own.up.out[0, :count]["pmu"]] = own.up.out[0, :count]["values"]
     return found
 
 
@@ -368,12 +368,12 @@ def test_noise_is_the_seeds_and_grows_with_its_deviation() -> None:
 
 
 def test_noise_is_where_it_is_said_to_be() -> None:
-    """In its window, on its stations, in its measurement, and there it is what it is everywhere."""
+    """In its window, on its PMUs, in its measurement, and there it is what it is everywhere."""
     within = {"start": 0.3, "duration": 0.2, "channels": ["both"], "measurement": "speed_deviation"}
     whole, part = (added([{"model": "noise", "std": 1.0, **more}], 40) for more in ({}, within))
     wanted = np.zeros_like(whole)
-    for station in (0, 2):
-        wanted[DURING, station, SPEED] = whole[DURING, station, SPEED]
+    for pmu in (0, 2):
+        wanted[DURING, pmu, SPEED] = whole[DURING, pmu, SPEED]
     np.testing.assert_array_equal(part, wanted)
 
 
@@ -402,7 +402,7 @@ def test_the_deviation_of_noise_may_be_changed() -> None:
 
 def test_time_stamps_may_be_wrong() -> None:
     found = send(made([{"model": "spoof", "offset": -0.5, "start": 0.1}], [], 10), 10)
-    stamp = np.repeat(np.arange(10) * PERIOD_NS, STATIONS)
+    stamp = np.repeat(np.arange(10) * PERIOD_NS, PMUS)
     np.testing.assert_array_equal(found["arrival_ns"], stamp)
     np.testing.assert_array_equal(found["measured_ns"], stamp - np.where(stamp >= to_ns(0.1), to_ns(0.5), 0))
 

@@ -61,7 +61,7 @@ def test_a_preset_has_the_delays_that_it_stands_for(name: str) -> None:
 
 
 def test_a_loop_over_a_preset_reports_its_latency() -> None:
-    """A setpoint rests on the newest frame of any station, so it is not older than entries are on average."""
+    """A setpoint rests on the newest frame of any PMU, so it is not older than entries are on average."""
     found = latency(run("pdci"))
     assert 69.0 <= float(found["mean"] or 0.0) <= 82.0
     assert float(found["max"] or 0.0) < 150.0
@@ -101,7 +101,7 @@ def test_a_table_of_delays_is_replayed(tmp_path: Path) -> None:
     path = tmp_path / "delays.csv"
     path.write_text("delay_s\n0.03\n\n0.01\n", encoding="utf-8")
     record = trace_run(path)
-    own = record.delivered[record.delivered["station"] == 0]
+    own = record.delivered[record.delivered["pmu"] == 0]
     late = {int(row["measured_ns"]): (row["arrival_ns"] - row["measured_ns"]) * 1e-9 for row in own}
     found = [late.get(int(time), math.nan) for time in record.time_ns[:6]]
     np.testing.assert_allclose(found, [0.03, math.nan, 0.01] * 2)
@@ -110,7 +110,7 @@ def test_a_table_of_delays_is_replayed(tmp_path: Path) -> None:
 
 
 def test_a_controller_knows_the_mean_delay_of_what_it_waits_for() -> None:
-    """Of the slowest of its stations and devices, in all and of the way down; what others wait for does not count."""
+    """Of the slowest of its PMUs and devices, in all and of the way down; what others wait for does not count."""
     up = [
         {"delay": 0.1, "channels": ["w13"]},  # G1, G3
         {"model": "uniform", "low": 0.0, "high": 0.2, "channels": ["TIE"]},
@@ -136,11 +136,11 @@ def test_a_controller_knows_the_mean_delay_of_what_it_waits_for() -> None:
 
 def test_a_table_may_have_a_column_a_station(tmp_path: Path) -> None:
     path = tmp_path / "delays.csv"
-    name = load_case(None).system.stations[1].name
+    name = load_case(None).system.pmus[1].name
     path.write_text(f"{name}\n0.03\n", encoding="utf-8")
     own = trace_run(path).delivered
-    assert set((own["arrival_ns"] - own["measured_ns"])[own["station"] == 1].tolist()) == {30_000_000}
-    assert set((own["arrival_ns"] - own["measured_ns"])[own["station"] != 1].tolist()) == {0}
+    assert set((own["arrival_ns"] - own["measured_ns"])[own["pmu"] == 1].tolist()) == {30_000_000}
+    assert set((own["arrival_ns"] - own["measured_ns"])[own["pmu"] != 1].tolist()) == {0}
 
 
 def test_delays_of_a_record_replayed_are_those_of_the_record() -> None:

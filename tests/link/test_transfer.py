@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-STATIONS, DEVICES, TICKS = 3, 2, 40
-SOUND = np.zeros(STATIONS, np.int64)  # status of entries
+PMUS, DEVICES, TICKS = 3, 2, 40
+SOUND = np.zeros(PMUS, np.int64)  # status of entries
 MS = 1_000_000  # ns
 some = settings(deadline=None, max_examples=25)
 rates = st.integers(1, 1000)
@@ -32,9 +32,9 @@ def stages(*delays_ns: int) -> list[Any]:
 
 
 def ways(rate: int, commands: int) -> tuple[DirectionSpec, DirectionSpec]:
-    """Stations s0, s1, ... and devices d0, d1, ..."""
-    stations, devices = [f"s{i}" for i in range(STATIONS)], [f"d{i}" for i in range(DEVICES)]
-    up = DirectionSpec(stations, {}, len(CHANNELS), STATIONS, rate, TICKS, (0, 0))
+    """PMUs s0, s1, ... and devices d0, d1, ..."""
+    pmus, devices = [f"s{i}" for i in range(PMUS)], [f"d{i}" for i in range(DEVICES)]
+    up = DirectionSpec(pmus, {}, len(CHANNELS), PMUS, rate, TICKS, (0, 0))
     return up, DirectionSpec(devices, {}, 1, 2 * commands, rate, TICKS, (0, 1))
 
 
@@ -53,15 +53,15 @@ def alone(up: Sequence[Any], down: Sequence[Any], per_tick: int, rate: int) -> L
 
 
 def send_up(delays_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
-    """Frames through a chain; each value says tick, station and channel."""
+    """Frames through a chain; each value says tick, PMU and channel."""
     link = alone(stages(*delays_ns), [], 1, rate)
     way = link.up.each[0]
     given, out = [], []
     for k in range(ticks):
         start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
-        frame = k + 0.1 * np.arange(STATIONS)[:, None] + 0.01 * np.arange(len(CHANNELS))
-        made = np.zeros(STATIONS, DELIVERY)
-        made["station"], made["measured_ns"], made["values"] = np.arange(STATIONS), start, frame
+        frame = k + 0.1 * np.arange(PMUS)[:, None] + 0.01 * np.arange(len(CHANNELS))
+        made = np.zeros(PMUS, DELIVERY)
+        made["pmu"], made["measured_ns"], made["values"] = np.arange(PMUS), start, frame
         given.append(made)
         count = uplink(link, 0, k, start, end, frame, np.full(len(frame), start), SOUND)
         assert count == way.ring[2]
@@ -112,12 +112,12 @@ def test_a_delay_shifts_every_entry_by_itself(rate: int, delay: int) -> None:
     sent = send_up([delay], rate)
     n = len(sent.delivered)
     np.testing.assert_array_equal(sent.delivered["arrival_ns"], sent.given["measured_ns"][:n] + delay)
-    for name in ("station", "measured_ns", "values"):
+    for name in ("pmu", "measured_ns", "values"):
         np.testing.assert_array_equal(sent.delivered[name], sent.given[name][:n])
     assert n == (sent.given["measured_ns"] + delay < tick_ns(TICKS, rate)).sum()
     tick_of = [next(k for k in range(TICKS) if t < tick_ns(k + 1, rate)) for t in sent.delivered["arrival_ns"]]
     assert sent.delivered["tick"].tolist() == tick_of
-    check_statistics(sent, "station", delay)
+    check_statistics(sent, "pmu", delay)
 
 
 @some
@@ -163,9 +163,9 @@ def test_what_is_sent_late_is_delivered_in_order_of_arrival(issued: list[int], d
 def test_an_entry_that_arrives_on_a_boundary_belongs_to_the_tick_that_starts() -> None:
     rate = 50
     sent = send_up([20_000_000], rate, 3)
-    assert sent.delivered["tick"].tolist() == [1] * STATIONS + [2] * STATIONS
+    assert sent.delivered["tick"].tolist() == [1] * PMUS + [2] * PMUS
     early = send_up([19_999_999], rate, 3)
-    assert early.delivered["tick"].tolist() == [k for k in range(3) for _ in range(STATIONS)]
+    assert early.delivered["tick"].tolist() == [k for k in range(3) for _ in range(PMUS)]
 
 
 def test_the_ring_goes_round_many_times() -> None:
@@ -174,7 +174,7 @@ def test_the_ring_goes_round_many_times() -> None:
     sent = send_up([delay], rate, 1200)
     assert len(sent.given) > 10 * len(sent.way.entries)
     np.testing.assert_array_equal(sent.delivered["values"], sent.given["values"][: len(sent.delivered)])
-    check_statistics(sent, "station", delay)
+    check_statistics(sent, "pmu", delay)
 
 
 def test_what_finds_no_room_is_counted_as_lost() -> None:
@@ -197,7 +197,7 @@ def test_directions_have_room_for_the_longest_delay(delay: float) -> None:
     """Every tick full, for as long as entries are under way."""
     made = links([Link(up=[Constant(delay=delay)], down=[Constant(delay=delay)])], [0], *ways(30, 2))
     up, down = made.up.each[0], made.down.each[0]
-    frame, given = np.zeros((STATIONS, len(CHANNELS))), np.zeros(4, SETPOINT)
+    frame, given = np.zeros((PMUS, len(CHANNELS))), np.zeros(4, SETPOINT)
     for k in range(round(delay * 30) + 60):
         start, end = tick_ns(k, 30), tick_ns(k + 1, 30)
         given["issued_ns"] = start
@@ -205,7 +205,7 @@ def test_directions_have_room_for_the_longest_delay(delay: float) -> None:
         downlink(made, 0, k, end, given, len(given))
     assert up.statistics["lost"].sum() == down.statistics["lost"].sum() == 0
     assert up.statistics["delivered"].min() > 0
-    assert len(up.statistics) == STATIONS
+    assert len(up.statistics) == PMUS
     assert len(down.statistics) == DEVICES
 
 
@@ -251,9 +251,7 @@ def through(case: Several, order: Sequence[int]) -> list[tuple[NDArray[Any], NDA
         start, end = tick_ns(k, case.rate), tick_ns(k + 1, case.rate)
         due = given[(given["issued_ns"] >= start) & (given["issued_ns"] < end)]
         for link in order:
-            uplink(
-                made, link, k, start, end, np.full((STATIONS, len(CHANNELS)), float(k)), np.full(STATIONS, start), SOUND
-            )
+            uplink(made, link, k, start, end, np.full((PMUS, len(CHANNELS)), float(k)), np.full(PMUS, start), SOUND)
             downlink(made, link, k, end, due, len(due))
         count, up = 0, []
         for link in range(len(case.chains)):
@@ -320,8 +318,8 @@ def test_stages_that_fill_up_a_chain_do_not_delay() -> None:
                 k,
                 tick_ns(k, 60),
                 tick_ns(k + 1, 60),
-                np.zeros((STATIONS, len(CHANNELS))),
-                np.full(STATIONS, tick_ns(k, 60)),
+                np.zeros((PMUS, len(CHANNELS))),
+                np.full(PMUS, tick_ns(k, 60)),
                 SOUND,
             )
             out = made.up.out[link, :count]
@@ -330,14 +328,14 @@ def test_stages_that_fill_up_a_chain_do_not_delay() -> None:
 
 
 def test_an_absent_station_stays_absent_and_others_keep_their_own_stamps() -> None:
-    """As in frames of a data concentrator that waits for nobody: of station 1 there is none, 2 measured earlier."""
+    """As in frames of a data concentrator that waits for nobody: of PMU 1 there is none, 2 measured earlier."""
     made = alone(stages(MS), [], 1, 100)
-    frame = np.arange(STATIONS * len(CHANNELS), dtype=np.float64).reshape(STATIONS, len(CHANNELS))
+    frame = np.arange(PMUS * len(CHANNELS), dtype=np.float64).reshape(PMUS, len(CHANNELS))
     measured = np.array([10 * MS, LOST, 7 * MS], np.int64)
     frame[1] = np.nan
     count = uplink(made, 0, 1, 10 * MS, 20 * MS, frame, measured, np.array([0, 0, 8192]))
     out = made.up.out[0, :count]
-    assert out["station"].tolist() == [0, 2]
+    assert out["pmu"].tolist() == [0, 2]
     assert out["measured_ns"].tolist() == [10 * MS, 7 * MS]
     assert out["status"].tolist() == [0, 8192]
     assert out["arrival_ns"].tolist() == [11 * MS, 11 * MS]
@@ -346,11 +344,11 @@ def test_an_absent_station_stays_absent_and_others_keep_their_own_stamps() -> No
 
 def test_what_stands_in_for_an_absent_station_is_one_of_now() -> None:
     made = alone([Wait(wait=0.002, missing="hold", model="wait")], [], 1, 100)
-    frame = np.full((STATIONS, len(CHANNELS)), 5.0)
-    assert uplink(made, 0, 0, 0, 10 * MS, frame, np.zeros(STATIONS, np.int64), SOUND) == STATIONS
+    frame = np.full((PMUS, len(CHANNELS)), 5.0)
+    assert uplink(made, 0, 0, 0, 10 * MS, frame, np.zeros(PMUS, np.int64), SOUND) == PMUS
     absent = np.array([10 * MS, LOST, 10 * MS], np.int64)
     count = uplink(made, 0, 1, 10 * MS, 20 * MS, frame + 1.0, absent, SOUND)
     out = made.up.out[0, :count]
-    (held,) = out[out["station"] == 1]
+    (held,) = out[out["pmu"] == 1]
     assert held["measured_ns"] == 10 * MS
     assert np.all(held["values"] == 5.0)

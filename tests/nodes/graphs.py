@@ -58,7 +58,7 @@ def assert_same(recorded: Record, computed: Record) -> None:
     assert digest(recorded) == digest(computed)
     assert recorded.notes == []
     assert str(recorded.events) == str(computed.events)
-    for name in ("stations", "machine_names", "device_names", "controller_names", "configuration"):
+    for name in ("pmus", "machine_names", "device_names", "controller_names", "configuration"):
         assert getattr(recorded, name) == getattr(computed, name)
 
 

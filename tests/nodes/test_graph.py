@@ -79,14 +79,14 @@ PLANTS = {
     "PMUs of class M, noise, wrong clocks and data": [
         *("scenario=large", "duration=4", "measurement=m_class", "measurement.quantisation=int16", "link=pdci"),
         "controllers=" + json.dumps([{"name": "HBsWC", "signals": ["frequency"]}]),
-        "measurement.stations={G1: {clock: {offset: 2.0e-5, lost: 1.0, drift: 1.0e-5}}, G2: {noise: {angle: 0.002}}}",
+        "measurement.pmus={G1: {clock: {offset: 2.0e-5, lost: 1.0, drift: 1.0e-5}}, G2: {noise: {angle: 0.002}}}",
         "measurement.bad_data="
         + json.dumps(
             [
-                {"kind": "stuck", "stations": ["G4"], "start": 1.5, "duration": 0.5},
-                {"kind": "spike", "stations": ["G1", "TIE"], "probability": 0.05},
-                {"kind": "invalid", "stations": ["G3"], "start": 2.5, "duration": 0.2},
-                {"kind": "wrong_sign", "stations": ["TIE"], "start": 3.0},
+                {"kind": "stuck", "pmus": ["G4"], "start": 1.5, "duration": 0.5},
+                {"kind": "spike", "pmus": ["G1", "TIE"], "probability": 0.05},
+                {"kind": "invalid", "pmus": ["G3"], "start": 2.5, "duration": 0.2},
+                {"kind": "wrong_sign", "pmus": ["TIE"], "start": 3.0},
             ]
         ),
     ],

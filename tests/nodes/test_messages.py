@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 
 TIMES = st.integers(0, 2**31 * NANOSECONDS - 1)
 LATER = 2**31 * 60 - 1  # a tick whose start has room in a stamp, at 60 frames/s, and after all these times
-STATIONS = 6
+PMUS = 6
 FLOATS = st.floats(allow_nan=True, width=64)
 
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
-    """Two areas with two stations at one bus."""
+    """Two areas with two PMUs at one bus."""
     text = (Path(__file__).parents[2] / "config" / "systems" / "two_area.yaml").read_text(encoding="utf-8")
     system = tmp_path_factory.mktemp("system") / "two_area.yaml"
     system.write_text(re.sub("(  - {name: TIE.*\n)", r"\1  - {name: TIE_2, bus: B8W}\n", text), encoding="utf-8")
     found = load_case(None, [f"system={system}"])
-    assert len(found.system.stations) == STATIONS
+    assert len(found.system.pmus) == PMUS
     return found
 
 
@@ -56,7 +56,7 @@ def deliveries(draw: st.DrawFn) -> Any:
     count = draw(st.integers(0, 12))
     rows = np.zeros(count, DELIVERY)
     for row in rows:
-        row["station"] = draw(st.integers(0, STATIONS - 1))
+        row["pmu"] = draw(st.integers(0, PMUS - 1))
         row["measured_ns"], row["arrival_ns"] = draw(TIMES), draw(TIMES)
         row["status"] = draw(st.integers(0, 2**16 - 1))
         row["values"] = draw(st.lists(FLOATS, min_size=len(CHANNELS), max_size=len(CHANNELS)))
@@ -70,7 +70,7 @@ def test_frames_as_bytes_are_the_message(case: Case, rows: Any, tick: int, start
     message = deserialize_message(data, msg.PmuDataFrame)
     assert (message.tick, message.fresh) == (tick, len(rows) > 0)
     assert message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec == start
-    assert [e.station for e in message.frames] == [case.system.stations[i].name for i in rows["station"]]
+    assert [e.pmu for e in message.frames] == [case.system.pmus[i].name for i in rows["pmu"]]
     for entry, row in zip(message.frames, rows, strict=True):
         assert entry.arrival.sec * NANOSECONDS + entry.arrival.nanosec == row["arrival_ns"]
         assert bits([getattr(entry, f"{name}_{unit}") for name, unit in CHANNELS.items()]) == bits(row["values"])
@@ -108,13 +108,13 @@ def refusal(message: Any, data: bytes) -> str:
 
 def test_a_message_with_unknown_names_is_refused(case: Case) -> None:
     rows = np.zeros(3, DELIVERY)
-    rows["station"] = [0, 1, 2]
+    rows["pmu"] = [0, 1, 2]
     rows["values"] = np.arange(3.0 * len(CHANNELS)).reshape(3, -1)
     frames, setpoints = FramesMessage(case), SetpointsMessage(case)
     message = deserialize_message(frames.fill(5, start_ns(5), rows, 3), msg.PmuDataFrame)
-    message.frames[1].station = "ELSEWHERE"
+    message.frames[1].pmu = "ELSEWHERE"
     assert refusal(frames, serialize_message(message)) == "names"
-    message.frames[1].station, message.frames[1].header.frame_id = "G2", "B1"
+    message.frames[1].pmu, message.frames[1].header.frame_id = "G2", "B1"
     assert refusal(frames, serialize_message(message)) == "names"
     given = np.zeros(1, SETPOINT)
     sent = setpoints.fill(5, start_ns(5), given, "controller_0_LLC")
@@ -130,7 +130,7 @@ def test_a_stamp_that_is_not_of_the_tick_is_refused(case: Case) -> None:
     frames = FramesMessage(case)
     for tick, start in ((5, start_ns(4)), (2**64 - 1, 0), (10**9, start_ns(5))):
         assert refusal(frames, frames.fill(tick, start, rows, 1)) == "stamp"
-    rows["measured_ns"], rows["arrival_ns"] = start_ns(100), start_ns(6)  # a station's clock may be wrong
+    rows["measured_ns"], rows["arrival_ns"] = start_ns(100), start_ns(6)  # a PMU's clock may be wrong
     assert refusal(frames, frames.fill(5, start_ns(5), rows, 1)) == "stamp"
     rows["arrival_ns"] -= 1
     assert frames.read(frames.fill(5, start_ns(5), rows, 1))[0] == 5
@@ -141,7 +141,7 @@ def wholes() -> list[tuple[Any, bytes]]:
     """What reads messages of each kind that a node reads, and a message."""
     case = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
     rows, given, estimate = np.zeros(2, DELIVERY), np.zeros(1, SETPOINT), np.zeros(1, ESTIMATE)
-    rows["station"] = [0, 1]
+    rows["pmu"] = [0, 1]
     frames, setpoints, estimates = FramesMessage(case), SetpointsMessage(case), Estimates(case, 0)
     identifier = build_control(case)[3]
     return [
@@ -169,7 +169,7 @@ def test_mutated_bytes_are_refused_or_of_the_same_names_and_lengths(
             if isinstance(content, Estimate):
                 assert (content.jacobian.shape, content.change.shape) == ((1, 1), (1,))
             else:
-                known = {"station": [0, 1]} if isinstance(reader, FramesMessage) else {"controller": [0], "device": [0]}
+                known = {"pmu": [0, 1]} if isinstance(reader, FramesMessage) else {"controller": [0], "device": [0]}
                 assert {name: content[name].tolist() for name in known} == known
 
 

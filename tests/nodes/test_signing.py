@@ -40,7 +40,7 @@ def frames(by: Signing | None = BY, topic: str = "pmu/frames") -> FramesMessage:
 
 def message(by: Signing | None = BY, tick: int = 0) -> bytes:
     rows = np.zeros(2, DELIVERY)
-    rows["station"] = [0, 1]
+    rows["pmu"] = [0, 1]
     rows["values"] = 0.25
     return frames(by).fill(tick, tick * 10**9 // 60, rows, 2)
 

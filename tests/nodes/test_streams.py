@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import stations
+from facts_damping.c37118 import system_pmus
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.monitor_table import SHADOW
@@ -25,7 +25,7 @@ from facts_damping.recording.reader import load
 from facts_damping.signals import LOST, NANOSECONDS
 from facts_damping.simulation import loop
 from facts_damping.streaming import recorded, serving
-from facts_damping.streaming.concentrator import Concentrator, grid_stations
+from facts_damping.streaming.concentrator import Concentrator, grid_pmus
 from facts_damping.streaming.serving import Serving
 from tests.commands import assert_one_line
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, quiet, wait_until
@@ -136,9 +136,9 @@ def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
     limit = np.abs(theirs["value"]).max()
     assert limit > 0.05
     assert np.abs(ours["value"] - theirs["value"]).max() < 1e-4 * limit
-    seen = grid_stations(load_case(RUN, []))
+    seen = grid_pmus(load_case(RUN, []))
     for k in (1, 100, len(there.ticks) - 1):  # the values of floats of 32 bits
-        sent, came = (stations.to_data(seen, one.frames[k], one.status[k]) for one in (there, shadow))
+        sent, came = (system_pmus.to_data(seen, one.frames[k], one.status[k]) for one in (there, shadow))
         np.testing.assert_allclose(came.phasors, sent.phasors, rtol=1e-7, atol=1e-7)
         np.testing.assert_allclose(came.analogs, sent.analogs, rtol=1e-7)
         np.testing.assert_allclose(came.frequency, sent.frequency, rtol=1e-7)
@@ -146,8 +146,8 @@ def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
     got = [json.loads(line) for line in lines if line.startswith("{")]
     print(f"synchrophasor's client got {len(got)} of {len(there.ticks) - 1} frames")
     assert len(got) > 60
-    told = np.stack([stations.to_data(seen, *one).phasors for one in zip(there.frames, there.status, strict=True)])
-    phasors = np.array([[p for station in one["measurements"] for p in station["phasors"]] for one in got])
+    told = np.stack([system_pmus.to_data(seen, *one).phasors for one in zip(there.frames, there.status, strict=True)])
+    phasors = np.array([[p for pmu in one["measurements"] for p in pmu["phasors"]] for one in got])
     first = int(np.nanargmin(np.abs(told - phasors[0]).max(axis=(1, 2))))
     frames = first + np.rint((np.array([one["time"] for one in got]) - got[0]["time"]) * 60).astype(int)
     np.testing.assert_allclose(phasors, told[frames].astype(np.float32), rtol=1e-6)
@@ -156,7 +156,7 @@ def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
 def test_each_station_alone_behind_a_link_by_datagrams(
     start: Callable[..., Any], elsewhere: dict[str, str], streams: Callable[..., str], tmp_path: Path, port: int
 ) -> None:
-    """Five streams, put together again by their stamps: each station's frames as the link delivered them."""
+    """Five streams, put together again by their stamps: each PMU's frames as the link delivered them."""
     low = min(port, 60000)
     sets = ["duration=2.5", "link=pdci"]
     server = start("c37118_server", run=RUN, set=json.dumps(sets), port=low, behind=0, each="true", idcode=20)
@@ -174,8 +174,8 @@ def test_each_station_alone_behind_a_link_by_datagrams(
     found = 0
     for row in there.delivered:
         k = round((row["measured_ns"] - first) * 60 / NANOSECONDS)
-        if k < len(shadow.ticks) and shadow.measured_ns[k, row["station"]] != LOST:
-            np.testing.assert_allclose(shadow.frames[k, row["station"]], row["values"], rtol=1e-6, atol=1e-9)
+        if k < len(shadow.ticks) and shadow.measured_ns[k, row["pmu"]] != LOST:
+            np.testing.assert_allclose(shadow.frames[k, row["pmu"]], row["values"], rtol=1e-6, atol=1e-9)
             found += 1
     assert found > 0.9 * len(there.delivered)
 
@@ -236,7 +236,7 @@ def test_a_server_that_leaves_and_comes_back(
     gone = np.flatnonzero(~there)
     assert len(gone) > 30
     assert there[gone[0] :].sum() > 30  # it came back
-    assert result["stations"]["G1"] == {"frames": int(there.sum()), "absent": int((~there).sum())}
+    assert result["pmus"]["G1"] == {"frames": int(there.sum()), "absent": int((~there).sum())}
     assert set(record.supervision["state"].tolist()) == {SHADOW}
     assert np.isnan(record.machines["speed_deviation"]).all()
 
@@ -247,8 +247,8 @@ def test_a_server_that_leaves_and_comes_back(
         (["frame_rate=30"], {}, "DATA_RATE: 60 frames/s given; allowed: 30, the run's frame_rate"),
         (
             [],
-            {"stations": {"G1": {"voltage": "VA"}}},
-            "station G1: voltage: 'VA' given; allowed: what PMU G1 sends: V1",
+            {"pmus": {"G1": {"voltage": "VA"}}},
+            "PMU G1: voltage: 'VA' given; allowed: what PMU G1 sends: V1",
         ),
     ],
 )

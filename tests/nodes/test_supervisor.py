@@ -66,7 +66,7 @@ GRAPHS = {
     "fallback by a link of its own": [
         *FALLBACK,
         f"link={json.dumps({'up': OUTAGE})}",
-        "measurement.stations={G2: {clock: {offset: -0.002}}}",  # whose first frame is of before the run
+        "measurement.pmus={G2: {clock: {offset: -0.002}}}",  # whose first frame is of before the run
     ],
     "two networks in namespaces": [
         f"controllers={json.dumps(NETWORKS)}",

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 WHOLE = """
 servers: [tcp://pdc.example.org:4712/7, udp://@239.255.0.37:4713]
 wait: 0.1
-stations:
+pmus:
   G1:
     pmu: GENERATOR 1
     voltage: V1LPM
@@ -33,9 +33,9 @@ def test_a_whole_file(tmp_path: Path) -> None:
         Server("tcp", spontaneous=False, host="pdc.example.org", port=4712, idcode=7),
         Server("udp", spontaneous=True, host="239.255.0.37", port=4713, idcode=1),
     ]
-    assert (found.wait, found.stations["TIE"].pmu, found.stations["G1"].pmu) == (0.1, 23, "GENERATOR 1")
-    assert found.stations["G1"].voltage is not None
-    assert found.stations["G1"].voltage.channel == "V1LPM"
+    assert (found.wait, found.pmus["TIE"].pmu, found.pmus["G1"].pmu) == (0.1, 23, "GENERATOR 1")
+    assert found.pmus["G1"].voltage is not None
+    assert found.pmus["G1"].voltage.channel == "V1LPM"
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,6 @@ def island(**load: Any) -> System:
             "loads": [
                 {"name": "load", "bus": "B", "P": 100 * P, "Q": 0.0, "P_fractions": {"power": 1.0}, "T_f": 0.02, **load}
             ],
-            "stations": [{"name": "G", "machine": "G"}],
+            "pmus": [{"name": "G", "machine": "G"}],
         }
     )

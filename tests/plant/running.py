@@ -105,9 +105,9 @@ def follow(built: Built, times: Iterable[float], targets: Targets = (), x: NDArr
     state = copy(built.state)._replace(x=start.copy())
     work, setpoints = workspace(built.plant, state), table(targets)
     instants = np.array([to_ns(t) for t in times])
-    n, stations = len(instants), len(built.plant.station_machine)
+    n, pmus = len(instants), len(built.plant.pmu_machine)
     xs, references = np.zeros((n, len(state.x))), np.zeros((n, len(state.reference)))
-    frames, sound = np.zeros((n, stations, len(CHANNELS))), np.zeros(n, np.bool_)
+    frames, sound = np.zeros((n, pmus, len(CHANNELS))), np.zeros(n, np.bool_)
     machines = np.zeros((n, len(built.plant.machines)), MACHINE_TRUTH)
     devices = np.zeros((n, len(built.plant.devices)), DEVICE_TRUTH)
     for k, now in enumerate(instants):

@@ -38,7 +38,7 @@ def between_infinite_buses(
             {"name": "G1", "bus": "G", "rating": 100.0, "model": "classical", "P": 0.0, "V": V, "H": 5.0, "Xd1": 0.3}
         ],
         "devices": list(devices),
-        "stations": [
+        "pmus": [
             {"name": "A", "bus": "A", "branches": ["tie"]},
             {"name": "B", "bus": "B", "branches": ["tie"]},
             {"name": "S", "bus": "S", "branches": ["spur"]},

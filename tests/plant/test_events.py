@@ -168,11 +168,11 @@ def test_a_bolted_fault_is_the_limit_of_a_small_impedance() -> None:
 
 def test_a_bolted_fault_holds_its_bus_at_zero() -> None:
     system = shipped("two_area")
-    (station,) = [i for i, s in enumerate(system.stations) if s.name == "TIE"]
+    (pmu,) = [i for i, s in enumerate(system.pmus) if s.name == "TIE"]
     trace = follow(plant(system, at(1.0, "fault", bus="B8W", duration=0.1)), frame_times(2))
     burning = (trace.t >= 1.0) & (trace.t < 1.1)
-    assert (trace.frames[burning, station, 0] == 0).all()
-    assert (trace.frames[~burning, station, 0] > 0.5).all()
+    assert (trace.frames[burning, pmu, 0] == 0).all()
+    assert (trace.frames[~burning, pmu, 0] > 0.5).all()
 
 
 def test_a_line_taken_out_takes_its_fault_along() -> None:

@@ -25,7 +25,7 @@ from tests.plant.small import SPUR, between_infinite_buses
 if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
 
-AT_B, AT_S = 1, 2  # stations
+AT_B, AT_S = 1, 2  # PMUs
 FAULT = {"time": 0.1, "kind": "fault", "bus": "S", "x": 0.02, "duration": 0.2}
 
 

@@ -293,8 +293,8 @@ def in_pieces(pieces: int) -> NDArray[np.complex128]:
         for k in range(pieces):
             part = {"name": f"{line['name']}_part_{k}", "from": nodes[k], "to": nodes[k + 1]}
             lines.append({**line, **part, "length": line["length"] / pieces})
-    stations = fields["stations"][:4]
-    found = changed(system(), buses=fields["buses"], lines=lines, stations=stations, signals={}, measures={})
+    pmus = fields["pmus"][:4]
+    found = changed(system(), buses=fields["buses"], lines=lines, pmus=pmus, signals={}, measures={})
     return np.asarray(solve(found).voltage[:11])
 
 

@@ -76,7 +76,7 @@ def fractions(draw: st.DrawFn) -> dict[str, float]:
 
 @st.composite
 def systems(draw: st.DrawFn) -> System:
-    """The two areas with other loads, machines and taps, and with stations at every branch."""
+    """The two areas with other loads, machines and taps, and with PMUs at every branch."""
     rows = shipped("two_area").model_dump(by_alias=True)
     for load in rows["loads"]:
         load |= {
@@ -107,10 +107,10 @@ def zip_power(load: Load, voltage: NDArray[np.float64], reference: float) -> NDA
 def unbalanced(
     system: System, trace: Trace, scales: dict[str, NDArray[np.float64]]
 ) -> dict[str, NDArray[np.complex128]]:
-    """Power that is left over at each bus, from stations at all branches and machines, loads, shunts, STATCOM."""
-    station = {s.name: trace.frames[:, i] for i, s in enumerate(system.stations)}
-    power = {name: rows[:, ACTIVE] + 1j * rows[:, REACTIVE] for name, rows in station.items()}
-    magnitude = {s.bus or "": station[s.name][:, VOLTAGE] for s in system.stations}
+    """Power that is left over at each bus, from PMUs at all branches and machines, loads, shunts, STATCOM."""
+    pmu = {s.name: trace.frames[:, i] for i, s in enumerate(system.pmus)}
+    power = {name: rows[:, ACTIVE] + 1j * rows[:, REACTIVE] for name, rows in pmu.items()}
+    magnitude = {s.bus or "": pmu[s.name][:, VOLTAGE] for s in system.pmus}
     left: dict[str, NDArray[np.complex128]] = {bus.name: np.zeros(len(trace.t), complex) for bus in system.buses}
     for m in system.machines:
         left[m.bus] += power[m.name]
@@ -144,7 +144,7 @@ def test_kirchhoff_s_laws_hold_with_any_loads_machines_taps_and_devices(
     assert kept[trace.t < 0.1].all()
     scales = {"load_2": np.where(trace.t >= 0.1, 1 + change, 1.0)}
     left = unbalanced(system, trace, scales)
-    at = next(i for i, s in enumerate(system.stations) if s.bus == "B9")
+    at = next(i for i, s in enumerate(system.pmus) if s.bus == "B9")
     burning = (trace.t >= 0.2) & (trace.t < 0.3)
     left["B9"] -= 1j / depth * trace.frames[:, at, VOLTAGE] ** 2 * burning
     assert np.abs(list(left.values()))[:, kept].max() < 1e-9
@@ -159,9 +159,9 @@ def test_constant_power_is_constant_above_v_min_and_an_impedance_below() -> None
     fault = {"time": 0.2, "kind": "fault", "bus": "B10", "x": 0.02, "duration": 0.1}
     trace = follow(plant(system, fault, installed=[]), frame_times(1, 240))
     assert trace.sound.all()
-    names = [s.name for s in system.stations]
+    names = [s.name for s in system.pmus]
     for load in system.loads:
-        own = [i for i, s in enumerate(system.stations) if s.bus == load.bus]
+        own = [i for i, s in enumerate(system.pmus) if s.bus == load.bus]
         assert len(own) >= 3
         drawn = -(trace.frames[:, own, ACTIVE] + 1j * trace.frames[:, own, REACTIVE]).sum(axis=1)
         r = trace.frames[:, own[0], VOLTAGE] / trace.frames[0, own[0], VOLTAGE]

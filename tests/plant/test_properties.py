@@ -29,12 +29,12 @@ def branches(system: System) -> list[Line | Transformer | Series]:
 
 
 def everywhere(system: System) -> System:
-    """A station at each end of each branch, beside those at the machines."""
-    stations: list[dict[str, Any]] = [{"name": m.name, "machine": m.name} for m in system.machines]
+    """A PMU at each end of each branch, beside those at the machines."""
+    pmus: list[dict[str, Any]] = [{"name": m.name, "machine": m.name} for m in system.machines]
     for branch in branches(system):
         for side, bus in (("from", branch.from_bus), ("to", branch.to_bus)):
-            stations.append({"name": f"{branch.name}.{side}", "bus": bus, "branches": [branch.name]})
-    return changed(system, stations=stations, signals={}, measures={})
+            pmus.append({"name": f"{branch.name}.{side}", "bus": bus, "branches": [branch.name]})
+    return changed(system, pmus=pmus, signals={}, measures={})
 
 
 def disturbed(system: System) -> Trace:
@@ -47,12 +47,12 @@ def test_power_balances_at_every_bus_and_in_all() -> None:
     """What machines give is what loads draw, lines lose and the SSSC takes: losses r |I|^2 from the voltages."""
     system = everywhere(shipped("two_area"))
     trace = disturbed(system)
-    station = {s.name: trace.frames[:, i] for i, s in enumerate(system.stations)}
-    power = {name: rows[:, ACTIVE] + 1j * rows[:, REACTIVE] for name, rows in station.items()}
-    phasor = {name: rows[:, VOLTAGE] * np.exp(1j * rows[:, ANGLE]) for name, rows in station.items()}
+    pmu = {s.name: trace.frames[:, i] for i, s in enumerate(system.pmus)}
+    power = {name: rows[:, ACTIVE] + 1j * rows[:, REACTIVE] for name, rows in pmu.items()}
+    phasor = {name: rows[:, VOLTAGE] * np.exp(1j * rows[:, ANGLE]) for name, rows in pmu.items()}
     assert trace.machines["electrical_power"].std(axis=0).min() > 1e-3
     left = {bus.name: np.zeros(len(trace.t), complex) for bus in system.buses}
-    at = {s.bus or "": phasor[s.name] for s in system.stations}
+    at = {s.bus or "": phasor[s.name] for s in system.pmus}
     for m in system.machines:
         left[m.bus] += power[m.name]
     for branch in branches(system):
@@ -90,7 +90,7 @@ def test_what_the_converter_draws_charges_its_capacitor_or_is_lost(vdc: float, g
     system = everywhere(with_device("sssc", g=g))
     built = plant(system)
     trace = follow(built, frame_times(0.2, 4000), [(0.0, 0.05)], x=moved(built, {"sssc.vdc": vdc}))
-    names = [s.name for s in system.stations]
+    names = [s.name for s in system.pmus]
     west, east = (trace.frames[:, names.index(f"sssc.{side}"), ACTIVE] for side in ("from", "to"))
     device, d = trace.devices[:, 0], ssscs(system)[0]
     inward = west + east - d.rs * device["current"] ** 2
@@ -135,7 +135,7 @@ def swing(system: System) -> dict[str, NDArray[np.float64]]:
     return {m.name: trace.speeds[:, g] for g, m in enumerate(system.machines)}
 
 
-TABLES = ("buses", "lines", "transformers", "loads", "shunts", "machines", "exciters", "stations")
+TABLES = ("buses", "lines", "transformers", "loads", "shunts", "machines", "exciters", "pmus")
 
 
 @some
@@ -167,7 +167,7 @@ def test_a_common_angle_is_of_no_account(usual: Any, degrees: float) -> None:
 
 def tie(trace: Trace) -> NDArray[np.float64]:
     """Power from west to east, p.u."""
-    return trace.frames[:, [s.name for s in shipped("two_area").stations].index("TIE"), ACTIVE]
+    return trace.frames[:, [s.name for s in shipped("two_area").pmus].index("TIE"), ACTIVE]
 
 
 def test_a_capacitive_setpoint_raises_the_transfer() -> None:

@@ -117,12 +117,12 @@ def test_loss_of_a_circuit_needs_control() -> None:
 
 
 def watched(angle: float = 0.0, **fields: Any) -> System:
-    """The system with a station at the infinite bus, whose voltage has an angle (deg)."""
+    """The system with a PMU at the infinite bus, whose voltage has an angle (deg)."""
     system = shipped("smib")
-    stations = [s.model_dump() for s in system.stations]
-    stations.append({"name": "GRID", "bus": "B4", "branches": ["line_1", "line_2"]})
+    pmus = [s.model_dump() for s in system.pmus]
+    pmus.append({"name": "GRID", "bus": "B4", "branches": ["line_1", "line_2"]})
     grid = {**system.infinite_buses[0].model_dump(), "angle": angle}
-    return changed(system, stations=stations, infinite_buses=[grid], **fields)
+    return changed(system, pmus=pmus, infinite_buses=[grid], **fields)
 
 
 def test_nothing_moves_the_infinite_bus_but_a_fault_at_itself() -> None:
@@ -183,7 +183,7 @@ def textbook() -> System:
         machines=[{"name": "G1", "bus": "B1", "area": "plant", "rating": 100, "P": 100 * P, "V": 1.0, **CLASSICAL}],
         exciters=[],
         devices=[],
-        stations=[{"name": "G1", "machine": "G1"}],
+        pmus=[{"name": "G1", "machine": "G1"}],
         signals={},
         measures={},
     )

@@ -39,9 +39,9 @@ def sssc(name: str, line: str, end: str = "from", **fields: Any) -> dict[str, An
     return {"name": name, "kind": "sssc", "line": line, "end": end, **fields}
 
 
-def phasors(system: System, trace: Trace, station: str) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Voltage and current (out of the bus) of a station, p.u."""
-    frame = trace.frames[:, [s.name for s in system.stations].index(station)]
+def phasors(system: System, trace: Trace, pmu: str) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Voltage and current (out of the bus) of a PMU, p.u."""
+    frame = trace.frames[:, [s.name for s in system.pmus].index(pmu)]
     voltage = frame[:, VOLTAGE] * np.exp(1j * frame[:, ANGLE])
     return voltage, np.conj((frame[:, ACTIVE] + 1j * frame[:, REACTIVE]) / voltage)
 
@@ -153,7 +153,7 @@ def test_what_each_of_several_draws_charges_its_own_capacitor(installed: list[st
     x = moved(built, {"a.vdc": 0.92, "b.vdc": 1.07})
     targets = [(0.0, 0.05, installed.index("a")), (0.0, -0.04, installed.index("b"))]
     trace = follow(built, frame_times(0.2, 4000), targets, x=x)
-    names = [s.name for s in system.stations]
+    names = [s.name for s in system.pmus]
     for d in ssscs(system):
         if d.name not in installed:
             continue
@@ -176,14 +176,14 @@ def test_several_start_at_rest_and_stay_there() -> None:
 
 
 def explicit(line: str, end: str, **fields: Any) -> System:
-    """The same SSSC between explicit buses, the line cut at one end and the station's branch named by hand."""
+    """The same SSSC between explicit buses, the line cut at one end and the PMU's branch named by hand."""
     rows = shipped("two_area").model_dump(by_alias=True)
     (cut,) = [row for row in rows["lines"] if row["name"] == line]
     bus, cut[end] = cut[end], "CUT"
     ends = {"from": bus, "to": "CUT"} if end == "from" else {"from": "CUT", "to": bus}
     rows["buses"].insert(3, {"name": "CUT", "nominal_voltage": 230.0})
     rows["devices"].append({"name": "a", "kind": "sssc", **ends, **fields})
-    rows["stations"] += [
+    rows["pmus"] += [
         {"name": "near", "bus": bus, "branches": ["a"]},
         {"name": "far", "bus": "B8W" if bus == "B7" else "B7", "branches": [line]},
     ]
@@ -192,11 +192,11 @@ def explicit(line: str, end: str, **fields: Any) -> System:
 
 @pytest.mark.parametrize("end", ["from", "to"])
 def test_placed_by_its_line_it_is_what_explicit_buses_make_it(end: str) -> None:
-    """Power flow, states and frames; a station that measured the line there measures the device."""
+    """Power flow, states and frames; a PMU that measured the line there measures the device."""
     fields = {"rs": 0.0002, "xs": 0.003}
     rows = in_lines(sssc("a", "line_1", end, **fields)).model_dump(by_alias=True)
     near = "B7" if end == "from" else "B8W"
-    rows["stations"] += [
+    rows["pmus"] += [
         {"name": "near", "bus": near, "branches": ["line_1"]},
         {"name": "far", "bus": "B8W" if near == "B7" else "B7", "branches": ["line_1"]},
     ]
@@ -249,7 +249,7 @@ def test_sum_of_setpoints_in_one_path_counts(data: st.DataObject) -> None:
     rows = between_infinite_buses([]).model_dump(by_alias=True)
     rows["lines"] = [{"name": "tie", "from": "A", "to": "S", **half}, {"name": "tie_2", "from": "S", "to": "B", **half}]
     rows["lines"].append({"name": "own", "from": "A", "to": "G", "r": 0.0, "x": 0.2})
-    rows["stations"] = [{"name": "A", "bus": "A", "branches": ["tie"]}]
+    rows["pmus"] = [{"name": "A", "bus": "A", "branches": ["tie"]}]
     common: dict[str, Any] = {"rs": 1e-6, "Ki": 200.0}
     rows["devices"] = [sssc("one", "tie", **common), sssc("two", "tie_2", "to", **common)]
     built: Built = plant(place(System.model_validate(rows)))

@@ -53,20 +53,20 @@ def states(built: Built, trace: Trace) -> dict[str, NDArray[np.float64]]:
 
 
 def two_area(**fields: Any) -> System:
-    """The two areas with other figures of the STATCOM, and a station at each end of each branch."""
+    """The two areas with other figures of the STATCOM, and a PMU at each end of each branch."""
     return everywhere(with_device("statcom", **fields))
 
 
 def test_what_it_draws_is_lost_or_stored_in_its_transformer_and_its_capacitor() -> None:
     """Integral of the power drawn = integral of R i^2 + change of L i^2 / (2 omega_0) + change of tau vdc^2 / 2.
 
-    From its equations times i_d, i_q and vdc. The power is that of the stations at the other branches of its bus.
+    From its equations times i_d, i_q and vdc. The power is that of the PMUs at the other branches of its bus.
     """
     system = two_area()
     built = plant(system, LOAD_STEP, installed=BOTH)
     x = moved(built, {"statcom.vdc": 0.93})
     trace = follow(built, frame_times(0.4, 6000), [(0.0, 0.05), (0.01, 0.04, 1), (0.2, -0.05, 1)], x=x)
-    names = [s.name for s in system.stations]
+    names = [s.name for s in system.pmus]
     at = [names.index(name) for name in ("line_1.to", "line_2.to", "sssc.from")]
     out = trace.frames[:, at, ACTIVE].sum(axis=1)
     d, s = next(d for d in system.devices if isinstance(d, Statcom)), states(built, trace)
@@ -86,7 +86,7 @@ def test_power_at_its_bus_balances() -> None:
     system = two_area()
     built = plant(system, LOAD_STEP, installed=BOTH)
     trace = follow(built, frame_times(1), [(0.1, 0.05), (0.2, -0.04, 1)], x=moved(built, {"statcom.vdc": 0.95}))
-    names = [s.name for s in system.stations]
+    names = [s.name for s in system.pmus]
     at = [names.index(name) for name in ("line_1.to", "line_2.to", "sssc.from")]
     out = (trace.frames[:, at, ACTIVE] + 1j * trace.frames[:, at, REACTIVE]).sum(axis=1)
     device, s = trace.devices[:, 1], states(built, trace)
@@ -121,7 +121,7 @@ def test_bus_voltage_follows_the_offset_of_its_reference(offset: float) -> None:
     """Within half a second, before the machines have moved; a positive offset takes reactive power given."""
     system = two_area()
     trace = follow(plant(system, installed=BOTH), frame_times(1), [(0.1, offset, 1)])
-    voltage = trace.frames[:, [s.name for s in system.stations].index("sssc.from"), VOLTAGE]
+    voltage = trace.frames[:, [s.name for s in system.pmus].index("sssc.from"), VOLTAGE]
     assert voltage[36] - voltage[0] == pytest.approx(offset, rel=0.02)
     assert trace.devices["reactive_power"][36, 1] * np.sign(offset) > 0.2
     device = trace.devices[36, 1]
@@ -256,7 +256,7 @@ def test_a_fault_at_its_bus_blocks_it_and_it_comes_back() -> None:
     for series in states(built, trace).values():
         assert np.ptp(series[burning]) == 0
     assert trace.sound.all()
-    held, at = trace.t > 2.5, [s.name for s in system.stations].index("sssc.from")
+    held, at = trace.t > 2.5, [s.name for s in system.pmus].index("sssc.from")
     voltage, loose = (t.frames[:, at, VOLTAGE] for t in (trace, follow(without, trace.t)))
     assert np.abs(voltage[held] - voltage[0] - 0.02).max() < 2e-3
     assert np.ptp(loose[held]) > 0.01

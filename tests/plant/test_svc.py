@@ -41,7 +41,7 @@ def susceptance(built: Built, trace: Trace) -> NDArray[np.float64]:
 
 
 def two_area(**fields: Any) -> System:
-    """The two areas with an SVC in the tie, and a station at each end of each branch."""
+    """The two areas with an SVC in the tie, and a PMU at each end of each branch."""
     system = shipped("two_area")
     devices = [*(d.model_dump(by_alias=True) for d in system.devices), row("B8W", **fields)]
     return everywhere(changed(system, devices=devices))
@@ -123,7 +123,7 @@ def test_what_it_gives_goes_into_the_branches_at_its_bus() -> None:
     step = {"time": 0.0, "kind": "load_step", "load": "load_2", "change": -0.1}
     built = plant(system, step, installed=["svc"])
     trace = follow(built, frame_times(2), [(0.1, 0.05), (1.0, -0.04)])
-    names = [s.name for s in system.stations]
+    names = [s.name for s in system.pmus]
     at = [names.index(name) for name in ("line_1.to", "line_2.to", "sssc.from")]
     out = (trace.frames[:, at, ACTIVE] + 1j * trace.frames[:, at, REACTIVE]).sum(axis=1)
     B = susceptance(built, trace)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 PACKAGE = "facts_damping_msgs/msg/"
 RATE = 60
-STATIONS, MACHINES, DEVICES, CONTROLLERS = (
+PMUS, MACHINES, DEVICES, CONTROLLERS = (
     ["G1", "G2", "TIE"],
     ["G1", "G2"],
     ["sssc", "statcom"],
@@ -92,7 +92,7 @@ def make_record(seed: int, ticks: int = 30) -> Record:
     issued = table(SETPOINT, 50, setpoint, "value")
     return Record(
         configuration=CONFIGURATION,
-        stations=STATIONS,
+        pmus=PMUS,
         machine_names=MACHINES,
         device_names=DEVICES,
         controller_names=CONTROLLERS,
@@ -100,7 +100,7 @@ def make_record(seed: int, ticks: int = 30) -> Record:
         frames=floats(ticks, 3, len(CHANNELS)),
         measured_ns=random.integers(0, 10**12, (ticks, 3)),
         status=random.integers(0, 2**16, (ticks, 3)),
-        delivered=table(DELIVERY, 70, {"tick": ticks, "station": 3, "status": 2**16}, "values"),
+        delivered=table(DELIVERY, 70, {"tick": ticks, "pmu": 3, "status": 2**16}, "values"),
         issued=issued[np.lexsort((issued["controller"], issued["tick"]))],
         applied=table(SETPOINT, 40, setpoint, "value"),
         machines=machines,
@@ -132,9 +132,9 @@ class Messages:
     def header(self, ns: int) -> Any:
         return self.make("std_msgs/msg/Header", stamp=self.time(ns), frame_id="")
 
-    def frame(self, station: str, tick: int, measured: int, arrival: int, values: Any, status: int) -> Any:
+    def frame(self, pmu: str, tick: int, measured: int, arrival: int, values: Any, status: int) -> Any:
         units = dict(zip([f"{name}_{unit}" for name, unit in CHANNELS.items()], map(float, values), strict=True))
-        head = {"header": self.header(measured), "station": station, "tick": tick}
+        head = {"header": self.header(measured), "pmu": pmu, "tick": tick}
         return self.make("PmuFrame", **head, arrival=self.time(arrival), **units, status=int(status))
 
     def frames(self, stamp: int, tick: int, entries: list[Any]) -> Any:
@@ -204,13 +204,13 @@ class Messages:
         stamp = int(record.time_ns[tick])
         delivered = record.delivered[record.delivered["tick"] == tick]
         issued, applied = (rows[rows["tick"] == tick] for rows in (record.issued, record.applied))
-        names = record.stations
+        names = record.pmus
         measured = [
             self.frame(name, tick, record.measured_ns[tick, i], stamp, record.frames[tick, i], record.status[tick, i])
             for i, name in enumerate(names)
         ]
         arrived = [
-            self.frame(names[row["station"]], tick, *row[["measured_ns", "arrival_ns", "values", "status"]])
+            self.frame(names[row["pmu"]], tick, *row[["measured_ns", "arrival_ns", "values", "status"]])
             for row in delivered
         ]
         return {

@@ -45,17 +45,15 @@ def test_what_is_sampled_stands_as_it_is(record: Record) -> None:
     assert arrays["machine.G3.rotor_angle_rad"].tobytes() == record.machines["rotor_angle"][:, 2].tobytes()
     assert arrays["device.sssc.injected_voltage_pu"].tobytes() == record.devices["injected_voltage"][:, 0].tobytes()
     column = list(CHANNELS).index("active_power")
-    assert (
-        arrays["pmu.TIE.active_power_pu"].tobytes() == record.frames[:, record.stations.index("TIE"), column].tobytes()
-    )
+    assert arrays["pmu.TIE.active_power_pu"].tobytes() == record.frames[:, record.pmus.index("TIE"), column].tobytes()
 
 
 def test_what_comes_now_and_then_is_held(record: Record) -> None:
     """Tick by tick, by hand: entries that are older than what is known do not count."""
-    speed, station = list(CHANNELS).index("speed_deviation"), record.stations.index("G2")
+    speed, pmu = list(CHANNELS).index("speed_deviation"), record.pmus.index("G2")
     known, at, issued = np.nan, -1, np.nan
     for tick in range(100):
-        for row in record.delivered[(record.delivered["tick"] == tick) & (record.delivered["station"] == station)]:
+        for row in record.delivered[(record.delivered["tick"] == tick) & (record.delivered["pmu"] == pmu)]:
             if row["measured_ns"] > at:
                 at, known = row["measured_ns"], row["values"][speed]
         for row in record.issued[record.issued["tick"] == tick]:

@@ -77,7 +77,7 @@ def test_delays_are_exact_and_nothing_acts_before_its_cause(up: int, down: int, 
         assert np.all(np.diff(entries[stamp]) >= 0)
     expected = np.count_nonzero(record.time_ns + up < ends[-1])
     assert len(record.issued) == expected
-    assert len(record.delivered) == expected * len(record.stations)
+    assert len(record.delivered) == expected * len(record.pmus)
 
 
 def test_a_millisecond_of_delay_matters() -> None:
@@ -131,7 +131,7 @@ def test_delays_are_exact_on_every_link(delays: tuple[int, ...], rate: int) -> N
     for c in range(2):
         expected = np.count_nonzero(record.time_ns + up[c] < end)
         assert np.count_nonzero(issued["controller"] == c) == expected
-        assert np.count_nonzero(delivered["link"] == c) == expected * len(record.stations)
+        assert np.count_nonzero(delivered["link"] == c) == expected * len(record.pmus)
         assert np.count_nonzero(applied["controller"] == c) == np.count_nonzero(record.time_ns + up[c] + down[c] < end)
 
 

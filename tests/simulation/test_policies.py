@@ -75,14 +75,14 @@ def test_it_is_given_what_is_delivered_when_it_arrives(tmp_path: Path) -> None:
     steps = find(policy, "policy").heard
     assert len(steps) == len(record.issued) > 100
     own = load_case("two_area_large", []).system.signals
-    places = [[record.stations.index(name) for name in own[signal].weights] for signal in ("speed", "power")]
-    rows, taken = record.delivered, np.full((2, len(record.stations)), -1)
-    newest = np.full(len(record.stations), -1)
+    places = [[record.pmus.index(name) for name in own[signal].weights] for signal in ("speed", "power")]
+    rows, taken = record.delivered, np.full((2, len(record.pmus)), -1)
+    newest = np.full(len(record.pmus), -1)
     at = 0
     for (t_s, y, age_s, fresh), issued in zip(steps, record.issued, strict=True):
         assert round(t_s * 1e9) == issued["issued_ns"]
         while at < len(rows) and rows[at]["arrival_ns"] <= issued["issued_ns"]:
-            newest[rows[at]["station"]] = max(newest[rows[at]["station"]], rows[at]["measured_ns"])
+            newest[rows[at]["pmu"]] = max(newest[rows[at]["pmu"]], rows[at]["measured_ns"])
             at += 1
         for i, mine in enumerate(places):
             assert age_s[i] == pytest.approx((issued["issued_ns"] - newest[mine].max()) * 1e-9, abs=1e-15)

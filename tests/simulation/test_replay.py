@@ -77,8 +77,8 @@ def test_the_same_controllers_give_the_same_bits(name: str) -> None:
 def test_an_entry_that_is_changed_by_one_bit_shows_where() -> None:
     record = recorded(None, ["link=delay_100ms", "controllers.0.name=HBsWC"])
     changed = record.delivered.copy()
-    station, row = record.stations.index("G1"), 0
-    row = int(np.flatnonzero((changed["tick"] == 150) & (changed["station"] == station))[0])
+    pmu, row = record.pmus.index("G1"), 0
+    row = int(np.flatnonzero((changed["tick"] == 150) & (changed["pmu"] == pmu))[0])
     changed["values"][row, 2] = np.nextafter(changed["values"][row, 2], 1.0)
     part, issued, estimates, _ = played(dataclasses.replace(record, delivered=changed))
     difference = replay.first_difference(part, issued)
@@ -210,8 +210,8 @@ def test_what_a_recording_lacks_is_said_where_nothing_can_be_replayed() -> None:
 
 def test_a_station_that_was_not_recorded_is_refused() -> None:
     record = recorded(None, ["duration=1"])
-    other = dataclasses.replace(record, stations=["X1", *record.stations[1:]])
-    with pytest.raises(InputError, match="stations: 'G1' was not recorded; there are X1, G2"):
+    other = dataclasses.replace(record, pmus=["X1", *record.pmus[1:]])
+    with pytest.raises(InputError, match="pmus: 'G1' was not recorded; there are X1, G2"):
         played(other)
 
 

@@ -38,17 +38,17 @@ def linearised(name: str, devices: tuple[str, ...]) -> Modal:
 
 
 def weights(system: System, signal: str) -> NDArray[np.float64]:
-    """A signal's weights over the stations' channels."""
-    made = np.zeros((len(system.stations), len(CHANNELS)))
+    """A signal's weights over the PMUs' channels."""
+    made = np.zeros((len(system.pmus), len(CHANNELS)))
     size = 1.0 / system.frequency if system.signals[signal].channel == "frequency" else 1.0
-    for station, weight in system.signals[signal].weights.items():
-        row = [s.name for s in system.stations].index(station)
+    for pmu, weight in system.signals[signal].weights.items():
+        row = [s.name for s in system.pmus].index(pmu)
         made[row, list(CHANNELS).index(system.signals[signal].channel)] = weight * size
     return made
 
 
 def observed(system: System, frames: NDArray[np.float64], signal: str) -> NDArray[np.float64]:
-    """A signal of frames (times, stations, channels)."""
+    """A signal of frames (times, PMUs, channels)."""
     return np.asarray(np.einsum("tsc,sc->t", np.nan_to_num(frames), weights(system, signal)))
 
 
@@ -82,7 +82,7 @@ def test_ringdown_after_a_short_pulse_has_the_mode_s_frequency_and_damping(name:
 
 @pytest.mark.parametrize(("name", "devices"), CASES)
 def test_a_start_in_the_shape_of_a_mode_moves_as_that_mode_alone(name: str, devices: tuple[str, ...]) -> None:
-    """x - x0 = Re(v exp(lambda t)) in the time domain, all states of each swing mode, for 3 s."""
+    """x - x0 = Re(v exp(lambda t)) in the time domain, all states of each electromechanical mode, for 3 s."""
     found = linearised(name, devices)
     values, right = np.linalg.eig(found.model.A)
     built = plant(name, installed=devices)
@@ -194,7 +194,7 @@ CHANNELS_CLOSED = [(BOTH, device, signal) for device in BOTH for signal in ("w12
 def test_residue_is_the_eigenvalue_s_slope_by_a_gain_around_the_linear_model(
     devices: tuple[str, ...], device: str, signal: str
 ) -> None:
-    """u = K y: d lambda / dK = R at K = 0, for each swing mode; with the feed-through u = K (1 - K D)^-1 C x."""
+    """u = K y: d lambda / dK = R at K = 0, for each mode, and the feed-through u = K (1 - K D)^-1 C x."""
     found = linearised("two_area", devices)
     A, B, C, D, *_ = found.model
     row, column = list(found.system.signals).index(signal), devices.index(device)

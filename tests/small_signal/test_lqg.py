@@ -255,6 +255,6 @@ def test_what_cannot_be_is_refused_in_one_line(sets: list[str], said: str) -> No
 def test_a_plant_that_does_not_swing_is_refused() -> None:
     case = case_of("smib")
     with pytest.raises(
-        InputError, match=r"controllers.0.name: 'LQG' given, but the plant has no swing mode; allowed: LLC"
+        InputError, match=r"controllers.0.name: 'LQG' given, but the plant has no electromechanical mode; allowed: LLC"
     ):
         design(None, case.system, case.controllers[0], "controllers.0")

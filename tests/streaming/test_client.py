@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import frame, session, stat, stations
+from facts_damping.c37118 import frame, session, stat, system_pmus
 from facts_damping.c37118.configuration import Configuration
 from facts_damping.c37118.session import Instant
 from facts_damping.parameters.streams import server as address
@@ -231,7 +231,7 @@ def test_a_server_that_knows_no_configuration_3(port: int, monkeypatch: pytest.M
 
 def test_what_is_of_another_stream_is_counted() -> None:
     receiver = session.Receiver(11)
-    others = session.stream(12, stations.configuration(GRID, 60, 60, FORMATS))
+    others = session.stream(12, system_pmus.configuration(GRID, 60, 60, FORMATS))
     assert receiver.take([session.told(others, instant(0)), *session.answers(others, "send_header", 5, 0)]) == []
     assert receiver.refused == {"IDCODE": 2}
     assert receiver.take([frame.command(11, "turn_on", 5)]) == []

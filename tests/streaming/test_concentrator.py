@@ -11,7 +11,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.signals import DELIVERY, LOST, NANOSECONDS, Record
 from facts_damping.simulation import loop
 from facts_damping.streaming import recorded, serving
-from facts_damping.streaming.concentrator import Concentrator, grid_stations
+from facts_damping.streaming.concentrator import Concentrator, grid_pmus
 from facts_damping.streaming.serving import Serving
 
 EPOCH = 1_700_000_000
@@ -39,7 +39,7 @@ def test_integers_are_those_that_pmus_of_integers_report() -> None:
     record, found = through(sets, "polar")
     case = load_case(NAME, sets)
     (server,) = serving.servers(case, Serving("", 0, [], 1, "polar", each=False), lambda: (0, 0))
-    where = mapping.places(server.stream.configuration, grid_stations(case), {})
+    where = mapping.places(server.stream.configuration, grid_pmus(case), {})
     assert len(found) == 179
     for one in found:
         values, status, absent = mapping.told(where, one.data)
@@ -54,7 +54,7 @@ def test_integers_are_those_that_pmus_of_integers_report() -> None:
 
 
 def test_behind_a_link_frames_are_aligned_again() -> None:
-    """Entries of each station late by its own time, some lost: each is in the instant that it describes, or absent."""
+    """Entries of each PMU late by its own time, some lost: each is in the instant that it describes, or absent."""
     link = (
         "{up: [{stage: network, model: uniform, low: 0.0, high: 0.05}, {stage: network, model: bernoulli, loss: 0.1}]}"
     )
@@ -62,7 +62,7 @@ def test_behind_a_link_frames_are_aligned_again() -> None:
     record, found = through(sets, None, link=0)
     case = load_case(NAME, sets)
     (server,) = serving.servers(case, Serving("", 0, [], 1, None, each=False), lambda: (0, 0))
-    where = mapping.places(server.stream.configuration, grid_stations(case), {})
+    where = mapping.places(server.stream.configuration, grid_pmus(case), {})
     rows = record.delivered
     numbers = np.rint(rows["measured_ns"] * 60 / NANOSECONDS).astype(int)
     assert [number(one) for one in found] == sorted(set(numbers[numbers <= number(found[-1])].tolist()))
@@ -71,18 +71,16 @@ def test_behind_a_link_frames_are_aligned_again() -> None:
     for one in found[:-1]:
         values, _, absent = mapping.told(where, one.data)
         own = rows[numbers == number(one)]
-        assert sorted(set(own["station"].tolist())) == np.flatnonzero(~absent).tolist()
+        assert sorted(set(own["pmu"].tolist())) == np.flatnonzero(~absent).tolist()
         gone += int(absent.sum())
         for row in own:
-            np.testing.assert_allclose(values[row["station"]], row["values"], rtol=1e-6, atol=1e-9)
+            np.testing.assert_allclose(values[row["pmu"]], row["values"], rtol=1e-6, atol=1e-9)
     assert gone > 0
 
 
 def test_a_clock_that_is_off_by_more_than_half_a_frame_costs_no_frame() -> None:
-    """Of two stations; the stamp is that of a frame all the same."""
-    case = load_case(
-        "lead_lag_smib", ["duration=2", "measurement.stations.G1={clock: {offset: 0.01}}", "controllers=[]"]
-    )
+    """Of two PMUs; the stamp is that of a frame all the same."""
+    case = load_case("lead_lag_smib", ["duration=2", "measurement.pmus.G1={clock: {offset: 0.01}}", "controllers=[]"])
     found = [one for _, one in recorded.instants(loop.run(case), Concentrator(case, EPOCH))]
     assert len(found) == 120
     assert len({(one.soc, one.fraction) for one in found}) == 120
@@ -93,13 +91,13 @@ def test_who_is_absent_is_absent_in_any_format(formats: str | None) -> None:
     case = load_case(NAME, [])
     (server,) = serving.servers(case, Serving("", 0, [], 1, formats, each=False), lambda: (0, 0))
     row = np.zeros(1, DELIVERY)
-    row["station"], row["values"] = 3, 0.5
+    row["pmu"], row["values"] = 3, 0.5
     (one,) = Concentrator(case, EPOCH).take(0, row)
     receiver = Receiver(1)
     receiver.take(session.answers(server.stream, "send_configuration_2", 0, 0))
     (got,) = receiver.take([session.told(server.stream, one)])
     assert isinstance(got, Instant)
-    where = mapping.places(server.stream.configuration, grid_stations(case), {})
+    where = mapping.places(server.stream.configuration, grid_pmus(case), {})
     values, _, absent = mapping.told(where, got.data)
     assert absent.tolist() == [True, True, True, False, True]
     assert np.isnan(values[0]).all()
@@ -111,8 +109,8 @@ def test_what_comes_too_late_is_left_out_and_counted() -> None:
 
     def rows(*of: tuple[int, int]) -> np.ndarray[tuple[int], np.dtype[np.void]]:
         made = np.zeros(len(of), DELIVERY)
-        for row, (station, k) in zip(made, of, strict=True):
-            row["station"], row["measured_ns"] = station, k * NANOSECONDS // 60
+        for row, (pmu, k) in zip(made, of, strict=True):
+            row["pmu"], row["measured_ns"] = pmu, k * NANOSECONDS // 60
         return made
 
     assert concentrator.take(0, rows((0, 0), (1, 0))) == []
@@ -124,7 +122,7 @@ def test_what_comes_too_late_is_left_out_and_counted() -> None:
 
 def test_clocks_that_lose_the_time_say_so() -> None:
     """From 1 s on G2 drifts by 1 us/s: unsynchronised, with the quality that follows; the others are sound."""
-    sets = ["duration=13", "controllers=[]", "measurement.stations.G2={clock: {lost: 1.0, drift: 1.0e-6}}"]
+    sets = ["duration=13", "controllers=[]", "measurement.pmus.G2={clock: {lost: 1.0, drift: 1.0e-6}}"]
     _, found = through(sets, None)
     for one in found:
         for_s = number(one) / 60 - 1.0
@@ -143,7 +141,7 @@ def test_clocks_that_lose_the_time_say_so() -> None:
 
 def test_bad_data_are_data_errors_not_absences() -> None:
     sets = ["duration=2", "controllers=[]", "measurement=p_class"]
-    bad = "measurement.bad_data=[{kind: invalid, stations: [G3], start: 0.5, duration: 0.5}]"
+    bad = "measurement.bad_data=[{kind: invalid, pmus: [G3], start: 0.5, duration: 0.5}]"
     record, found = through([*sets, bad], None)
     for one in found:
         wrong = 30 <= number(one) < 60

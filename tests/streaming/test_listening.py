@@ -7,7 +7,7 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
-from facts_damping.c37118 import stations
+from facts_damping.c37118 import system_pmus
 from facts_damping.cli.main import main
 from facts_damping.parameters.streams import server as address
 from facts_damping.streaming.client import Lost
@@ -43,13 +43,13 @@ def test_a_configuration_and_the_newest_values() -> None:
     one.refused, one.why = {"CHK": 2}, "CHK: 0x0000 given"
     assert str(one) == f"{SERVER}: 2 PMUs, 60 frames/s; 2 frames have come, 2 refused (CHK: 0x0000 given)"
     rows = list(one.rows())
-    assert [row[0] for row in rows if row[0]] == [station.name for station in GRID]
+    assert [row[0] for row in rows if row[0]] == [pmu.name for pmu in GRID]
     assert [row[3] for row in rows[:5]] == ["STAT", "FREQ", "DFREQ", "V1", "V1 angle"]
     result = one.result()
     assert result["refused"] == {"CHK": 2}
     told = {row["name"]: row for row in result["pmus"][1]["channels"]}
     assert told["V1"] == {"name": "V1", "value": instant(1).data.phasors[2, 0], "unit": "V"}
-    assert set(told) == {"STAT", "FREQ", "DFREQ", "V1", "V1 angle", "I1", "I1 angle", *stations.ANALOGS}
+    assert set(told) == {"STAT", "FREQ", "DFREQ", "V1", "V1 angle", "I1", "I1 angle", *system_pmus.ANALOGS}
 
 
 def test_the_command_shows_what_a_server_sends(tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_the_command_shows_what_a_server_sends(tmp_path: Path) -> None:
     out, _ = run(act)
     lines = out.decode().splitlines()
     assert lines[0].endswith("2 PMUs, 60 frames/s; 1 frames have come")
-    assert {station.name for station in GRID} <= {line.split()[0] for line in lines}
+    assert {pmu.name for pmu in GRID} <= {line.split()[0] for line in lines}
     (told,) = json.loads((tmp_path / "heard.json").read_text())["servers"]
     assert (told["frames"], told["lost"]) == (1, None)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import frame, stations
+from facts_damping.c37118 import frame, system_pmus
 from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
 from facts_damping.nodes.launching import graph
@@ -20,7 +20,7 @@ from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from facts_damping.streaming import recorded
-from facts_damping.streaming.concentrator import Concentrator, grid_stations
+from facts_damping.streaming.concentrator import Concentrator, grid_pmus
 from tests.commands import assert_one_line
 from tests.nodes.graphs import LOADED_S, quiet
 
@@ -65,17 +65,17 @@ def serve(recording: Path, *options: str) -> subprocess.Popen[str]:
 
 def test_a_client_gets_what_was_recorded(recording: Path, port: int) -> None:
     record = load(recording)
-    seen = grid_stations(load_case("two_area_small", []))
+    seen = grid_pmus(load_case("two_area_small", []))
     with serve(recording, "--port", str(port), "--json", "-") as server:
         found, times = listen(port, 1, len(record.time_ns))
         out, err = server.communicate(timeout=LOADED_S)
     assert (server.returncode, err) == (0, "")
-    assert [pmu.name for pmu in found[0].pmus] == record.stations
+    assert [pmu.name for pmu in found[0].pmus] == record.pmus
     assert len(found) == 1 + len(record.time_ns)
     for k, one in enumerate(found[1:]):
         assert isinstance(one, Instant)
         assert (one.soc, one.fraction) == (EPOCH + k // 60, k % 60 * 1_000_000 // 60)
-        wanted = stations.to_data(seen, record.frames[k], record.status[k])
+        wanted = system_pmus.to_data(seen, record.frames[k], record.status[k])
         for name in ("phasors", "frequency", "rocof", "analogs"):
             np.testing.assert_array_equal(getattr(one.data, name), getattr(wanted, name).astype(np.float32))
         np.testing.assert_array_equal(one.data.status, 0)
@@ -92,8 +92,8 @@ def test_each_station_alone(recording: Path, port: int) -> None:
         server.communicate(timeout=LOADED_S)
     assert [(pmu.name, pmu.idcode) for pmu in found[0].pmus] == [("TIE", 44)]
     told = np.array([one.data.phasors[0, 0] for one in found[1:31]])
-    volts = grid_stations(load_case("two_area_small", []))[4].volts
-    assert np.abs(told / volts - record.frames[:30, 4, stations.MAGNITUDE]).max() < 2.0 / 30000
+    volts = grid_pmus(load_case("two_area_small", []))[4].volts
+    assert np.abs(told / volts - record.frames[:30, 4, system_pmus.MAGNITUDE]).max() < 2.0 / 30000
 
 
 def test_what_has_not_been_measured_is_absent_and_stamps_are_those_of_the_instants() -> None:
@@ -113,7 +113,7 @@ def test_what_has_not_been_measured_is_absent_and_stamps_are_those_of_the_instan
     [
         (["--format", "polar,doubles"], "format: 'doubles' given; allowed: polar, float_phasors"),
         (["--to", "here"], "to: 'here' given; allowed: HOST:PORT"),
-        (["--idcode", "65530"], "idcode: 65530 given with 5 stations; allowed: 1 to 65529"),
+        (["--idcode", "65530"], "idcode: 65530 given with 5 PMUs; allowed: 1 to 65529"),
         (["--behind", "1"], "--behind: 1 given; allowed: a link of the recording, 0 to 0"),
         (["--port", "70000"], "argument --port: 70000 given; allowed: 0 to 60000"),
     ],

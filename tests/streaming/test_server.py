@@ -17,9 +17,9 @@ import pytest
 collections.Sequence = collections.abc.Sequence  # type: ignore[attr-defined]
 from synchrophasor.pdc import Pdc  # noqa: E402 (it names what Python 3.9 still had)
 
-from facts_damping.c37118 import configuration, frame, session, stations  # noqa: E402
+from facts_damping.c37118 import configuration, frame, session, system_pmus  # noqa: E402
 from facts_damping.c37118.session import Instant, Receiver  # noqa: E402
-from facts_damping.c37118.stations import Station  # noqa: E402
+from facts_damping.c37118.system_pmus import Pmu  # noqa: E402
 from facts_damping.errors import RunError  # noqa: E402
 from facts_damping.signals import CHANNELS  # noqa: E402
 from facts_damping.streaming.server import Server  # noqa: E402
@@ -28,21 +28,21 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
 HERE, GROUP = "127.0.0.1", "239.255.0.37"
-GRID = [Station("G1", 20.0, 100.0), Station("TIE", 230.0, 100.0)]
+GRID = [Pmu("G1", 20.0, 100.0), Pmu("TIE", 230.0, 100.0)]
 FORMATS = {"polar": True, "float_phasors": True, "float_analogs": True}
 TOTAL = 40
 OPEN: list[asyncio.StreamWriter] = []  # clients of a test
 
 
 def served(**formats: bool) -> session.Stream:
-    made = stations.configuration(GRID, 60, 60, {**FORMATS, **formats})
-    return session.stream(11, made, "two stations")
+    made = system_pmus.configuration(GRID, 60, 60, {**FORMATS, **formats})
+    return session.stream(11, made, "two PMUs")
 
 
 def instant(k: int) -> Instant:
     values = np.random.default_rng(k).uniform(0.1, 1.0, (len(GRID), len(CHANNELS)))
-    values[:, stations.FREQUENCY] = 60.0
-    return Instant(1000 + k // 60, k % 60 * 16_666, 0, stations.to_data(GRID, values, np.zeros(2, np.int64)))
+    values[:, system_pmus.FREQUENCY] = 60.0
+    return Instant(1000 + k // 60, k % 60 * 16_666, 0, system_pmus.to_data(GRID, values, np.zeros(2, np.int64)))
 
 
 def run(act: Callable[[Server], Awaitable[Any]], one: session.Stream | None = None, **begin: Any) -> tuple[Any, Server]:
@@ -94,7 +94,7 @@ def test_many_clients_get_the_same() -> None:
 
     found, server = run(act)
     for one in found:
-        assert one[0] == "two stations"
+        assert one[0] == "two PMUs"
         assert one[1].pmus[1].name == one[2].pmus[1].name == "TIE"
         for k, got in enumerate(one[3:]):
             assert (got.soc, got.fraction) == (instant(k).soc, instant(k).fraction)
@@ -120,9 +120,9 @@ def test_data_ends_where_it_is_turned_off() -> None:
 
 def test_a_slow_client_is_dropped_and_counted() -> None:
     """One that reads nothing; another reads all the time."""
-    wide = session.stream(11, stations.configuration(GRID * 100, 60, 60, FORMATS))
+    wide = session.stream(11, system_pmus.configuration(GRID * 100, 60, 60, FORMATS))
     values = np.ones((len(GRID) * 100, len(CHANNELS)))
-    one = Instant(1, 0, 0, stations.to_data(GRID * 100, values, np.zeros(len(values), np.int64)))
+    one = Instant(1, 0, 0, system_pmus.to_data(GRID * 100, values, np.zeros(len(values), np.int64)))
 
     async def act(server: Server) -> tuple[int, int]:
         await client(server, "turn_on")
@@ -149,7 +149,7 @@ def test_rubbish_is_counted_and_ends_nothing() -> None:
         return await gather(reader, 1)
 
     found, server = run(act)
-    assert found == ["two stations"]
+    assert found == ["two PMUs"]
     assert server.counts.refused == {"bytes that are no frame": 18, "IDCODE": 1, "SYNC": 1}
 
 
@@ -219,7 +219,7 @@ def test_bytes_that_look_like_the_begin_of_long_frames_cost_little() -> None:
 
     began = time.process_time()
     found, server = run(act)
-    assert found == ["two stations"]
+    assert found == ["two PMUs"]
     assert server.counts.refused == {"bytes that are no frame": 80_000}
     assert time.process_time() - began < 4.0  # it was as many seconds as there are 16 KiB
 
@@ -274,5 +274,5 @@ def test_another_programs_client_reads_it() -> None:
     assert found["configuration"].get_station_name() == ["G1".ljust(16), "TIE".ljust(16)]
     for k, one in enumerate(found["data"]):
         wanted = instant(k).data.phasors.astype(np.float32).reshape(2, 2, 2)
-        got = np.array([[list(p) for p in station["phasors"]] for station in one["measurements"]])
+        got = np.array([[list(p) for p in pmu["phasors"]] for pmu in one["measurements"]])
         np.testing.assert_allclose(got, wanted, rtol=1e-6)

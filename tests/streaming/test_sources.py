@@ -1,4 +1,4 @@
-"""The streams of a run: stations in several of them, configurations that change or do not fit, and hostile ones."""
+"""The streams of a run: PMUs in several of them, configurations that change or do not fit, and hostile ones."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import frame, session, stations
+from facts_damping.c37118 import frame, session, system_pmus
 from facts_damping.c37118.configuration import FORMATS
 from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
@@ -16,26 +16,28 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.streams import Streams
 from facts_damping.signals import CHANNELS
 from facts_damping.streaming.client import Lost
-from facts_damping.streaming.concentrator import grid_stations
+from facts_damping.streaming.concentrator import grid_pmus
 from facts_damping.streaming.server import Server
 from facts_damping.streaming.sources import Sources
 from facts_damping.streaming.stream_clock import JUMP_S
 
 CASE = load_case("two_area_large", [])
-GRID = grid_stations(CASE)  # G1 to G4, TIE
+GRID = grid_pmus(CASE)  # G1 to G4, TIE
 FLOATS = dict.fromkeys(FORMATS, True)
 SOUTH, NORTH = "tcp://south:4712/1", "tcp://north:4712/2"
 
 
 def stream(places: list[int], rate: int = 60, nominal: int = 60) -> session.Stream:
-    return session.stream(1, stations.configuration([GRID[i] for i in places], rate, nominal, FLOATS))
+    return session.stream(1, system_pmus.configuration([GRID[i] for i in places], rate, nominal, FLOATS))
 
 
 def instant(places: list[int], k: int) -> Instant:
     values = np.full((len(places), len(CHANNELS)), 0.5)
-    values[:, stations.MAGNITUDE] = [1.0 + i for i in places]
+    values[:, system_pmus.MAGNITUDE] = [1.0 + i for i in places]
     own = [GRID[i] for i in places]
-    return Instant(100 + k // 60, k % 60 * 1_000_000 // 60, 0, stations.to_data(own, values, np.zeros(len(own), int)))
+    return Instant(
+        100 + k // 60, k % 60 * 1_000_000 // 60, 0, system_pmus.to_data(own, values, np.zeros(len(own), int))
+    )
 
 
 def sources(*servers: str, **more: Any) -> Sources:
@@ -43,17 +45,16 @@ def sources(*servers: str, **more: Any) -> Sources:
 
 
 def rows(found: Sources, now_s: float) -> list[list[tuple[int, int, float]]]:
-    """Station, time and voltage of the entries of each tick."""
+    """PMU, time and voltage of the entries of each tick."""
     said = [found.rows(tick, tick.number * 10**9 // 60) for tick in found.following.take(now_s)]
     return [
-        [(int(one["station"]), int(one["measured_ns"]), round(float(one["values"][0]), 6)) for one in tick]
-        for tick in said
+        [(int(one["pmu"]), int(one["measured_ns"]), round(float(one["values"][0]), 6)) for one in tick] for tick in said
     ]
 
 
 def test_stations_of_several_servers_are_one_frame() -> None:
     found = sources(SOUTH, NORTH)
-    assert found.take(0, 0.0, stream([0, 1]).configuration) == f"{SOUTH}: 2 PMUs, 60 frames/s; stations: G1, G2"
+    assert found.take(0, 0.0, stream([0, 1]).configuration) == f"{SOUTH}: 2 PMUs, 60 frames/s; PMUs: G1, G2"
     found.take(1, 0.0, stream([2, 3]).configuration)
     assert found.flaws() == ["absent: G1, G2, G3, G4", "in no stream: TIE"]
     found.take(0, 0.01, instant([0, 1], 0))
@@ -89,12 +90,12 @@ def test_a_server_that_is_lost_is_not_waited_for() -> None:
 
 
 def test_stations_that_are_not_there_or_there_twice_are_said() -> None:
-    with pytest.raises(InputError, match=r"stations: 'G9' given.*; allowed: G1, G2"):
-        sources(SOUTH, stations={"G9": {"pmu": 3}})
+    with pytest.raises(InputError, match=r"pmus: 'G9' given.*; allowed: G1, G2"):
+        sources(SOUTH, pmus={"G9": {"pmu": 3}})
     found = sources(SOUTH, NORTH)
     found.take(0, 0.0, stream([0, 1]).configuration)
     said = found.take(1, 0.0, stream([1, 2]).configuration)
-    assert f"{NORTH}: station G2: in this stream and in {SOUTH}; allowed: each station in one" in said
+    assert f"{NORTH}: PMU G2: in this stream and in {SOUTH}; allowed: each PMU in one" in said
 
 
 def test_a_time_that_cannot_be_relied_on_is_unsynchronised() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.signals import CHANNELS
-from facts_damping.streaming.alignment import AlignedFrame, Alignment, StationReport
+from facts_damping.streaming.alignment import AlignedFrame, Alignment, PmuReport
 from facts_damping.streaming.stream_clock import Following
 
 if TYPE_CHECKING:
@@ -19,18 +19,18 @@ RATE, WAIT = 60, 0.2
 ONE, SOUND, HERE = np.array([0]), np.zeros(1, np.int64), np.zeros(1, bool)
 
 
-def rows(stations: int, value: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    return np.full((stations, len(CHANNELS)), value)
+def rows(pmus: int, value: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    return np.full((pmus, len(CHANNELS)), value)
 
 
 @given(st.permutations([(s, k) for s in range(3) for k in range(5)]))
 def test_instants_come_in_their_order_once_all_have_spoken(order: list[tuple[int, int]]) -> None:
-    """Whatever the order in which stations speak, each instant is given once, with what each has said of it."""
+    """Whatever the order in which PMUs speak, each instant is given once, with what each has said of it."""
     alignment, found = Alignment(3), list[AlignedFrame]()
-    alignment.put(-1, StationReport(np.arange(3), rows(3, 0.0), np.zeros(3, np.int64)))
+    alignment.put(-1, PmuReport(np.arange(3), rows(3, 0.0), np.zeros(3, np.int64)))
     assert [one.instant for one in alignment.take()] == [-1]
     for s, k in order:
-        assert alignment.put(k, StationReport(np.array([s]), rows(1, 10.0 * k + s), SOUND))
+        assert alignment.put(k, PmuReport(np.array([s]), rows(1, 10.0 * k + s), SOUND))
         found += alignment.take()
     assert [one.instant for one in found] == list(range(5))
     for one in found:
@@ -45,7 +45,7 @@ def test_nothing_is_lost_without_a_count(said: list[tuple[int, int]], waits: int
     alignment, given_entries, put, newest = Alignment(4), 0, set(), 0
     for s, k in said:
         newest = max(newest, k)
-        if alignment.put(k, StationReport(np.array([s]), rows(1, 1.0), SOUND)):
+        if alignment.put(k, PmuReport(np.array([s]), rows(1, 1.0), SOUND)):
             put.add((s, k))
         given_entries += sum(int(one.there.sum()) for one in alignment.take(newest - waits))
     given_entries += sum(int(one.there.sum()) for one in alignment.take(99))
@@ -54,7 +54,7 @@ def test_nothing_is_lost_without_a_count(said: list[tuple[int, int]], waits: int
 
 
 def feed(following: Following, instant: int, now: float) -> list[Tick]:
-    following.put(instant, StationReport(ONE, rows(1, float(instant)), SOUND, HERE), now)
+    following.put(instant, PmuReport(ONE, rows(1, float(instant)), SOUND, HERE), now)
     return list(following.take(now))
 
 
@@ -72,7 +72,7 @@ def test_while_nothing_comes_ticks_go_on_empty_and_then_with_the_stream() -> Non
     for n in range(2 * 60 * 5):
         now = n / 120
         if n % 2 == 0 and not 1.0 <= now < 3.0:
-            following.put(n // 2, StationReport(ONE, rows(1, 0.0), SOUND, HERE), now)
+            following.put(n // 2, PmuReport(ONE, rows(1, 0.0), SOUND, HERE), now)
         for tick in following.take(now):
             (empty if tick.said is None else said).append(tick.number)
     assert sorted(empty + said) == list(range(300))
@@ -85,7 +85,7 @@ def test_a_pause_of_the_source_moves_its_stamps() -> None:
     for n in range(120 * 12):
         now, k = n / 120, n // 2 if n < 240 else n // 2 - 240
         if n % 2 == 0 and not 2.0 <= now < 6.0:
-            following.put(k, StationReport(ONE, rows(1, float(k)), SOUND, HERE), now)
+            following.put(k, PmuReport(ONE, rows(1, float(k)), SOUND, HERE), now)
         numbers += [tick.number for tick in following.take(now) if tick.said is not None]
     assert following.moved == 1
     assert numbers == sorted(set(numbers))
@@ -100,7 +100,7 @@ def test_what_comes_in_a_burst_after_a_stall_is_late_and_moves_nothing() -> None
         now = n / 120
         come = [n // 2] if n % 2 == 0 and not 2.0 <= now < 5.0 else []
         for k in range(120, 301) if n == 600 else come:
-            following.put(k, StationReport(ONE, rows(1, float(k)), SOUND, HERE), now)
+            following.put(k, PmuReport(ONE, rows(1, float(k)), SOUND, HERE), now)
         numbers += [(one.number, one.said.values[0, 0]) for one in following.take(now) if one.said is not None]
     assert following.moved == 0
     assert all(number == instant for number, instant in numbers)
@@ -122,8 +122,8 @@ def test_stamps_of_another_time_are_taken_for_those_of_now() -> None:
 def test_a_stream_that_is_alone_out_of_time_moves_nothing() -> None:
     following = Following(2, RATE, WAIT)
     for k in range(200):
-        following.put(k, StationReport(ONE, rows(1, 0.0), SOUND, HERE), k / RATE)
-        following.put(k - 600, StationReport(np.array([1]), rows(1, 0.0), SOUND, HERE), k / RATE)
+        following.put(k, PmuReport(ONE, rows(1, 0.0), SOUND, HERE), k / RATE)
+        following.put(k - 600, PmuReport(np.array([1]), rows(1, 0.0), SOUND, HERE), k / RATE)
         list(following.take(k / RATE))
     assert following.moved == 0
     assert following.alignment.late > 150
@@ -131,7 +131,7 @@ def test_a_stream_that_is_alone_out_of_time_moves_nothing() -> None:
 
 def test_a_station_that_says_that_it_is_absent_is_not_waited_for() -> None:
     following = Following(2, RATE, WAIT)
-    following.put(7, StationReport(np.arange(2), rows(2, 1.0), np.zeros(2, np.int64), np.array([False, True])), 0.0)
+    following.put(7, PmuReport(np.arange(2), rows(2, 1.0), np.zeros(2, np.int64), np.array([False, True])), 0.0)
     (tick,) = following.take(0.0)
     assert tick.said is not None
     assert tick.said.there.tolist() == [True, False]

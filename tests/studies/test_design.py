@@ -65,7 +65,7 @@ def test_residues_are_how_eigenvalues_move(at: str) -> None:
     seen = places.tried(places.Trial(system, chosen, modes))
     placed = place(places.with_place(system, chosen))
     built = build(placed, [chosen.device.name], [])
-    model = linearisation.linear_model(built, placed.signals, [s.name for s in placed.stations])
+    model = linearisation.linear_model(built, placed.signals, [s.name for s in placed.pmus])
 
     def moved(mode: int, row: int, gain: float) -> complex:
         A = model.A + gain * np.outer(model.B[:, 0], model.C[row]) / (1.0 - gain * model.D[row, 0])
@@ -154,7 +154,7 @@ def test_the_files_run(found: design.Design, tmp_path: Path) -> None:
     ("changes", "said"),
     [
         ({"damping": 0.001, "mode_hz": 1.1}, "--damping 0.001: the mode of 1.1.. Hz has 0...."),
-        ({"mode_hz": 1.7}, "--mode 1.7: no swing mode is near; allowed: 0.630, 1.121, 1.157 Hz"),
+        ({"mode_hz": 1.7}, "--mode 1.7: no electromechanical mode is near; allowed: 0.630, 1.121, 1.157 Hz"),
         ({"place": "B99"}, "--place: 'B99' given .*; allowed: "),
         ({"place": "B1"}, "--place: 'B1' given .*; allowed: "),
         ({"signal": "w99"}, "--signal: 'w99' given; allowed: "),

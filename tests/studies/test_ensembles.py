@@ -103,7 +103,7 @@ def test_measured_speeds_are_noisy_for_controllers_alone() -> None:
     noise = "link.up.+={model: noise, measurement: speed_deviation, std: 1e-5}"
     plain, noisy = (loop.run(load_case(None, ["controllers=[]", "duration=5", *more])) for more in ([], [noise]))
     assert noisy.frames.tobytes() == plain.frames.tobytes()
-    error = (noisy.delivered["values"] - plain.delivered["values"])[plain.delivered["station"] < 4]  # at machines
+    error = (noisy.delivered["values"] - plain.delivered["values"])[plain.delivered["pmu"] < 4]  # at machines
     assert np.flatnonzero(np.nan_to_num(error).any(axis=0)).tolist() == [list(CHANNELS).index("speed_deviation")]
     own = error[:, list(CHANNELS).index("speed_deviation")]
     assert own.std() == pytest.approx(1e-5, rel=4.0 / np.sqrt(2.0 * len(own)))

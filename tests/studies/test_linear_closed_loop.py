@@ -108,8 +108,8 @@ def test_frame_by_frame_it_moves_as_the_nonlinear_loop(which: str, ways: str) ->
 
     linear, delay = delayed_loop(case), sum(DELAYS[ways])
     signals, setpoints = followed(linear, delay, disturbance, len(record.time_ns))
-    stations = [station.name for station in case.system.stations]
-    weights = np.array([weights_of(signal, stations, case.system.frequency) for signal in case.system.signals.values()])
+    pmus = [pmu.name for pmu in case.system.pmus]
+    weights = np.array([weights_of(signal, pmus, case.system.frequency) for signal in case.system.signals.values()])
     seen = np.einsum("tsc,nsc->tn", np.nan_to_num(record.frames - still.frames[0]), weights)
     size = np.abs(seen).max(axis=0)
     used = [signal for c in linear.controllers for signal in c.signals]

@@ -334,7 +334,7 @@ def test_in_another_profile_signals_are_its_and_the_reference_may_be_no_control(
     found = structures(load_system("two_area"), ["LQG"], [], None, "deployment")
     assert [one.signals for one in found] == [["frequency"], ["frequency"], ["frequency"], ["frequency", "power"]]
     against = draws("two_area", None, 2, None, "deployment", "none")
-    assert [draw.group for draw in against] == [("fault and trip, west",), ("unit trip",)]
+    assert [draw.group for draw in against] == [("fault and trip, west",), ("mechanical power step",)]
     assert {draw.content["profile"] for draw in against} == {"deployment"}
     assert {draw.reference.effort for draw in against} == {0.0}
     weak = Controller(name="LLC", signals=["frequency"], parameters={"gain": 0.0})

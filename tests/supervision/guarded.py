@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.monitor_table import COMMANDS, MONITORS, STATES, cause_name
-from facts_damping.parameters.plant.stations import Signal
+from facts_damping.parameters.plant.pmus import Signal
 from facts_damping.parameters.run import Controller
 from facts_damping.parameters.supervision import Supervision
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, SETPOINT, SUPERVISION

@@ -43,7 +43,7 @@ BOTH_ENDS = [
     {"name": "TIE", "bus": "B8W", "branches": ["sssc"]},
 ]
 SLOWLY = [LARGE, "supervision.monitors.growing.limit=0.03"]  # a swing as large as this is as fast as limits let it be
-ENDS = f"system.stations={json.dumps(BOTH_ENDS)}"
+ENDS = f"system.pmus={json.dumps(BOTH_ENDS)}"
 FALLBACK = [
     {"name": "LLC"},
     {"name": "LLC", "signals": ["power_rate"], "parameters": {"gain": 0.05}, "fallback_of": 0, "link": "ideal"},
@@ -86,12 +86,12 @@ TRIALS = {
     "misaligned": Trial(
         [link("up", {"delay": 0.12, "channels": ["G1"]})], [link("up", {"delay": 0.08, "channels": ["G1"]})]
     ),
-    "stuck": Trial([LARGE, bad("stuck", stations=["G1"])], [LARGE, bad("stuck", stations=["G1"], duration=0.15)]),
+    "stuck": Trial([LARGE, bad("stuck", pmus=["G1"])], [LARGE, bad("stuck", pmus=["G1"], duration=0.15)]),
     "range": Trial(biased("speed_deviation", 0.5), biased("speed_deviation", 0.05)),
     "angle": Trial(biased("frequency", 0.5), biased("frequency", 0.2)),
     "speed": Trial(biased("speed_deviation", 0.02), biased("speed_deviation", 0.005)),
-    "powers": Trial([ENDS, bad("wrong_sign", stations=["EAST"])], [ENDS, LARGE]),
-    "status": Trial([bad("invalid", stations=["G1"])], [bad("invalid", stations=["G1"], duration=0.04)]),
+    "powers": Trial([ENDS, bad("wrong_sign", pmus=["EAST"])], [ENDS, LARGE]),
+    "status": Trial([bad("invalid", pmus=["G1"])], [bad("invalid", pmus=["G1"], duration=0.04)]),
     "clock": Trial(
         [link("up", {"model": "spoof", "offset": 0.01})], [link("up", {"model": "spoof", "offset": 0.0005})]
     ),
@@ -185,7 +185,7 @@ def test_either_limit_counts() -> None:
 
 
 def test_frames_that_arrive_together_are_compared_one_by_one() -> None:
-    """A link in order lets several frames of a station go at once: what they say of it is what they say one by one."""
+    """A link in order lets several frames of a PMU go at once: what they say of it is what they say one by one."""
     for scenario in ("small", "large"):
         for monitor in ("angle", "speed"):
             one, other = (

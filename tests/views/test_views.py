@@ -85,8 +85,8 @@ MUTATIONS = [
     (".speed_deviation_pu", ".speed_pu"),
     ("/setpoint_pu", "/setpoint"),
     ("outputs[0]", "outputs"),
-    ('station==\\"G1\\"', 'station==\\"G9\\"'),
-    ('station==\\"G1\\"', 'name==\\"G1\\"'),
+    ('pmu==\\"G1\\"', 'pmu==\\"G9\\"'),
+    ('pmu==\\"G1\\"', 'name==\\"G1\\"'),
     ('key==\\"deadline_misses\\"', 'key==\\"mode\\"'),
     ("plant_sim/deadline_misses", "plant_sim/mode"),
     ('statistics.up"', 'statistics.tick"'),
@@ -108,7 +108,7 @@ def test_a_wrong_path_is_found(recorded: Recorded, good: str, bad: str) -> None:
 
 
 # Names of entries, in the entry itself or in an array beside it.
-OWN_NAMES = {"machines": "machine", "devices": "device", "frames": "station", "up": "channel", "down": "channel"}
+OWN_NAMES = {"machines": "machine", "devices": "device", "frames": "pmu", "up": "channel", "down": "channel"}
 BESIDE = {
     "inputs": "input_names",
     "outputs": "output_names",
@@ -144,7 +144,7 @@ def test_labels_are_the_names_in_the_messages(recorded: Recorded) -> None:
             (name,) = names_at(recorded.bag, *indexed.groups())
             assert name in re.split("[ :,]+", f"{label} {titles[path]}"), path
             checked.add(indexed[2])
-        matched = re.search(r'\{station=="(\w+)"\}', path)
+        matched = re.search(r'\{pmu=="(\w+)"\}', path)
         assert not matched or matched[1] == label
     assert {"machines", "frames", "up", "down", "inputs", "outputs"} <= checked
 

@@ -10,7 +10,7 @@ from facts_damping.analysis.angles import centres_of_angle, mean_speeds
 from facts_damping.analysis.histories import jacobian_histories, learning_rate_histories
 from facts_damping.analysis.indices import INDICES, index_curves, regions
 from facts_damping.analysis.latency import HOPS, cdf, hops_ms
-from facts_damping.analysis.measures import columns, measure_weights, setpoint_limits, speed_differences, station_speeds
+from facts_damping.analysis.measures import columns, measure_weights, pmu_speeds, setpoint_limits, speed_differences
 from facts_damping.analysis.modes.oscillation import is_stable
 from facts_damping.analysis.supervision import on_ticks, strained, supervised
 from facts_damping.monitor_table import STATES
@@ -110,11 +110,11 @@ def title_of(picture: Picture, panels: Sequence[dict[str, Panel]], names: Sequen
 
 def _speeds(record: Record) -> list[Panel]:
     """Speed of each machine; with many machines and several areas, the mean of each area by inertia."""
-    speeds, machines = station_speeds(record), list(_stations(record, machines=True))
+    speeds, machines = pmu_speeds(record), list(_pmus(record, machines=True))
     means = mean_speeds(record) if len(machines) > MANY else {}
     if len(means) > 1:
         return [_one(f"mean of {area}", 1e3 * values) for area, values in means.items()]
-    return [_one(record.stations[i], 1e3 * speeds[:, i]) for i in machines]
+    return [_one(record.pmus[i], 1e3 * speeds[:, i]) for i in machines]
 
 
 def _differences(record: Record) -> list[Panel]:
@@ -124,11 +124,11 @@ def _differences(record: Record) -> list[Panel]:
 
 
 def _tie_power(record: Record) -> list[Panel]:
-    return [_one(record.stations[i], record.frames[:, i, POWER]) for i in _stations(record, machines=False)]
+    return [_one(record.pmus[i], record.frames[:, i, POWER]) for i in _pmus(record, machines=False)]
 
 
 def _bus_voltages(record: Record) -> list[Panel]:
-    return [_one(record.stations[i], record.frames[:, i, VOLTAGE]) for i in _stations(record, machines=False)]
+    return [_one(record.pmus[i], record.frames[:, i, VOLTAGE]) for i in _pmus(record, machines=False)]
 
 
 def _voltages(record: Record) -> list[Panel]:
@@ -219,10 +219,10 @@ def _one(name: str, values: NDArray[np.float64]) -> Panel:
     return Panel(name, {"": Curve(values)})
 
 
-def _stations(record: Record, *, machines: bool) -> Iterator[int]:
-    """Indices of the stations at machines, or of the others that measure a power and have no speed."""
-    speeds = station_speeds(record)
-    for index in range(len(record.stations)):
+def _pmus(record: Record, *, machines: bool) -> Iterator[int]:
+    """Indices of the PMUs at machines, or of the others that measure a power and have no speed."""
+    speeds = pmu_speeds(record)
+    for index in range(len(record.pmus)):
         has_speed = bool(np.isfinite(speeds[:, index]).any())
         has_power = bool(np.isfinite(record.frames[:, index, POWER]).any())
         if has_speed if machines else has_power and not has_speed:

@@ -138,7 +138,7 @@ class StageParameters:
 
 
 class MeasurementParameters:
-    """Numbers of a measurement as parameters of the plant, such as `noise.angle`, `stations.G1.clock.offset`."""
+    """Numbers of a measurement as parameters of the plant, such as `noise.angle`, `pmus.G1.clock.offset`."""
 
     def __init__(self, node: Node, measurement: Measurement, change: Callable[[str, float], None]) -> None:
         """Declare the parameters. `change(name, value)` is called for each value that differs from `measurement`'s."""

@@ -1,6 +1,6 @@
 """Messages as bytes: numbers of a message of constant shape are written and read in place.
 
-rclpy converts a message field by field; for a frame of five stations that costs more than the transport.
+rclpy converts a message field by field; for a frame of five PMUs that costs more than the transport.
 If names and lengths stay the same from tick to tick, so does the position of every number in the CDR stream
 (little-endian, plain CDR of DDS-XTypes 1.3, 7.4.1: a primitive is aligned to its size). A `Template` knows these
 positions and is published as raw bytes. A received message must match its template in all bytes except its numbers.

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 ENCAPSULATION = b"\0\1\0\0"  # plain CDR, little-endian
 SHORTEST = 40  # lower limit of an entry's bytes
 LONGEST_ENTRY = 1 << 10  # upper limit of an entry's bytes without its names
-EMPTY, SENDERS, DEVICES, CONTROLLERS, STATIONS, PLACES = range(6)  # tables of names
+EMPTY, SENDERS, DEVICES, CONTROLLERS, PMUS, PLACES = range(6)  # tables of names
 FIRST_STEPS = [(TIME, packing.START, 0), (FREE, packing.NOTHING, EMPTY), (NUMBER, packing.TICK, 0)]
 LAST_STEPS = [(FLAG, packing.FRESH, 0), (COUNT, packing.ENTRIES, 0)]
 
@@ -139,19 +139,19 @@ class FramesMessage(TableMessage):
 
     def __init__(self, case: Case, seal: Seal | None = None) -> None:
         """`seal`: of the topic, if messages are signed."""
-        where = case.system.station_buses()
-        station, measured = column(DELIVERY, "station"), column(DELIVERY, "measured_ns")
+        where = case.system.pmu_buses()
+        pmu, measured = column(DELIVERY, "pmu"), column(DELIVERY, "measured_ns")
         values = range(column(DELIVERY, "values"), DELIVERY.itemsize // 8)
         entry = [
             (TIME, measured, 0),
-            (LABEL, station, PLACES),
-            (NAME, station, STATIONS),
+            (LABEL, pmu, PLACES),
+            (NAME, pmu, PMUS),
             (NEAREST, measured, 0),
             (TIME, column(DELIVERY, "arrival_ns"), 0),
             *((NUMBER, value, 0) for value in values),
             (STATUS, column(DELIVERY, "status"), 0),
         ]
-        names = {STATIONS: list(where), PLACES: list(where.values())}
+        names = {PMUS: list(where), PLACES: list(where.values())}
         super().__init__(DELIVERY, FIRST_STEPS + LAST_STEPS, entry, names, case.run.frame_rate, seal)
 
     def fill(self, tick: int, start_ns: int, delivered: NDArray[Any], count: int) -> bytes:

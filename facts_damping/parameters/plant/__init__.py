@@ -1,1 +1,1 @@
-"""Models of a system's file: grid, machines, devices, stations."""
+"""Models of a system's file: grid, machines, devices, PMUs."""

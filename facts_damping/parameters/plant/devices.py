@@ -105,7 +105,7 @@ class Sssc(Series):
 
     Its setpoint is a voltage in quadrature to its current. It stands between two buses, or in a line next to one of its
     ends. In a line it has a bus of its own, `<line>.<device>`; its current counts in the direction of the line, and a
-    station that lists the line at this end measures the flow of the device. A line or a pair of buses has room for one
+    PMU that lists the line at this end measures the flow of the device. A line or a pair of buses has room for one
     device. If it is not installed, only its resistance `rs` remains.
     """
 

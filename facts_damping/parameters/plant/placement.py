@@ -16,7 +16,7 @@ def place(system: System) -> System:
     """The system with every device in series between two buses.
 
     One that is placed by a line stands between that end of the line and a new bus, `LINE.DEVICE`, at which the
-    line ends from then on. Stations that measured the line's flow at this end measure the device's.
+    line ends from then on. PMUs that measured the line's flow at this end measure the device's.
     """
     for device in system.devices:
         if isinstance(device, Series) and device.line is not None:
@@ -39,11 +39,11 @@ def _insert(system: System, device: Series) -> System:
             "buses": [*system.buses, Bus(name=made, nominal_voltage=voltage)],
             "lines": [*system.lines[:at], line.model_copy(update={side: made}), *system.lines[at + 1 :]],
             "devices": [placed if d.name == device.name else d for d in system.devices],
-            "stations": [
+            "pmus": [
                 s.model_copy(update={"branches": [device.name if b == line.name else b for b in s.branches]})
                 if s.bus == bus
                 else s
-                for s in system.stations
+                for s in system.pmus
             ],
         }
     )

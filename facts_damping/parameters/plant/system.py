@@ -10,7 +10,7 @@ from facts_damping.parameters.base import Name, ParameterModel, quantity
 from facts_damping.parameters.plant.devices import DEVICES, Parallel, Series, Transmission
 from facts_damping.parameters.plant.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
 from facts_damping.parameters.plant.machines import Exciter, Governor, Machine, Stabiliser
-from facts_damping.parameters.plant.stations import Measures, Signal, Station
+from facts_damping.parameters.plant.pmus import Measures, Pmu, Signal
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -42,7 +42,7 @@ class System(ParameterModel):
     stabilisers: list[Stabiliser] = Field([], description="power system stabilisers, at most one per machine")
     governors: list[Governor] = Field([], description="turbines with governors, at most one per machine")
     devices: list[Device] = Field([], description="devices that a run can install")
-    stations: list[Station] = Field(..., min_length=1, description="PMUs, at least one")
+    pmus: list[Pmu] = Field(..., min_length=1, description="PMUs, at least one")
     signals: dict[Name, Signal] = Field({}, description="name: signal that controllers may receive")
     measures: Measures = Field(Measures(), description="speed differences for the performance indices")
 
@@ -51,10 +51,10 @@ class System(ParameterModel):
         check_references(self)
         return self
 
-    def station_buses(self) -> dict[str, str]:
-        """The bus at which each station measures, by its name."""
+    def pmu_buses(self) -> dict[str, str]:
+        """The bus at which each PMU measures, by its name."""
         buses = {m.name: m.bus for m in self.machines}
-        return {s.name: s.bus or buses[s.machine or ""] for s in self.stations}
+        return {s.name: s.bus or buses[s.machine or ""] for s in self.pmus}
 
     def device(self, name: str) -> Device:
         """The device of a name."""
@@ -76,7 +76,7 @@ def known(field: str, name: str, allowed: Iterable[str]) -> None:
 
 
 def check_references(system: System) -> None:
-    """Raise `ValueError` where a row names a bus, machine, branch, station or signal that is not there."""
+    """Raise `ValueError` where a row names a bus, machine, branch, PMU or signal that is not there."""
     buses = unique("buses", [b.name for b in system.buses])
     for field in ("loads", "shunts", "infinite_buses", "machines"):
         unique(field, [row.name for row in getattr(system, field)])
@@ -163,19 +163,19 @@ def _check_machines(system: System) -> None:
 
 
 def _check_measurements(system: System, buses: set[str]) -> None:
-    """Stations, signals and measures name what is there."""
+    """PMUs, signals and measures name what is there."""
     machines = {m.name for m in system.machines}
-    stations = unique("stations", [s.name for s in system.stations])
+    pmus = unique("pmus", [s.name for s in system.pmus])
     joined: list[Line | Transformer] = [*system.lines, *system.transformers]
     branches = {row.name: {row.from_bus, row.to_bus} for row in joined}
     branches |= {d.name: set(d.ends) for d in system.devices if isinstance(d, Series)}
-    for station in system.stations:
-        known(f"stations: {station.name}", station.machine or station.bus or "", machines | buses)
-        for branch in station.branches:
-            allowed = {name for name, ends in branches.items() if station.bus in ends}
-            known(f"stations: {station.name}.branches", branch, allowed)
+    for pmu in system.pmus:
+        known(f"pmus: {pmu.name}", pmu.machine or pmu.bus or "", machines | buses)
+        for branch in pmu.branches:
+            allowed = {name for name, ends in branches.items() if pmu.bus in ends}
+            known(f"pmus: {pmu.name}.branches", branch, allowed)
     for name, signal in system.signals.items():
         for station_name in signal.weights:
-            known(f"signals: {name}.weights", station_name, stations)
+            known(f"signals: {name}.weights", station_name, pmus)
     for name in (*system.measures.local, *system.measures.interarea):
         known("measures", name, {n for n, s in system.signals.items() if s.channel == "speed_deviation"})

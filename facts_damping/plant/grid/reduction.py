@@ -1,4 +1,4 @@
-"""Kron reduction of the network to machines, infinite buses, ports and stations."""
+"""Kron reduction of the network to machines, infinite buses, ports and PMUs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.plant.devices import Series
-    from facts_damping.parameters.plant.stations import Station
+    from facts_damping.parameters.plant.pmus import Pmu
     from facts_damping.parameters.plant.system import System
 
 
@@ -59,7 +59,7 @@ def reduce_network(
     topology: Topology,
     voltage: dict[str, float],
 ) -> NDArray[np.complex128]:
-    """Outputs of the network for unit inputs, (machines + ports + 2 stations, machines + infinite + ports), p.u.
+    """Outputs of the network for unit inputs, (machines + ports + 2 PMUs, machines + infinite + ports), p.u.
 
     `norton`: admittances of the machines; `voltage`: magnitudes from the power flow. For inputs and outputs see
     `model.Plant`. Raises `InputError` if the network equations are singular.
@@ -70,8 +70,8 @@ def reduce_network(
         _series_current(system, net, places, place.device) if place.device else net.voltage[net.at[place.bus]]
         for place in places
     ]
-    at = [net.at[_station_bus(system, s)] for s in system.stations]
-    currents = [_station_current(system, s, net, places) for s in system.stations]
+    at = [net.at[_pmu_bus(system, s)] for s in system.pmus]
+    currents = [_pmu_current(system, s, net, places) for s in system.pmus]
     return np.array([*machine_rows, *port_rows, *net.voltage[at], *currents])
 
 
@@ -145,31 +145,29 @@ def _series_current(
     return over(row, complex(device.rs, device.xs))
 
 
-def _station_bus(system: System, station: Station) -> str:
-    """The bus of a station."""
-    if station.bus is not None:
-        return station.bus
-    return next(m.bus for m in system.machines if m.name == station.machine)
+def _pmu_bus(system: System, pmu: Pmu) -> str:
+    """The bus of a PMU."""
+    if pmu.bus is not None:
+        return pmu.bus
+    return next(m.bus for m in system.machines if m.name == pmu.machine)
 
 
-def _station_current(
-    system: System, station: Station, net: ReducedNetwork, places: Sequence[Place]
-) -> NDArray[np.complex128]:
-    """Matrix row of a station's current: out of its machine, or from its bus into its branches."""
+def _pmu_current(system: System, pmu: Pmu, net: ReducedNetwork, places: Sequence[Place]) -> NDArray[np.complex128]:
+    """Matrix row of a PMU's current: out of its machine, or from its bus into its branches."""
     row = np.zeros(net.voltage.shape[1], np.complex128)
-    if station.machine is not None:
-        g = [m.name for m in system.machines].index(station.machine)
+    if pmu.machine is not None:
+        g = [m.name for m in system.machines].index(pmu.machine)
         if net.norton[g] != 0:
             row[g] = 1.0
             for p, place in enumerate(places):
-                row[len(net.norton) + len(system.infinite_buses) + p] = float(place.machine == station.machine)
-        row -= times(net.norton[g], net.voltage[net.at[_station_bus(system, station)]])
+                row[len(net.norton) + len(system.infinite_buses) + p] = float(place.machine == pmu.machine)
+        row -= times(net.norton[g], net.voltage[net.at[_pmu_bus(system, pmu)]])
         return row
     installed = {place.device.name: place.device for place in places if place.device}
     for branch in net.present:
-        if branch.name not in station.branches or station.bus not in (branch.from_bus, branch.to_bus):
+        if branch.name not in pmu.branches or pmu.bus not in (branch.from_bus, branch.to_bus):
             continue  # the far section of a faulted line
-        own = 0 if branch.from_bus == station.bus else 1
+        own = 0 if branch.from_bus == pmu.bus else 1
         if branch.name in installed:
             through = _series_current(system, net, places, installed[branch.name])
             row += through if own == 0 else -through

@@ -47,8 +47,8 @@ class Chance:
         """Limit of the controller's first device, p.u."""
         return float(self.case.system.device(self.case.controllers[0].devices[0]).setpoint_max)
 
-    def station(self) -> str:
-        """One of the stations used by the controller's signals."""
+    def pmu(self) -> str:
+        """One of the PMUs used by the controller's signals."""
         signals = [self.case.system.signals[name] for name in self.case.controllers[0].signals]
         return str(self.one_of(sorted({name for signal in signals for name in signal.weights})))
 
@@ -60,7 +60,7 @@ Drawn = Any  # a value, or a function that draws it from a `Chance`
 class Fault(NamedTuple):
     """A fault: its group, whether control is wrong while it lasts, its description, its random changes."""
 
-    group: str  # path, station, controller, supervisor or none
+    group: str  # path, PMU, controller, supervisor or none
     wrong: bool
     description: str
     draw: Callable[[Chance], Change]
@@ -94,8 +94,8 @@ def _channel(chance: Chance) -> str:
     return chance.channel
 
 
-def _station(chance: Chance) -> list[str]:
-    return [chance.station()]
+def _pmu(chance: Chance) -> list[str]:
+    return [chance.pmu()]
 
 
 def _made(fields: dict[str, Drawn], chance: Chance) -> dict[str, Any]:
@@ -120,11 +120,11 @@ def _one_path(way: str, *stages: dict[str, Drawn]) -> Callable[[Chance], Change]
 
 
 def _bad_data(**fields: Drawn) -> Callable[[Chance], Change]:
-    return lambda chance: {"measurement.bad_data": [_made({"stations": _station, **fields}, chance) | chance.span]}
+    return lambda chance: {"measurement.bad_data": [_made({"pmus": _pmu, **fields}, chance) | chance.span]}
 
 
 def _clock(**fields: Drawn) -> Callable[[Chance], Change]:
-    return lambda chance: {f"measurement.stations.{chance.station()}": {"clock": _made(fields, chance)}}
+    return lambda chance: {f"measurement.pmus.{chance.pmu()}": {"clock": _made(fields, chance)}}
 
 
 def _controller(**fields: Drawn) -> Callable[[Chance], Change]:
@@ -142,7 +142,7 @@ def _nothing(_chance: Chance) -> Change:
 _LATE = {"model": "constant", "delay": _between(0.02, 1.5)}
 _CUT = {"model": "bernoulli", "loss": 1.0}
 _FLIP = {"model": "flip", "probability": _between(0.001, 0.2)}
-_ONE = {"measurement": _channel, "channels": _station}
+_ONE = {"measurement": _channel, "channels": _pmu}
 
 NOTHING = "none"  # name of the case without a fault
 
@@ -157,8 +157,8 @@ FAULTS = {
     "cut_down": Fault("path", False, "no setpoint arrives", _path("down", _CUT)),
     "cut_both": Fault("path", False, "neither arrives; the link dies", _path("both", _CUT), "kill wan_link"),
     "delayed": Fault("path", True, "frames are late by 20 ms to 1.5 s more", _path("up", _LATE)),
-    "one_late": Fault("path", True, "one station's frames are late by 20 ms to 1.5 s more",
-                      _path("up", {**_LATE, "channels": _station})),
+    "one_late": Fault("path", True, "one PMU's frames are late by 20 ms to 1.5 s more",
+                      _path("up", {**_LATE, "channels": _pmu})),
     "delayed_down": Fault("path", True, "setpoints are late by 20 ms to 1.5 s more", _path("down", _LATE)),
     "reordered": Fault("path", True, "frames are late by up to 20 to 500 ms, each by itself, and overtake each other",
                        _path("up", {"model": "uniform", "low": 0.0, "high": _between(0.02, 0.5)})),
@@ -170,13 +170,13 @@ FAULTS = {
     "replayed": Fault("path", True, "frames say what they said up to 2 s before, again and again",
                       _path("up", {"model": "replay", "window": _before})),
     "frozen": Fault("path", True, "frames say what they said at the start of it", _path("up", {"model": "freeze"})),
-    "biased": Fault("path", True, "one station's values are off, of speed by 12 uHz to 1.2 Hz",
+    "biased": Fault("path", True, "one PMU's values are off, of speed by 12 uHz to 1.2 Hz",
                     _path("up", {"model": "bias", "bias": _of_channel(_either(2e-7, 0.02)), **_ONE})),
-    "ramped": Fault("path", True, "one station's values drift, speed by 60 uHz/s to 0.12 Hz/s",
+    "ramped": Fault("path", True, "one PMU's values drift, speed by 60 uHz/s to 0.12 Hz/s",
                     _path("up", {"model": "ramp", "rate": _of_channel(_either(1e-6, 2e-3)), **_ONE})),
     "sign_swapped": Fault("path", True, "what the signal is made of is turned round",
                           _path("up", {"model": "scale", "factor": -1.0, "measurement": _channel})),
-    "scaled": Fault("path", True, "one station's values are 0.1 to 10 times what they are",
+    "scaled": Fault("path", True, "one PMU's values are 0.1 to 10 times what they are",
                     _path("up", {"model": "scale", "factor": _between(0.1, 10.0), **_ONE})),
     "noisy": Fault("path", True, "what the signal is made of is noisy, of speed by 1 mHz to 0.2 Hz",
                    _path("up", {"model": "noise", "std": _of_channel(_between(1.7e-5, 3e-3)),
@@ -187,16 +187,16 @@ FAULTS = {
                       _one_path("down", {"model": "scale", "factor": -1.0}, {"model": "freeze"},
                                 {"model": "bias", "bias": _of_limit(_either(0.05, 1.0))},
                                 {"model": "noise", "std": _of_limit(_between(0.05, 0.5))})),
-    # At a station:
-    "stuck": Fault("station", True, "a station repeats its values", _bad_data(kind="stuck")),
-    "spikes": Fault("station", True, "a station's values are half as large again, one in twenty",
+    # At a PMU:
+    "stuck": Fault("pmu", True, "a PMU repeats its values", _bad_data(kind="stuck")),
+    "spikes": Fault("pmu", True, "a PMU's values are half as large again, one in twenty",
                     _bad_data(kind="spike", probability=0.05)),
-    "wrong_ct": Fault("station", False, "a current transformer the wrong way round", _bad_data(kind="wrong_sign")),
-    "swapped_phases": Fault("station", True, "two phases of a voltage exchanged", _bad_data(kind="swapped_phases")),
-    "invalid": Fault("station", False, "a station says that its data are not valid", _bad_data(kind="invalid")),
-    "clock_drift": Fault("station", True, "a station loses the time, and drifts by 10 us/s to 1 ms/s",
+    "wrong_ct": Fault("pmu", False, "a current transformer the wrong way round", _bad_data(kind="wrong_sign")),
+    "swapped_phases": Fault("pmu", True, "two phases of a voltage exchanged", _bad_data(kind="swapped_phases")),
+    "invalid": Fault("pmu", False, "a PMU says that its data are not valid", _bad_data(kind="invalid")),
+    "clock_drift": Fault("pmu", True, "a PMU loses the time, and drifts by 10 us/s to 1 ms/s",
                          _clock(lost=lambda chance: chance.start, drift=_either(1e-5, 1e-3))),
-    "clock_offset": Fault("station", True, "a station's clock is wrong by 10 us to 0.5 s from the beginning",
+    "clock_offset": Fault("pmu", True, "a PMU's clock is wrong by 10 us to 0.5 s from the beginning",
                           _clock(offset=_either(1e-5, 0.5))),
     # In the controller and the supervisor:
     "wrong_sign": Fault("controller", True, "its setpoints turned round", _controller(kind="wrong_sign")),

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     Tell = Callable[[str, str], Callable[[int, int], None]]  # what is done, in what: shows progress
 
-BAND_HZ = (0.1, 2.0)  # band of electromechanical swing modes
+BAND_HZ = (0.1, 2.0)  # band of electromechanical modes
 NEARBY = 0.1  # relative frequency error within which a mode matches the requested one
 MODES, PLACES, SIGNALS, PAIRS = 4, 5, 5, 8  # numbers shown per mode, and numbers of candidates for a pair
 CONFLICT = 0.25  # largest loss of another mode's damping ratio, relative to the gain of the target mode's
@@ -126,7 +126,7 @@ def design(task: Task, jobs: int, tell: Tell) -> Design:
 
 
 def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
-    """The least damped swing modes in the band without devices, and the index of the mode to be damped.
+    """The least damped electromechanical modes in the band without devices, and the index of the mode to be damped.
 
     The target is the requested mode, else the least damped interarea mode if there is one.
     """
@@ -137,7 +137,9 @@ def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
     low, high = BAND_HZ
     swings = [m for m in found if m.swings and low <= m.frequency_hz <= high]
     if not swings:
-        raise InputError(f"SYSTEM: {system.name} has no swing mode from {low:g} to {high:g} Hz; allowed: one that has")
+        raise InputError(
+            f"SYSTEM: {system.name} has no electromechanical mode from {low:g} to {high:g} Hz; allowed: one that has"
+        )
     swings.sort(key=lambda m: m.damping_ratio)
     wanted = _wanted(task, swings)
     kept = swings[:MODES]
@@ -158,7 +160,7 @@ def _wanted(task: Task, swings: Sequence[Eigenmode]) -> Eigenmode:
     nearest = min(swings, key=lambda m: abs(m.frequency_hz - hertz))
     if abs(nearest.frequency_hz - hertz) > NEARBY * hertz:
         known = ", ".join(f"{m.frequency_hz:.3f}" for m in sorted(swings, key=lambda m: m.frequency_hz))
-        raise InputError(f"--mode {hertz:g}: no swing mode is near; allowed: {known} Hz")
+        raise InputError(f"--mode {hertz:g}: no electromechanical mode is near; allowed: {known} Hz")
     return nearest
 
 

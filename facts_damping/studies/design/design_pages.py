@@ -49,7 +49,7 @@ def clearest(found: Design, mode: int, channel: str) -> list[tuple[str, float]]:
 
 def text(found: Design) -> Iterator[str]:
     """Lines for the terminal."""
-    yield f"{found.system.name}: swing modes without damping control, the least damped first"
+    yield f"{found.system.name}: electromechanical modes without damping control, the least damped first"
     rows = [
         [
             f"{m.frequency_hz:.3f}",
@@ -151,7 +151,7 @@ def _chosen(found: Design) -> Iterator[str]:
         for i, (a, b) in enumerate(zip(tuned.before, tuned.after, strict=True))
         if i == tuned.target or b is None or abs(b.damping_ratio - a.damping_ratio) > MOVED * abs(a.damping_ratio)
     ]
-    yield "swing modes that change, with the device without control, and with it:"
+    yield "electromechanical modes that change, with the device without control, and with it:"
     yield from _indented(table(["Hz", "damping ratio", "Hz", "damping ratio"], rows, left=0, rule=False))
     yield f"stable, linear, sampled and held: {_stable(found.stable)}"
     if tuned.growing is not None:

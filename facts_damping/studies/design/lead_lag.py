@@ -57,7 +57,7 @@ class LeadLag(NamedTuple):
 
 
 class Tuned(NamedTuple):
-    """The tuned gain, and the swing modes without and with it, matched by following them."""
+    """The tuned gain, and the electromechanical modes without and with it, matched by following them."""
 
     gain: float
     reached: bool  # whether the target mode has the wanted ratio

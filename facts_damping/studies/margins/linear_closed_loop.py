@@ -114,8 +114,8 @@ def delayed_loop(case: Case) -> DelayedLoop:
                 "allowed: none (of others a sweep of runs gives the margin)"
             )
     built = build(case.system, case.run.devices, [])
-    stations, rate = [s.name for s in case.system.stations], case.run.frame_rate
-    model = linearisation.linear_model(built, case.system.signals, stations, case.filter, rate)
+    pmus, rate = [s.name for s in case.system.pmus], case.run.frame_rate
+    model = linearisation.linear_model(built, case.system.signals, pmus, case.filter, rate)
     delays = link_delays(case)
     made, state, *_ = build_control(case)
     controllers, names = [], list(built.state_names)
@@ -167,13 +167,13 @@ def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
     inputs, held = made.inputs, state.held
     base = inputs.offset[c, 0] / inputs.weight[c, 0].sum() if inputs.offset[c, 0] else 0.0
     devices = int(np.sum(made.device[c] >= 0))
-    stations, period = held.entry_ns.shape[1], int(made.period_ns[c])
+    pmus, period = held.entry_ns.shape[1], int(made.period_ns[c])
     washed = [held.washed[c, 0]] if inputs.washout[c, 0] > 0.0 else []
     memory = [*washed, *state.internal[c, :devices]]
     sizes = np.cumsum([part.size for part in memory])
     weight = inputs.weight[c, 0]
-    frame = np.zeros(stations, DELIVERY)
-    frame["station"], frame["measured_ns"], frame["arrival_ns"] = range(stations), period, period
+    frame = np.zeros(pmus, DELIVERY)
+    frame["pmu"], frame["measured_ns"], frame["arrival_ns"] = range(pmus), period, period
     out = np.zeros(devices, SETPOINT)
 
     def follow(z: NDArray[np.float64], y: float) -> NDArray[np.float64]:
@@ -182,7 +182,7 @@ def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
             part[:] = values
         frame["values"] = 0.0
         frame["values"][:, inputs.channel[c, 0]] = base + y * weight / (weight @ weight)
-        act(made, state, c, 0, frame, stations, out, 0)
+        act(made, state, c, 0, frame, pmus, out, 0)
         return np.concatenate([*memory, state.unlimited[c, :devices]])
 
     n = int(sizes[-1])

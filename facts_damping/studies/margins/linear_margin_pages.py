@@ -183,9 +183,9 @@ def draw_loops(found: Margin, path: Path) -> Path:
     loops = []
     for c, name in enumerate(controller_names(case)):
         row = case.controllers[c]
-        stations = list(dict.fromkeys(s for signal in row.signals for s in case.system.signals[signal].weights))
+        pmus = list(dict.fromkeys(s for signal in row.signals for s in case.system.signals[signal].weights))
         late = _ms(found.own[case.used_links[c]])
-        loops.append(one_line.Loop(f"{name}: {', '.join(row.signals)}, {late}", stations, list(row.devices)))
+        loops.append(one_line.Loop(f"{name}: {', '.join(row.signals)}, {late}", pmus, list(row.devices)))
     flow = power_flow.solve(case.system, case.run.devices)
     return one_line.draw(case.system, flow, case.run.devices, found.critical, path, loops)
 

@@ -138,7 +138,7 @@ class Choice:
         case = changed_case({}, "search", {**content, "controllers": []})
         plant = plant_residues(case)
         if plant is None:
-            raise InputError(f"SYSTEM: {system} has no swing mode; allowed: a system whose machines swing")
+            raise InputError(f"SYSTEM: {system} has no electromechanical mode; allowed: a system whose machines swing")
         self.plant, self.limit = plant, case.system.device(structure.devices[0]).setpoint_max
         row = kind(structure.name)
         self.space = Space(row, structure.scheme, structure.signals, structure.devices)

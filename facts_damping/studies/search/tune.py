@@ -85,7 +85,9 @@ class Trainer:
         self.case = case = changed_case({}, f"tune {task.system}", {"profile": task.profile, **fields})
         found = plant_residues(case)
         if found is None:
-            raise InputError(f"SYSTEM: {task.system} has no swing mode; allowed: a system whose machines swing")
+            raise InputError(
+                f"SYSTEM: {task.system} has no electromechanical mode; allowed: a system whose machines swing"
+            )
         self.residues: Residues = found
         self.space = Space(self.row, self.scheme, self.signals, task.devices)
 

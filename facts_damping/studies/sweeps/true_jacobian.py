@@ -58,9 +58,9 @@ class Respondent:
             self.states.append(copy(state))
             rows = record.applied[first[k] : first[k + 1]]
             self._advance(state, k, rows)
-        stations = [station.name for station in case.system.stations]
+        pmus = [pmu.name for pmu in case.system.pmus]
         own = [case.system.signals[name] for name in case.controllers[0].signals]
-        self.weights = np.array([weights_of(signal, stations, case.system.frequency) for signal in own])
+        self.weights = np.array([weights_of(signal, pmus, case.system.frequency) for signal in own])
         self.washout = [signal.washout for signal in own]
         self.devices = [case.run.devices.index(name) for name in case.controllers[0].devices]
 

@@ -14,9 +14,9 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.case.measurement import numbers, with_number
 from facts_damping.errors import InputError
-from facts_damping.measurement.build import pmus
+from facts_damping.measurement.build import make_pmus
 from facts_damping.measurement.filters import M_CLASS, reference_filter
-from facts_damping.measurement.pmu import FREQUENCY, IA, IM, ROCOF, SPEED, UNSYNCHRONISED, VA, VM, P, Q
+from facts_damping.measurement.pmu_model import FREQUENCY, IA, IM, ROCOF, SPEED, UNSYNCHRONISED, VA, VM, P, Q
 from facts_damping.parameters.measurement import Measurement
 from facts_damping.signals import LOST, NANOSECONDS
 from facts_damping.simulation import loop
@@ -113,10 +113,10 @@ def test_filters_weigh_one_and_are_there_when_all_samples_are(nominal: float, ra
 
 
 def still(measurement: dict[str, Any], ticks: int = 4000, seed: int = 0) -> tuple[Any, Any, Any]:
-    """Frames of two stations whose phasors stand: V = 1.02 at 0.5 rad, I = 4 at 0.1 rad."""
-    from facts_damping.measurement.pmu import report  # noqa: PLC0415 (the compiled function, beside its tables)
+    """Frames of two PMUs whose phasors stand: V = 1.02 at 0.5 rad, I = 4 at 0.1 rad."""
+    from facts_damping.measurement.pmu_model import report  # noqa: PLC0415 (the compiled function, beside its tables)
 
-    m, state = pmus(Measurement.model_validate(measurement), ["A", "B"], F0, RATE, ticks, seed)
+    m, state = make_pmus(Measurement.model_validate(measurement), ["A", "B"], F0, RATE, ticks, seed)
     phasors = np.array([[1.02 * np.exp(0.5j), 4.0 * np.exp(0.1j)]] * 2)
     exact = np.array([1.02, 0.5, 0.001, 4.08 * np.cos(0.4), 4.08 * np.sin(0.4), 60.06, np.nan, 4.0, 0.1])
     frames, stamps, status = np.zeros((ticks, 2, 9)), np.zeros((ticks, 2), np.int64), np.zeros((ticks, 2), np.int64)
@@ -153,7 +153,7 @@ def test_a_longer_run_begins_as_a_shorter_one() -> None:
 
 def test_a_wrong_clock_moves_stamp_and_angle() -> None:
     clock = {"offset": 1e-4, "lost": 1.0, "drift": 1e-5}
-    frames, stamps, status = still({"stations": {"A": {"clock": clock}}}, 240)
+    frames, stamps, status = still({"pmus": {"A": {"clock": clock}}}, 240)
     t = np.arange(240) / RATE
     error = 1e-4 + 1e-5 * np.maximum(0.0, t - 1.0)
     assert np.abs(stamps[:, 0] / NANOSECONDS - t - error).max() < 2e-9
@@ -183,7 +183,7 @@ def test_integers_of_16_bits() -> None:
 
 
 def bad(kind: str, **more: Any) -> tuple[Any, Any, Any]:
-    row = {"kind": kind, "stations": ["A"], "start": 1.0, "duration": 1.0, **more}
+    row = {"kind": kind, "pmus": ["A"], "start": 1.0, "duration": 1.0, **more}
     return still({"noise": {"angle": 1e-4}, "bad_data": [row]}, 180)
 
 
@@ -252,9 +252,9 @@ def test_a_filter_s_gain_is_its_delay_and_little_else_at_swings() -> None:
     case = load_case(None, ["measurement=m_class", "controllers=[]"])
     from facts_damping.plant.build import build  # noqa: PLC0415 (for this test alone)
 
-    stations = [s.name for s in case.system.stations]
+    pmus = [s.name for s in case.system.pmus]
     built = build(case.system, case.run.devices, [])
-    model, exact = (linear_model(built, case.system.signals, stations, one, RATE) for one in (case.filter, None))
+    model, exact = (linear_model(built, case.system.signals, pmus, one, RATE) for one in (case.filter, None))
     s = 2j * np.pi * 0.65
     for i, name in enumerate(case.system.signals):
         ratio = model.response(s)[i, 0] / exact.response(s)[i, 0] * np.exp(s * 0.1)
@@ -274,8 +274,8 @@ def test_a_filter_s_gain_is_its_delay_and_little_else_at_swings() -> None:
         (["measurement=m_class", "frame_rate=40"], "frame_rate: 40 given at a nominal frequency of 60 Hz; allowed"),
         (["measurement.noise.angle=-1"], "measurement.noise.angle"),
         (["measurement.clock.drift=1e-6"], "drift: 1e-06 given without `lost`"),
-        (["measurement.stations={G9: {}}"], "'G9' given; allowed: G1, G2, G3, G4, TIE"),
-        (["measurement.bad_data=[{kind: stuck, stations: [X]}]"], "'X' given; allowed: G1"),
+        (["measurement.pmus={G9: {}}"], "'G9' given; allowed: G1, G2, G3, G4, TIE"),
+        (["measurement.bad_data=[{kind: stuck, pmus: [X]}]"], "'X' given; allowed: G1"),
         (["measurement.bad_data=[{kind: stuck, size: 2.0}]"], "size: given for stuck; allowed: for spike only"),
         (["measurement.bad_data=[{kind: odd}]"], "'odd' given; allowed"),
     ],
@@ -288,13 +288,13 @@ def test_what_cannot_be_is_one_line(sets: list[str], said: str) -> None:
 
 
 def test_numbers_that_may_change_are_those_of_what_is_there() -> None:
-    case = load_case(None, ["measurement.stations={G1: {clock: {lost: 1.0}}}", "measurement.bad_data=[{kind: spike}]"])
+    case = load_case(None, ["measurement.pmus={G1: {clock: {lost: 1.0}}}", "measurement.bad_data=[{kind: spike}]"])
     found = numbers(case.measurement)
-    assert {"noise.angle", "clock.offset", "stations.G1.clock.drift", "bad_data.0.size"} <= set(found)
+    assert {"noise.angle", "clock.offset", "pmus.G1.clock.drift", "bad_data.0.size"} <= set(found)
     assert not any(name.endswith((".start", ".lost")) for name in found)
-    changed = with_number(case.measurement, "stations.G1.clock.drift", 1e-6)
-    assert changed.stations["G1"].clock is not None
-    assert changed.stations["G1"].clock.drift == 1e-6
+    changed = with_number(case.measurement, "pmus.G1.clock.drift", 1e-6)
+    assert changed.pmus["G1"].clock is not None
+    assert changed.pmus["G1"].clock.drift == 1e-6
     with pytest.raises(InputError):
         with_number(case.measurement, "noise.angle", -1.0)
 

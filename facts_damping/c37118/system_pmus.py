@@ -1,7 +1,7 @@
-"""Stations of a grid as PMUs of a stream: per unit to volts, amperes and kilowatts (back: mapping.py).
+"""PMUs of a system as those of a stream: per unit to volts, amperes and kilowatts (back: mapping.py).
 
-A station sends the positive sequence of voltage (phase to ground) and current, and as analogs its active and reactive
-power and the rotor's speed deviation, which only an ideal PMU has. Quantities not measured by a station are missing.
+A PMU sends the positive sequence of voltage (phase to ground) and current, and as analogs its active and reactive
+power and the rotor's speed deviation, which only an ideal PMU has. Quantities not measured by a PMU are missing.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.c37118.configuration import UNIT, Analog, Configuration, Phasor, Pmu, Site
+from facts_damping.c37118.configuration import UNIT, Analog, Configuration, Phasor, PmuConfiguration, Site
 from facts_damping.c37118.data import Data
 from facts_damping.signals import CHANNELS
 
@@ -27,8 +27,8 @@ COUNTS = 32767
 MAGNITUDE, ANGLE, SPEED, ACTIVE, REACTIVE, FREQUENCY, ROCOF, CURRENT, CURRENT_ANGLE = range(len(CHANNELS))
 
 
-class Station(NamedTuple):
-    """A station and the bases of its measurements."""
+class Pmu(NamedTuple):
+    """A PMU and the bases of its measurements."""
 
     name: str
     kilovolts: float  # nominal voltage of its bus, phase to phase
@@ -51,7 +51,7 @@ class Station(NamedTuple):
 
 
 def configuration(
-    stations: Sequence[Station],
+    pmus: Sequence[Pmu],
     rate: int,
     nominal_hz: int,
     formats: dict[str, bool],
@@ -59,22 +59,22 @@ def configuration(
     ranges: tuple[float, float] = (2.0, 100.0),
     first_idcode: int = 1,
 ) -> Configuration:
-    """The stream of stations; formats as in `Pmu`; ranges: the largest voltage and current in integers, p.u."""
+    """The stream of PMUs; formats as in `PmuConfiguration`; ranges: largest voltage and current in integers, p.u."""
     return Configuration(
         tuple(
-            Pmu(
-                station.name,
+            PmuConfiguration(
+                pmu.name,
                 first_idcode + i,
                 (
-                    Phasor(PHASORS[0], current=False, scale=_scale(ranges[0] * station.volts)),
-                    Phasor(PHASORS[1], current=True, scale=_scale(ranges[1] * station.amperes)),
+                    Phasor(PHASORS[0], current=False, scale=_scale(ranges[0] * pmu.volts)),
+                    Phasor(PHASORS[1], current=True, scale=_scale(ranges[1] * pmu.amperes)),
                 ),
-                tuple(Analog(name, 1, _whole(name, ranges[1] * station.base_mva * 1e3)) for name in ANALOGS),
+                tuple(Analog(name, 1, _whole(name, ranges[1] * pmu.base_mva * 1e3)) for name in ANALOGS),
                 nominal_hz=nominal_hz,
                 site=site or Site(),
                 **formats,  # type: ignore[arg-type]
             )
-            for i, station in enumerate(stations)
+            for i, pmu in enumerate(pmus)
         ),
         rate,
     )
@@ -89,9 +89,9 @@ def _whole(name: str, largest: float) -> float:
     return 1.0 if name == ANALOGS[2] else float(math.ceil(largest / COUNTS))
 
 
-def to_data(stations: Sequence[Station], values: NDArray[np.float64], status: NDArray[np.int64]) -> Data:
-    """Simultaneous measurements of stations, (stations, CHANNELS), in the units of a stream."""
-    volts, amperes, power = _bases(stations)
+def to_data(pmus: Sequence[Pmu], values: NDArray[np.float64], status: NDArray[np.int64]) -> Data:
+    """Simultaneous measurements of PMUs, (PMUs, CHANNELS), in the units of a stream."""
+    volts, amperes, power = _bases(pmus)
     first = np.column_stack([values[:, MAGNITUDE] * volts, values[:, ANGLE]])
     second = np.column_stack([values[:, CURRENT] * amperes, values[:, CURRENT_ANGLE]])
     analogs = np.column_stack([values[:, ACTIVE] * power, values[:, REACTIVE] * power, values[:, SPEED] / PPM])
@@ -100,10 +100,10 @@ def to_data(stations: Sequence[Station], values: NDArray[np.float64], status: ND
     return Data(status, phasors, values[:, FREQUENCY], values[:, ROCOF], analogs.ravel(), none)
 
 
-def _bases(stations: Sequence[Station]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """V, A and kW of 1 p.u., each (stations,)."""
+def _bases(pmus: Sequence[Pmu]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """V, A and kW of 1 p.u., each (PMUs,)."""
     return (
-        np.array([s.volts for s in stations]),
-        np.array([s.amperes for s in stations]),
-        np.array([s.base_mva * 1e3 for s in stations]),
+        np.array([s.volts for s in pmus]),
+        np.array([s.amperes for s in pmus]),
+        np.array([s.base_mva * 1e3 for s in pmus]),
     )

@@ -20,7 +20,7 @@ from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
 # Columns of a frame.
 VM, VA, SPEED, P, Q, FREQUENCY, ROCOF, IM, IA = range(len(CHANNELS))
 
-# Errors of a station's PMU.
+# Errors of a PMU's PMU.
 ERRORS = np.dtype(
     [
         *((name, "f8") for name in ("magnitude", "angle", "frequency", "rocof")),  # standard deviations of noise
@@ -62,11 +62,11 @@ class Pmus(Struct):
     weights: Float1  # filter weights, from the middle outwards
     per_frame: int  # samples per frame
     delay: int  # frames
-    errors: Annotated[NDArray[Any], Array(ERRORS, 1)]  # ERRORS, (stations,)
+    errors: Annotated[NDArray[Any], Array(ERRORS, 1)]  # ERRORS, (PMUs,)
     bad: Annotated[NDArray[Any], Array(BAD, 1)]  # BAD
-    concerns: Bool2  # (bad, stations)
-    normal: Float3  # (draws, stations, NORMALS)
-    uniform: Float3  # (draws, bad, stations)
+    concerns: Bool2  # (bad, PMUs)
+    normal: Float3  # (draws, PMUs, NORMALS)
+    uniform: Float3  # (draws, bad, PMUs)
     voltage_step: float  # p.u., step of 16-bit integers; 0: not quantised
     current_step: float  # p.u., likewise
 
@@ -74,15 +74,15 @@ class Pmus(Struct):
 class PmuState(Struct):
     """State of all PMUs of a run."""
 
-    samples: Complex3  # (stations, 2, twice the capacity): voltage and current, each sample twice
+    samples: Complex3  # (PMUs, 2, twice the capacity): voltage and current, each sample twice
     taken: Int1  # (1,): number of samples taken
-    stuck: Float3  # (bad, stations, channels)
-    stuck_since: Int2  # (bad, stations): tick at which values became stuck; -1: not stuck
+    stuck: Float3  # (bad, PMUs, channels)
+    stuck_since: Int2  # (bad, PMUs): tick at which values became stuck; -1: not stuck
 
 
 @compiled
 def take_sample(state: PmuState, phasors: NDArray[np.complex128]) -> None:
-    """Store a sample of all stations' phasors, (stations, 2), p.u.; the first sample also fills the past.
+    """Store a sample of all PMUs' phasors, (PMUs, 2), p.u.; the first sample also fills the past.
 
     Each sample is stored twice, a capacity apart, so that the newest samples are always contiguous.
     """
@@ -110,7 +110,7 @@ def _filtered(weights: NDArray[np.float64], samples: NDArray[np.complex128], mid
 
 @compiled
 def _estimate(m: Pmus, state: PmuState, s: int, frame: NDArray[np.float64]) -> None:
-    """Compute the frame of station s for the instant `delay` frames ago.
+    """Compute the frame of PMU s for the instant `delay` frames ago.
 
     Frequency f_0 + (theta_+1 - theta_-1) / (4 pi T), ROCOF (theta_+1 - 2 theta_0 + theta_-1) / (2 pi T^2), T: sample
     interval (D.4). P class: magnitudes are divided by sin(pi (f_0 + 1.625 (f - f_0)) / (2 f_0)), the filter's
@@ -149,7 +149,7 @@ def _rounded(value: float, step: float, low: float, high: float) -> float:
 
 @compiled
 def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: NDArray[np.float64]) -> None:
-    """Apply noise, clock error, bad data and rounding to the frame of station s, measured at `at_ns`."""
+    """Apply noise, clock error, bad data and rounding to the frame of PMU s, measured at `at_ns`."""
     own, draw = m.errors[s], m.normal[tick % m.normal.shape[0], s]
     frame[VM] *= 1.0 + own.magnitude * draw[0]
     frame[IM] *= 1.0 + own.magnitude * draw[2]
@@ -221,10 +221,10 @@ def report(
     measured_ns: NDArray[np.int64],
     status: NDArray[np.int64],
 ) -> None:
-    """Compute the frame of a tick. `frame`, (stations, channels): in, exact values at its start; out, PMU values.
+    """Compute the frame of a tick. `frame`, (PMUs, channels): in, exact values at its start; out, PMU values.
 
-    `phasors`: sample of voltages and currents at the tick's start, (stations, 2), p.u.; `measured_ns`: time stamp of
-    each station's entry, LOST if there is none yet; `status`: bits as in C37.118.2.
+    `phasors`: sample of voltages and currents at the tick's start, (PMUs, 2), p.u.; `measured_ns`: time stamp of
+    each PMU's entry, LOST if there is none yet; `status`: bits as in C37.118.2.
     """
     if m.filtered:
         take_sample(state, phasors)

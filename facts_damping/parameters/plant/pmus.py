@@ -22,14 +22,14 @@ Channel = Literal[
 ]
 
 
-class Station(ParameterModel):
+class Pmu(ParameterModel):
     """A PMU at the terminals of a machine, or at a bus.
 
     It reports voltage, its frequency, current and power: at a machine the power out of the machine, at a bus that into
-    the `branches`. A station at a machine also reports the rotor speed if PMUs are [ideal](measurement.md).
+    the `branches`. A PMU at a machine also reports the rotor speed if PMUs are [ideal](measurement.md).
     """
 
-    name: Name = Field(..., description="name, unique among the stations")
+    name: Name = Field(..., description="name, unique among the PMUs")
     machine: Name | None = Field(None, description="machine at whose terminals it measures; give either this or `bus`")
     bus: Name | None = Field(None, description="bus at which it measures; give either this or `machine`")
     branches: list[Name] = Field(
@@ -37,14 +37,14 @@ class Station(ParameterModel):
     )
 
     @model_validator(mode="after")
-    def _one_place(self) -> Station:
+    def _one_place(self) -> Pmu:
         if (self.machine is None) == (self.bus is None) or (self.machine is not None and self.branches):
-            raise ValueError("a station needs either `machine`, or `bus` and `branches`")
+            raise ValueError("a PMU needs either `machine`, or `bus` and `branches`")
         return self
 
 
 class Signal(ParameterModel):
-    """A signal that controllers may receive: a weighted sum of one measured quantity over stations.
+    """A signal that controllers may receive: a weighted sum of one measured quantity over PMUs.
 
     Magnitudes, powers and speeds are in p.u., angles in rad. A frequency counts as its deviation in p.u. of the nominal
     frequency, so the weights of a speed serve it too; ROCOF, its rate of change, counts in p.u./s. Angles count only
@@ -55,7 +55,7 @@ class Signal(ParameterModel):
     """
 
     channel: Channel = Field(..., description="measured quantity")
-    weights: dict[Name, float] = Field(..., min_length=1, description="station: weight")
+    weights: dict[Name, float] = Field(..., min_length=1, description="PMU: weight")
     deviation: bool = Field(False, description="true: the first value that the controller receives is subtracted")
     washout: float = quantity(0.0, "s", "time constant T of the washout; 0: none", ge=0, le=1e3)
 
@@ -70,7 +70,7 @@ class Signal(ParameterModel):
 class Measures(ParameterModel):
     """The speed differences from which [performance indices](measures.md) are computed.
 
-    Both lists name signals of the channel `speed_deviation`. If both are empty, the speed of each station at a machine
+    Both lists name signals of the channel `speed_deviation`. If both are empty, the speed of each PMU at a machine
     counts against that of the first one, or beside an infinite bus against synchronous speed.
     """
 
