@@ -40,7 +40,7 @@ _opened: set[Path] = set()  # files that this process has read for the user
 
 @cache
 def share_folder() -> Path:
-    """Folder that holds `config`: a checkout, or `fraction/facts_damping` of an installation."""
+    """Folder that holds `config`: a checkout, or `share/facts_damping` of an installation."""
     for parent in Path(__file__).resolve().parents:
         for folder in (parent, parent / "share" / "facts_damping"):
             if (folder / "package.xml").is_file() and (folder / "config").is_dir():

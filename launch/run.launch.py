@@ -10,10 +10,20 @@ import sys
 import time
 from typing import Any
 
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, RegisterEventHandler, Shutdown
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    ExecuteProcess,
+    OpaqueFunction,
+    RegisterEventHandler,
+    Shutdown,
+)
 from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
+from launch_ros.actions import LifecycleNode, Node
+from launch_ros.event_handlers import OnStateTransition
+from launch_ros.events.lifecycle import ChangeState
+from lifecycle_msgs.msg import Transition
 
 from facts_damping.case.loading import load_case
 from facts_damping.case.names import (
@@ -45,10 +55,15 @@ ARGUMENTS = {
     "foxglove": ("", "port of a live view for Foxglove, such as 8765; empty: none"),
     "params_file": ("", "YAML file of parameters, a section a node; empty: none"),
     "streams": ("", "in place of the plant, not in lockstep: YAML file of streams, or an address; empty: none"),
+    "lifecycle": ("false", "true: configure all nodes, then activate them in order, the plant last"),
     "respawn": ("false", "true, unless in lockstep: start links, controllers, supervisors, identifiers again"),
 }
 NOTHING = ("none", "''", '""')  # for an empty argument, which `ros2 launch` does not take
-CHOICES = {"mode": ["lockstep", "realtime", "free"], "respawn": ["false", "true"]}
+CHOICES = {
+    "mode": ["lockstep", "realtime", "free"],
+    "lifecycle": ["false", "true"],
+    "respawn": ["false", "true"],
+}
 
 
 def check_arguments(given: list[str]) -> None:
@@ -72,6 +87,32 @@ def ended(event: Any, context: LaunchContext) -> None:
         raise RuntimeError(f"{event.process_name} ended with status {event.returncode}")
 
 
+def in_order(managed: list[LifecycleNode]) -> list[RegisterEventHandler | EmitEvent]:
+    """Configure all nodes, then activate them one after another."""
+
+    def ask(node: LifecycleNode, transition: int) -> EmitEvent:
+        matcher = lambda one: one is node  # noqa: E731 (as launch_ros asks for it)
+        return EmitEvent(event=ChangeState(lifecycle_node_matcher=matcher, transition_id=transition))
+
+    activate = [ask(node, Transition.TRANSITION_ACTIVATE) for node in managed]
+    configured: set[int] = set()
+
+    def when_configured(_: LaunchContext, number: int) -> list[EmitEvent]:
+        configured.add(number)
+        return activate[:1] if len(configured) == len(managed) else []
+
+    made: list[RegisterEventHandler | EmitEvent] = []
+    for i, node in enumerate(managed):
+        count = OpaqueFunction(function=when_configured, args=[i])
+        for start, goal, then in (
+            ("configuring", "inactive", [count]),
+            ("activating", "active", activate[i + 1 : i + 2]),
+        ):
+            handler = OnStateTransition(target_lifecycle_node=node, start_state=start, goal_state=goal, entities=then)
+            made.append(RegisterEventHandler(handler))
+    return [*made, *(ask(node, Transition.TRANSITION_CONFIGURE) for node in managed)]
+
+
 def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventHandler]:
     """Plant and recorder, a node for each link that is used, for each controller of the run, for each identifier."""
     check_arguments(sys.argv)
@@ -84,17 +125,22 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
     compile_once()
     common = {"run": asked["run"], "set": sets or [""], "mode": asked["mode"]}
     common |= {"recorder": bool(asked["output"]), "view": bool(asked["foxglove"])}
+    ordered = asked["lifecycle"] == "true"
+    if again and ordered:
+        raise InputError("respawn:=true given with lifecycle:=true; allowed: one of them")
 
     def node(executable: str, address: Address, **parameters: object) -> Node:
         joins = again and "index" in parameters
         if joins:
             parameters["join"] = asked["mode"] == "realtime"
         namespaces = [one for one in (asked["namespace"].strip("/"), address.namespace) if one]
-        made = Node(
+        if ordered:
+            parameters["autostart"] = False
+        made = (LifecycleNode if ordered else Node)(
             package="facts_damping",
             executable=executable,
             name=address.name,
-            namespace="/".join(namespaces) or None,
+            namespace="/".join(namespaces) or ("" if ordered else None),
             parameters=[{**common, **parameters}, *([asked["params_file"]] if asked["params_file"] else [])],
             respawn=joins,
             respawn_delay=RESPAWN_S if joins else None,
@@ -126,7 +172,10 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
         started.append(view(asked, sets))
     failures = [RegisterEventHandler(OnProcessExit(target_action=one, on_exit=ended)) for one in watched]
     end = RegisterEventHandler(OnProcessExit(target_action=plant, on_exit=[Shutdown(reason="the run is over")]))
-    return [*failures, end, *started]
+    if not ordered:
+        return [*failures, end, *started]
+    managed = [one for one in started if isinstance(one, LifecycleNode)]
+    return [*failures, end, *started, *in_order([*managed[:0:-1], managed[0]])]
 
 
 def view(asked: dict[str, str], sets: list[str]) -> Node:

@@ -28,6 +28,7 @@ from facts_damping.case.names import (
 )
 from facts_damping.nodes.admission.publishers import PLANT
 from facts_damping.nodes.base.log import NodeLog
+from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.run import run_node
@@ -40,9 +41,8 @@ from facts_damping.signals import DELIVERY, SETPOINT
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from rclpy.node import Node
-
     from facts_damping.case.model import Case
+    from facts_damping.nodes.base.managed import ManagedNode
 
 FRAMES = "pmu/frames"
 BEGUN = 10  # tick by which all nodes know each other; publishers before it would count as another graph
@@ -53,7 +53,9 @@ SWING = 0.02  # p.u., amplitude of all values in forged frames
 class Attacker:
     """Forges the messages of other nodes, tick by tick."""
 
-    def __init__(self, node: Node) -> None:
+    activation = AlwaysActive()
+
+    def __init__(self, node: ManagedNode) -> None:
         """Read parameters; subscribe to the plant's frames and to states."""
         self.case, options = read_case(node), read_options(node, joins=False)
         ticks = descriptor("first tick of which it says something", "", 0, self.case.ticks)

@@ -19,6 +19,7 @@ from facts_damping.nodes.admission.member import PLANT, Member
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.clock import SimulatedClock
 from facts_damping.nodes.base.discovery import finish
+from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options, read_stamp
 from facts_damping.nodes.base.qos import LATCHED, PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node
@@ -38,8 +39,8 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
 
     from numpy.typing import NDArray
-    from rclpy.node import Node
 
+    from facts_damping.nodes.base.managed import ManagedNode
     from facts_damping.streaming.stream_clock import Tick
 
 OURS = "tcp://127.0.0.1:4712/1"  # default address of c37118_server
@@ -51,7 +52,9 @@ SPIN_S = 0.05  # longest wait for stream data before requests are answered
 class C37118Client:
     """Plays the plant of a run from streams."""
 
-    def __init__(self, node: Node) -> None:
+    activation = AlwaysActive()
+
+    def __init__(self, node: ManagedNode) -> None:
         """Read parameters, set up the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         if not self.options.paced:

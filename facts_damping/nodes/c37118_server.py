@@ -12,6 +12,7 @@ from facts_damping.case.names import link_addresses
 from facts_damping.errors import InputError
 from facts_damping.nodes.admission.message_filter import MessageFilter
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
+from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import Options, declare, descriptor, read_case
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
@@ -26,7 +27,8 @@ from facts_damping.streaming.serving import Serving
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-    from rclpy.node import Node
+
+    from facts_damping.nodes.base.managed import ManagedNode
 
 FRAMES = "pmu/frames"
 LISTENS = Options("free", 5.0, 30.0, recorder=False, view=False)  # whatever the graph's mode: no node waits for it
@@ -36,7 +38,9 @@ TELL_S = 1.0  # wall time between two reports of changes
 class C37118Server:
     """Serves a run's PMUs as C37.118.2 streams."""
 
-    def __init__(self, node: Node) -> None:
+    activation = AlwaysActive()
+
+    def __init__(self, node: ManagedNode) -> None:
         """Read parameters, subscribe to the plant or to a link."""
         self.case, self.asked, link = read_case(node), read_serving(node), read_link(node)
         links = link_addresses(self.case)
@@ -108,7 +112,7 @@ class C37118Server:
         self.beside.close()
 
 
-def read_serving(node: Node) -> Serving:
+def read_serving(node: ManagedNode) -> Serving:
     """Declare and read the parameters of the servers."""
     host: str = declare(node, "host", "127.0.0.1", descriptor("address of this computer at which clients connect"))
     port: int = declare(node, "port", 4712, descriptor("TCP and UDP port; 0: a free one", "", 0, 60000))
@@ -122,7 +126,7 @@ def read_serving(node: Node) -> Serving:
     return Serving(host, port, to, idcode, formats or None, each=each)
 
 
-def read_link(node: Node) -> int:
+def read_link(node: ManagedNode) -> int:
     """Declare and read the link behind which the stream is taken; -1: none."""
     text = "as this link of the run has delivered it, time-aligned; -1: as PMUs report it"
     return int(declare(node, "behind", -1, descriptor(text, "", -1, 15)))

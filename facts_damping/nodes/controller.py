@@ -35,15 +35,15 @@ from facts_damping.simulation.restarts import Restarts
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-    from rclpy.node import Node
 
+    from facts_damping.nodes.base.managed import ManagedNode
     from facts_damping.parameters.run import Weights
 
 
 class ControllerNode:
     """One controller of the run."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: ManagedNode) -> None:
         """Read parameters, build the controller, set up the topics."""
         self.case, self.options, self.weights = read_case(node), read_options(node), WeightsFile(node)
         self.index = read_index(node, range(len(self.case.controllers)))
@@ -77,7 +77,7 @@ class ControllerNode:
                 JacobianEstimate, f"{graph}{identifier}/estimate", self.ticks.receive, estimates.read
             )
         message_filter.hear_run()
-        self.spinner = self.member.spin()
+        self.spinner, self.activation = self.member.spin(), self.member.joining
         extra = int(self.options.recorder)
         guarded = len(supervisor_addresses(self.case)) > 0  # then only the supervisor subscribes to the setpoints
         heard_as_well = guarded and self.controller.fallback_of is None  # the supervisor also subscribes to the state

@@ -26,8 +26,8 @@ from facts_damping.simulation.build import build_control
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-    from rclpy.node import Node
 
+    from facts_damping.nodes.base.managed import ManagedNode
     from facts_damping.parameters.run import Weights
 
 
@@ -37,7 +37,7 @@ SHARED = ["clip", "projection", "stale"]  # parameters of the controller that an
 class IdentifierNode:
     """The identifier of one controller of the run."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: ManagedNode) -> None:
         """Read parameters, build the identifier, set up the topics."""
         self.case, self.options, self.weights = read_case(node), read_options(node), WeightsFile(node)
         addresses = identifier_addresses(self.case)
@@ -67,7 +67,7 @@ class IdentifierNode:
         setpoints = SetpointsMessage(self.case, speaker.name, [acting(self.case, self.index)], seal(by, speaker.topic))
         message_filter.subscribe(DeviceSetpoints, f"{graph}{speaker.topic}", self.ticks.receive, setpoints.read)
         message_filter.hear_run()
-        self.spinner = self.member.spin()
+        self.spinner, self.activation = self.member.spin(), self.member.joining
 
     def ready(self) -> None:
         """Wait for its link, its controller, and the recorder."""

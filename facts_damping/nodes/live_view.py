@@ -9,6 +9,7 @@ from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 
 from facts_damping.errors import InputError
 from facts_damping.nodes.base.log import NodeLog
+from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
@@ -17,7 +18,7 @@ from facts_damping.recording.schemas import schema_text
 from facts_damping.recording.simulated import stamp_ns
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
+    from facts_damping.nodes.base.managed import ManagedNode
 
 # Best effort: publishers do not wait for such a reader, so a slow view misses messages but delays no node.
 LISTENING = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.BEST_EFFORT, depth=1000)
@@ -29,7 +30,9 @@ HOST, PORT = "127.0.0.1", 8765
 class LiveView:
     """Subscribes to all topics and forwards the raw messages at the time of their stamps."""
 
-    def __init__(self, node: Node) -> None:
+    activation = AlwaysActive()
+
+    def __init__(self, node: ManagedNode) -> None:
         """Read parameters, advertise the topics, subscribe."""
         case = read_case(node)
         self.host: str = declare(node, "host", HOST, descriptor("address that the server listens at"))

@@ -37,7 +37,8 @@ from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-    from rclpy.node import Node
+
+    from facts_damping.nodes.base.managed import ManagedNode
 
 PROGRESS_S = 0.2  # wall time between two progress lines
 
@@ -45,7 +46,7 @@ PROGRESS_S = 0.2  # wall time between two progress lines
 class PlantSim:
     """Node of the plant: publishers, and the setpoints received."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: ManagedNode) -> None:
         """Read parameters, build the plant, set up the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         self.stamp = read_stamp(node, self.options)
@@ -71,7 +72,7 @@ class PlantSim:
         self.released: list[str] = []
         endless = self.options.free and self.case.run.duration is None
         self.ticks = sys.maxsize if endless else self.case.ticks
-        self.spinner = self.member.spin()
+        self.spinner, self.activation = self.member.spin(), self.control
 
     def ready(self) -> None:
         """Wait for the links, supervisors, and the recorder."""

@@ -20,6 +20,7 @@ from facts_damping.case.names import (
 from facts_damping.control.table import kind_of
 from facts_damping.nodes.admission.member import RECORDER, Member
 from facts_damping.nodes.admission.publishers import PLANT
+from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.run import run_node
@@ -34,9 +35,8 @@ from facts_damping.recording.writer import RecordingWriter
 from facts_damping.version import versions
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
-
     from facts_damping.case.model import Case
+    from facts_damping.nodes.base.managed import ManagedNode
 
 FLUSH_S = 0.5  # wall time between two flushes of the current chunk to disk: the most data that a kill can lose
 QUIET_S = 0.2  # wall time without a message after which a stopped recorder is done
@@ -98,7 +98,9 @@ def message_type(kind: Any) -> str:
 class Recorder:
     """Subscribes to all topics and writes the messages."""
 
-    def __init__(self, node: Node) -> None:
+    activation = AlwaysActive()
+
+    def __init__(self, node: ManagedNode) -> None:
         """Read parameters, subscribe."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         self.folder: str = declare(node, "output", "recording", descriptor("folder of the new recording"))

@@ -21,6 +21,7 @@ from facts_damping.case.names import (
 from facts_damping.errors import RunError
 from facts_damping.nodes.admission.member import PLANT, Member
 from facts_damping.nodes.base.discovery import finish
+from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import LATCHED, PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node
@@ -40,7 +41,8 @@ from facts_damping.simulation.replay import acted, fitted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-    from rclpy.node import Node
+
+    from facts_damping.nodes.base.managed import ManagedNode
 
 PROGRESS_S = 0.2  # wall time between two progress lines
 
@@ -48,7 +50,9 @@ PROGRESS_S = 0.2  # wall time between two progress lines
 class ReplaySource:
     """Replays a recording and waits for the controllers' answers."""
 
-    def __init__(self, node: Node) -> None:
+    activation = AlwaysActive()
+
+    def __init__(self, node: ManagedNode) -> None:
         """Read parameters and recording, set up the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         path: str = declare(node, "recording", "", descriptor("recording to be replayed"))

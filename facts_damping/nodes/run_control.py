@@ -31,7 +31,9 @@ REMIND_S = 0.4  # wall time between two reports of a pause: shorter than the tim
 
 
 class RunControl:
-    """Services that control the run, and its paused state."""
+    """Services that control the run, and its paused state; the plant's lifecycle state is `inactive` while it waits."""
+
+    waits, takes_part = False, True
 
     def __init__(self, node: Node, member: Member, plant: LivePlant, progress: Callable[[], None]) -> None:
         """Create the services; during a pause, `progress` tells the calling program that the run is alive."""
@@ -53,6 +55,29 @@ class RunControl:
             self._ask_event(event)
         node.add_on_set_parameters_callback(self.on_set)
 
+    def activate(self) -> None:
+        """Resume a paused run."""
+        self._resume()
+
+    def deactivate(self) -> None:
+        """Pause the run."""
+        self._pause()
+
+    def _pause(self) -> bool:
+        """Pause the run. Returns whether it went on."""
+        went, self._paused = not self._paused, True
+        if went:
+            self._member.change("pause")
+        return went
+
+    def _resume(self) -> bool:
+        """Resume the run. Returns whether it was paused."""
+        paused, self._paused, self._steps = self._paused, False, 0
+        if paused:
+            self._member.change("resume")
+            self.say(RunState.RUNNING, self._plant.tick, "goes on")
+        return paused
+
     def _next(self) -> str:
         """Text that tells from which tick and time a change acts."""
         tick = self._plant.tick + 1
@@ -60,22 +85,15 @@ class RunControl:
 
     def on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Pause: no tick begins until the run is resumed or stepped."""
-        response.success = not self._paused
         there = f"the run is paused after tick {self._plant.tick}, {self._steps} to be stepped"
+        response.success = self._pause()
         response.message = f"paused {self._next()}" if response.success else there
-        if response.success:
-            self._paused = True
-            self._member.change("pause")
         return response
 
     def on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Resume a paused run."""
-        response.success = self._paused
+        response.success = self._resume()
         response.message = f"goes on {self._next()}" if response.success else "the run is not paused"
-        if response.success:
-            self._paused, self._steps = False, 0
-            self._member.change("resume")
-            self.say(RunState.RUNNING, self._plant.tick, "goes on")
         return response
 
     def on_step(self, request: Step.Request, response: Step.Response) -> Step.Response:

@@ -61,8 +61,7 @@ from facts_damping.supervision.step import supervise, write_status
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.node import Node
-
+    from facts_damping.nodes.base.managed import ManagedNode
     from facts_damping.nodes.transport.signing import Signing
 
 LEVELS = {ARMED: DiagnosticStatus.OK, TRIPPED: DiagnosticStatus.ERROR}  # all other states: WARN
@@ -72,7 +71,7 @@ FROM = {ARM: (SHADOW,), DISARM: (SHADOW, ARMED, FALLBACK, TRIPPED), RESET: (DISA
 class SupervisorNode:
     """The supervisor of one controller of the run."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: ManagedNode) -> None:
         """Read parameters, build the supervisor, set up the topics."""
         self.case, self.options = read_case(node), read_options(node)
         addresses = supervisor_addresses(self.case)
@@ -96,9 +95,12 @@ class SupervisorNode:
         for name in COMMANDS:
             node.create_service(Trigger, f"~/{name}", partial(self.on_command, name))
         self.member.message_filter.hear_run()
-        self.spinner = self.member.spin()
+        self.waits, self.takes_part = False, self.options.paced
+        self.spinner, self.activation = self.member.spin(), self
 
-    def wire(self, node: Node, graph: str, by: Signing | None) -> tuple[InputCollector, dict[str, Callable[[], int]]]:
+    def wire(
+        self, node: ManagedNode, graph: str, by: Signing | None
+    ) -> tuple[InputCollector, dict[str, Callable[[], int]]]:
         """Subscribe to the link, the plant, the controller and its fallback.
 
         Returns the collector of their messages, and a function by part that counts its publishers.
@@ -174,6 +176,25 @@ class SupervisorNode:
         values = {"mode": self.options.mode, "state": STATES[state], "cause": cause_name(int(self.told["cause"][0]))}
         return Health(level, f"{STATES[state]}: {reason}" if reason else STATES[state], values)
 
+    def activate(self) -> None:
+        """Return to shadow if the supervisor is disarmed."""
+        if self.state.rows["state"][self.own] == DISARMED:
+            self._ask("reset")
+
+    def deactivate(self) -> None:
+        """Disarm: the controller no longer acts."""
+        if self.state.rows["state"][self.own] != DISARMED:
+            self._ask("disarm")
+
+    def _ask(self, name: str) -> None:
+        """Queue a command for the next tick."""
+        row = self.state.rows[self.own]
+
+        def act(_tick: int) -> None:
+            row["asked"] = COMMANDS[name]
+
+        self.member.change(name, act=act)
+
     def on_command(self, name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Queue an operator's command for the next tick, or answer why it is refused."""
         code, row = COMMANDS[name], self.state.rows[self.own]
@@ -190,11 +211,7 @@ class SupervisorNode:
             self.told["refused"] = cause
             response.message = f"not armed: {reason_of(self.told[0], self.made.thresholds[self.own], refused=True)}"
             return response
-
-        def act(_tick: int) -> None:
-            row["asked"] = code
-
-        self.member.change(name, act=act)
+        self._ask(name)
         response.success, response.message = True, f"from tick {int(row['tick']) + 1} on"
         return response
 

@@ -31,7 +31,8 @@ from facts_damping.simulation.measured_plant import tick_ns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-    from rclpy.node import Node
+
+    from facts_damping.nodes.base.managed import ManagedNode
 
 
 PATIENCE_S = 2.0  # added to the time-out for the plant, which names other silent links 1 s after its own time-out
@@ -40,7 +41,7 @@ PATIENCE_S = 2.0  # added to the time-out for the plant, which names other silen
 class WanLink:
     """One link of the run, both directions, and the messages of the current tick."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: ManagedNode) -> None:
         """Read parameters, build the link, set up the topics."""
         self.case, self.options = read_case(node), read_options(node)
         self.index = read_index(node, range(len(self.case.links)), "links")
@@ -72,7 +73,7 @@ class WanLink:
         self.publishers = {one.name: partial(node.count_publishers, f"{graph}{one.topic}") for one in heard.values()}
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
         message_filter.hear_run("pmu/frames")
-        self.spinner = self.member.spin()
+        self.spinner, self.activation = self.member.spin(), self.member.joining
 
     @property
     def measured(self) -> tuple[Any, ...]:

@@ -123,7 +123,7 @@ def _possible(case: Case, change: RunChange) -> bool:
     if change.role == "identifier" and controller.scheme != "indirect":
         return False
     if change.kind not in ("parameter", "weights"):
-        return change.kind in ("start", "arm")
+        return change.kind in ("start", "arm", "disarm")
     table = kind_of(controller).parameters
     try:
         if change.kind == "weights":
@@ -136,10 +136,10 @@ def _possible(case: Case, change: RunChange) -> bool:
 
 
 def _disarmed(changes: Sequence[RunChange]) -> list[Absence]:
-    """Intervals in which nodes were disarmed, in the form of `Record.absences`."""
+    """Intervals in which controllers and identifiers were disarmed, in the form of `Record.absences`."""
     found = []
-    for one in changes:
-        if one.kind == "start" and one.value == "disarmed":
+    for one in [change for change in changes if change.role != "supervisor"]:
+        if one.kind == "disarm" or (one.kind == "start" and one.value == "disarmed"):
             whose = [other for other in changes if (other.role, other.index) == (one.role, one.index)]
             later = [other.tick for other in whose if other.kind in ("arm", "start")]
             end = min([tick for tick in later if tick > one.tick], default=np.iinfo(np.int64).max)

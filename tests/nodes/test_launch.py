@@ -42,12 +42,15 @@ def kinds(*names: str) -> dict[str, type[Asked]]:
 MODULES = {
     "launch": kinds("LaunchContext", "LaunchDescription"),
     "launch.actions": kinds(
-        "DeclareLaunchArgument", "ExecuteProcess", "OpaqueFunction", "RegisterEventHandler", "Shutdown"
+        "DeclareLaunchArgument", "EmitEvent", "ExecuteProcess", "OpaqueFunction", "RegisterEventHandler", "Shutdown"
     ),
     "launch.event_handlers": kinds("OnProcessExit"),
     "launch.substitutions": kinds("LaunchConfiguration"),
     "launch_ros": {},
-    "launch_ros.actions": kinds("Node"),
+    "launch_ros.actions": kinds("LifecycleNode", "Node"),
+    "launch_ros.event_handlers": kinds("OnStateTransition"),
+    "launch_ros.events": {},
+    "launch_ros.events.lifecycle": kinds("ChangeState"),
 }
 
 

@@ -1,4 +1,4 @@
-"""Joining a running graph: a joining node stays disarmed, and its output has no effect, until an operator arms it."""
+"""Arming: whether what a node does has an effect. A joining node is inactive, disarmed, until an operator arms it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
+from facts_damping.errors import InputError
 from facts_damping.nodes.transport.messages import Health
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
+    from rclpy.lifecycle import LifecycleNode
 
     from facts_damping.nodes.base.parameters import Options
 
@@ -19,44 +20,57 @@ NEVER = -1  # ns, time of an event that has not happened yet
 
 
 class Joining:
-    """Joined and armed state of a node."""
+    """Joined and armed state of a node: armed where its lifecycle state is `active`."""
 
-    def __init__(self, node: Node, options: Options, *, arms: bool = True) -> None:
+    def __init__(self, node: LifecycleNode, options: Options, *, arms: bool = True) -> None:
         """If `arms`, offer the service `~/arm`; a joining node is then disarmed until it is called."""
-        self.joins, self._began, self._asked = options.join and arms, False, False
+        self._node, self._lockstep = node, not options.paced
+        self.waits, self.takes_part = options.join and arms, options.paced
+        self._began, self._wanted = False, not arms
+        self.acts = not arms  # whether the node's output has an effect
         self._joined_ns = self._armed_ns = NEVER
         if arms:
             node.create_service(Trigger, "~/arm", self.on_arm)
 
     def on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Arm the node from the next tick on."""
-        response.success = self._joined_ns != NEVER and not self._asked
+        """Arm the node from the next tick on: the same as `activate`."""
+        response.success = self._began and not self._wanted
         response.message = "armed" if response.success else "it is armed" if self._began else "it has not begun yet"
-        self._asked |= response.success
+        if response.success:
+            self._node.trigger_activate()
         return response
 
-    def begin(self, start_ns: int) -> bool:
-        """Begin a tick. Returns true if the node joins or becomes armed at this tick."""
-        first, self._began = not self._began, True
-        if first and self.joins and start_ns > 0:
-            self._joined_ns = start_ns
-            return True
-        if self._asked and self._armed_ns == NEVER:
-            self._armed_ns = start_ns
-            return True
-        return False
+    def activate(self) -> None:
+        """Arm the node from the next tick on."""
+        self._wanted = True
 
-    @property
-    def acts(self) -> bool:
-        """Whether the node's output may take effect."""
-        return self._joined_ns == NEVER or self._armed_ns != NEVER
+    def deactivate(self) -> None:
+        """Disarm the node from the next tick on. Raises `InputError` in lockstep."""
+        if self._lockstep:
+            raise InputError("deactivate given in mode lockstep, where all nodes act; allowed: in realtime and free")
+        self._wanted = False
+
+    def begin(self, start_ns: int) -> str:
+        """Begin a tick. Returns what changes with it: `join`, `arm`, `disarm` or nothing."""
+        first, self._began = not self._began, True
+        if first and self.waits and start_ns == 0 and not self._wanted:
+            self._node.trigger_activate()  # it begins with the run: there is nothing to join
+        before, self.acts = self.acts, self._wanted
+        if first:
+            self._joined_ns = start_ns if self.waits and start_ns > 0 else NEVER
+            return "join" if self._joined_ns != NEVER else "" if self.acts else "disarm"
+        if self.acts == before:
+            return ""
+        self._armed_ns = start_ns if self.acts else NEVER
+        return "arm" if self.acts else "disarm"
 
     def health(self) -> Health | None:
-        """When the node joined, and whether it is armed; None if it has been there from the beginning."""
-        if self._joined_ns == NEVER:
-            return None
+        """When the node joined, and whether it is armed; None if it has been there, armed, from the beginning."""
+        joined = self._joined_ns != NEVER
+        if not joined:
+            return None if self.acts else Health(DiagnosticStatus.WARN, "inactive", {})
         values, text = {"joined_ns": self._joined_ns}, f"joined at {self._joined_ns / NANOSECONDS:.3f} s"
-        if self._armed_ns == NEVER:
+        if not self.acts:
             return Health(DiagnosticStatus.WARN, f"{text}, disarmed", values)
         values["armed_ns"] = self._armed_ns
         return Health(DiagnosticStatus.OK, f"{text}, armed at {self._armed_ns / NANOSECONDS:.3f} s", values)

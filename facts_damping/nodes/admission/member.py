@@ -25,7 +25,7 @@ from facts_damping.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.node import Node
+    from rclpy.lifecycle import LifecycleNode
     from rclpy.publisher import Publisher
 
     from facts_damping.case.model import Case
@@ -42,7 +42,7 @@ class Member:
 
     def __init__(
         self,
-        node: Node,
+        node: LifecycleNode,
         case: Case,
         options: Options,
         role: str,
@@ -100,20 +100,19 @@ class Member:
 
     def begin(self, tick: int) -> None:
         """Begin a tick: apply and publish the changes queued since the last one."""
-        start = tick_ns(tick, self._rate)
-        if self._tick < 0 < tick:
-            self._pending.insert(
-                0, ("start", "", "disarmed" if self._options.join and self._role != SUPERVISOR else None, None)
-            )
+        start, late = tick_ns(tick, self._rate), self._tick < 0 < tick
+        changed = self.joining.begin(start)
+        if late:
+            self._pending.insert(0, ("start", "", None if self.joining.acts else "disarmed", None))
         self._tick, self.at_ns = tick, start
         while self._pending:
             kind, name, value, act = self._pending.pop(0)
             if act is not None:
                 act(tick)
             self._tell_change(kind, name, value)
-        if self.joining.begin(start) and (joined := self.joining.health()) is not None:
-            if self.joining.acts:
-                self._tell_change("arm", "", None)
+        if changed in ("arm", "disarm") and not late:
+            self._tell_change(changed, "", None)
+        if changed and (joined := self.joining.health()) is not None:
             self.message_filter.log.line(joined.message)
             self.message_filter.log.info(joined.message)
             self.publish(joined)

@@ -9,7 +9,7 @@ import warnings
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -22,32 +22,19 @@ from facts_damping.nodes.base.discovery import (
 )
 from facts_damping.nodes.base.exit_watchdog import end_after
 from facts_damping.nodes.base.log import NodeLog
-from facts_damping.nodes.base.parameters import accept_whole_numbers, check_declared, usage
+from facts_damping.nodes.base.managed import ManagedNode
+from facts_damping.nodes.base.parameters import usage
 from facts_damping.nodes.base.spinner import HEARD_S, BeginAgain, Stopped, stop_by_signals
 from facts_damping.terminal import INTERRUPTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.node import Node
-
-    from facts_damping.nodes.base.spinner import Spinner
+    from facts_damping.nodes.base.managed import NodeBody
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 FAST_DDS = {"fastdds": "3.", "fastrtps": "2."}  # name in wheels, variables and profiles; Fast DDS version
 LEAVE_S = 5.0  # longest wall time for a node to leave the graph
-
-
-class NodeBody(Protocol):
-    """Interface of a node's application class: constructed, made ready, then run."""
-
-    spinner: Spinner
-
-    def ready(self) -> None:
-        """Wait for peers and open files or ports."""
-
-    def run(self) -> None:
-        """Work until done or interrupted."""
 
 
 def profile(this_host: bool) -> tuple[str, Path] | None:
@@ -75,27 +62,28 @@ def _set_up_middleware() -> None:
         os.environ[RANGE] = "SYSTEM_DEFAULT"  # the profile limits discovery instead
 
 
-def run_node(name: str, make: Callable[[Node], NodeBody], does: str) -> None:
+def run_node(name: str, make: Callable[[ManagedNode], NodeBody], does: str) -> None:
     """Make a node, run it and exit: status 0 done or interrupted, 1 failed, 2 bad input.
 
-    An error is logged in one line. `does`: first line of `--help`. In a free graph the node is made anew whenever the
-    plant was replaced.
+    An error is logged in one line. `does`: first line of `--help`. The node is made anew when the plant of a free graph
+    was replaced, and after `cleanup`.
     """
     _set_up_middleware()
     stop_by_signals()
     warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)  # the client may have left
     if _asks_for_help():
         os.environ[RANGE] = "OFF"  # a node that only prints its help need not be discovered
-    status = None
+    status, autostart = None, None
     while status is None:
         try:
             if not rclpy.ok():
                 rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-            node = rclpy.create_node(name, start_parameter_services=True)
+            node = ManagedNode(name, make, autostart)
         except Exception as error:  # noqa: BLE001 (arguments of ROS 2 that rclpy cannot use, each kind in its own way)
             sys.stderr.write(f"{name}: {one_line(error)}\n")
             sys.exit(2)
-        status = _run(node, make, does)
+        status = _run(node, does)
+        autostart = not node.cleaned and (node.autostart or node.active)
         if status is not None:
             _limit_the_end(status)
         node.destroy_node()
@@ -107,31 +95,31 @@ def _asks_for_help() -> bool:
     return not {"-h", "--help"}.isdisjoint(sys.argv[1:])
 
 
-def _run(node: Node, make: Callable[[Node], NodeBody], does: str) -> int | None:
+def _run(node: ManagedNode, does: str) -> int | None:
     """Run a node to its end. Returns the exit status, or None if the node must begin again."""
-    accept_whole_numbers(node)
     log = NodeLog(node)
     try:
-        part = make(node)
         if _asks_for_help():
+            node.construct()
             sys.stdout.write(f"{usage(node, does)}\n")
             return 0
-        check_declared(node)
+        body = node.start() if node.autostart else node.configured()
         try:
             with naming_no_files("a message, a service or a parameter"):
-                part.ready()
-                part.run()
+                body.ready()
+                node.wait_active(body)
+                body.run()
         except RunError as error:
-            raise RunError(f"{error}{part.spinner.remark()}") from error
+            raise RunError(f"{error}{body.spinner.remark()}") from error
         finally:
-            part.spinner.close()
+            body.spinner.close()
         finish(node.publishers, HEARD_S)
         log.info("ended")
     except Stopped:
         finish(node.publishers, HEARD_S)
         log.info("ended: stopped by a signal")
     except BeginAgain:
-        log.info("another plant has begun: this node begins again, too")
+        log.info("unconfigured" if node.cleaned else "another plant has begun: this node begins again, too")
         return None
     except (FactsDampingError, ParameterException) as error:
         log.fatal(one_line(error), traced(error))

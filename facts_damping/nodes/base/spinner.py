@@ -35,7 +35,7 @@ class Stopped(Exception):  # noqa: N818 (not an error: a signal told the node to
 
 
 class BeginAgain(Exception):  # noqa: N818 (not an error: another run has begun)
-    """The plant of a free graph was replaced: the node's state belongs to the previous run."""
+    """The node begins anew: the plant of a free graph was replaced, or `cleanup` was asked for."""
 
 
 def stop_by_signals() -> None:
@@ -53,6 +53,12 @@ def told_to_stop() -> bool:
     """Whether a stop signal has come."""
     told = _told.get()
     return told is not None and told.is_set()
+
+
+def request_stop() -> None:
+    """Stop the node as a signal does."""
+    if (told := _told.get()) is not None:
+        told.set()
 
 
 def check_wanted() -> None:
@@ -102,6 +108,11 @@ class Spinner:
         self._messages: Any = rclpy_implementation.WaitSet(counts[0], 0, 0, 0, 0, 0, context.handle)
         self._requests: Any = rclpy_implementation.WaitSet(0, 0, 0, 0, counts[1], 0, context.handle)
         self._asked = self._wanted_at = time.monotonic()
+        self._again = False
+
+    def begin_again(self) -> None:
+        """Let the node begin again once the request that asks for it is answered."""
+        self._again = True
 
     def spin_once(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` seconds, then serve ready messages, one per subscription.
@@ -156,6 +167,8 @@ class Spinner:
         for pointer, service in self._services if ready else ():
             if pointer in ready and not _answer(service) and self._member is not None:
                 self._member.message_filter.refuse(service.srv_name, "request")
+        if self._again:
+            raise BeginAgain
         if self._member is not None:
             self._member.look()
 

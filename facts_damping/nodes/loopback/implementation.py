@@ -11,6 +11,7 @@ from rclpy.qos import qos_profile_rosout_default
 from rclpy.type_support import check_for_type_support
 
 from facts_damping.nodes.loopback.domain import Context, Destroyable, Node, domain
+from facts_damping.nodes.loopback.lifecycle import LifecycleStateMachine
 from facts_damping.nodes.loopback.processes import wall_ns, world
 from facts_damping.nodes.loopback.services import (
     Client,
@@ -118,7 +119,8 @@ def rclpy_get_rmw_implementation_identifier() -> str:
 NAMES = {
     one.__name__: one
     for one in (
-        *(Client, Clock, Context, Destroyable, EventHandle, GuardCondition, Node, Publisher, Service, Subscription),
+        *(Client, Clock, Context, Destroyable, EventHandle, GuardCondition, LifecycleStateMachine, Node, Publisher),
+        *(Service, Subscription),
         *(Timer, TypeDescriptionService, WaitSet, rmw_request_id_t, rmw_service_info_t),
         *(rclpy_resolve_name, rclpy_remap_topic_name, rclpy_get_topic_names_and_types),
         *(rclpy_get_service_names_and_types, rclpy_get_publishers_info_by_topic),
