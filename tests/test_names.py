@@ -40,7 +40,6 @@ OLD = {
     "inner life": "health",
     "VoltageSetpoint": "DeviceSetpoint",
     "VoltageSetpoints": "DeviceSetpoints",
-    "Station": "Pmu",
     "unit trip": "mechanical power step",
     "swing mode": "electromechanical mode",
     "MOST_TICKS": "MAX_TICKS",

@@ -86,7 +86,7 @@ class Sources:
             text = f"{self.servers[i]}: {error}"
         else:
             names = self._names(self._of([i])) or "none"
-            text = f"{self.servers[i]}: {len(what.pmus)} PMUs, {what.rate} frames/s; pmus: {names}"
+            text = f"{self.servers[i]}: {len(what.pmus)} PMUs, {what.rate} frames/s; PMUs: {names}"
         if self.following.first is None:
             sound = [
                 c for c, found in zip(self._known, self._places, strict=True) if c is not None and found is not None

@@ -162,7 +162,7 @@ def test_configurations(found: dict[str, ET.Element], k: int, kind: str) -> None
     assert [numbers(one, f"conf.{name}") for name in formats] == [[given, given] for given in GIVEN[k]]
     names = fields(one, "synphasor.conf.chnam" if long else "synphasor.channel_name")
     assert [name.rstrip() for name in names] == [*system_pmus.PHASORS, *system_pmus.ANALOGS] * 2
-    assert re.findall(r'PMU #\d: "(\w+) *"', lines(one)) == ["G1", "TIE"]
+    assert re.findall(r'Station #\d: "(\w+) *"', lines(one)) == ["G1", "TIE"]
     scales = [p.scale for pmu in c.pmus for p in pmu.phasors], [a.scale for pmu in c.pmus for a in pmu.analogs]
     if not long:
         assert [round(scale / UNIT) for scale in scales[0]] == [n & 0xFFFFFF for n in numbers(one, "conversion_factor")]
@@ -183,7 +183,7 @@ def test_data(found: dict[str, ET.Element], k: int, kind: str) -> None:
     wanted = system_pmus.to_data(GRID, MEASURED, np.array(status(k)))
     assert numbers(one, "idcode_stream_source", "fracsec_raw") == [100 + k, FRACTION]
     assert numbers(one, "timeqal.lsdir", "timeqal.lsocc", "timeqal.lspend") == [0, 1, 1]
-    assert unsaid(one, *CLOCKS[k][-1], 'PMU: "G1', 'PMU: "TIE', "second: 250") == []
+    assert unsaid(one, *CLOCKS[k][-1], 'Station: "G1', 'Station: "TIE', "second: 250") == []
     words = [np.array(numbers(one, f"data.{name}")) << bit for name, bit in FLAGS.items()]
     assert np.add.reduce(words).tolist() == status(k)
     names, read = zip(*phasors(one), strict=True)

@@ -58,8 +58,8 @@ def test_an_address_is_what_it_was_written_as(text: str) -> None:
         ("servers: [udp://@here:4712/1]", "'udp://@here:4712/1' given; allowed"),
         ("servers: [tcp://a:1/1, tcp://a:1/1]", "a server given twice; allowed: each once"),
         ("servers: [tcp://a:1/1]\nwait: -1.0", "wait: -1.0 given; allowed: greater than or equal to 0"),
-        ("servers: [tcp://a:1/1]\nstations: {G1: {voltage: {channel: V, unit: MV}}}", "voltage: unit 'MV' given"),
-        ("servers: [tcp://a:1/1]\nstations: {G1: {volts: V}}", "volts: unknown"),
+        ("servers: [tcp://a:1/1]\npmus: {G1: {voltage: {channel: V, unit: MV}}}", "voltage: unit 'MV' given"),
+        ("servers: [tcp://a:1/1]\npmus: {G1: {volts: V}}", "volts: unknown"),
     ],
 )
 def test_what_is_wrong_is_one_line(tmp_path: Path, content: str, said: str) -> None:
