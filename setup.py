@@ -155,6 +155,7 @@ setup(
             "distributed>=2024.1",
             "fmpy==0.3.22",
             "foxglove-sdk>=0.30,<1",
+            "grimp>=3,<4",  # docs/drawing.py; import-linter brings it along
             "gymnasium>=1.0,<2",
             "hypothesis>=6.100,<7",
             "import-linter>=2,<3",

@@ -1,4 +1,4 @@
-"""Pages that follow from the code: `python docs/generated.py` writes commands.md and fields.md.
+"""What follows from the code: `python docs/generated.py` writes commands.md, fields.md and images/architecture.svg.
 
 And a hook of mkdocs, for pages that lie beside docs/.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import inspect
 import re
+import runpy
 import types
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
@@ -254,8 +255,9 @@ def _models(annotation: Any) -> Iterator[type[ParameterModel]]:
 
 
 def pages() -> dict[str, str]:
-    """The pages by their names."""
-    return {"commands.md": commands(), "fields.md": fields()}
+    """The pages and the drawing by their names."""
+    drawing: str = runpy.run_path(str(ROOT / "docs" / "drawing.py"))["drawing"]()
+    return {"commands.md": commands(), "fields.md": fields(), "images/architecture.svg": drawing}
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 from functools import cache
@@ -12,6 +13,7 @@ import pytest
 from facts_damping.errors import OLD_NAMES
 
 ROOT = Path(__file__).parents[1]
+ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 GLOSSARY = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
 
 # Given up, and the word instead.
@@ -65,6 +67,25 @@ def test_the_glossary_leads_to_files_that_are_there() -> None:
     places = re.findall(r"`([a-z_]+(?:/[a-z_]+)*(?:/|\.py))`", GLOSSARY)
     assert len(places) > 20
     assert [place for place in places if not (ROOT / "facts_damping" / place).exists()] == []
+
+
+def defined(path: Path) -> set[str]:
+    """Functions of a module, and methods as `Class.method`."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    found = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    return found | {
+        f"{one.name}.{node.name}" for one in classes for node in one.body if isinstance(node, ast.FunctionDef)
+    }
+
+
+def test_a_frame_goes_through_files_and_functions_that_are_there() -> None:
+    table = re.findall(r"^\| \d+ \|.*\| (.+) \|$", ARCHITECTURE, re.MULTILINE)
+    assert len(table) == 10
+    for file, functions in re.findall(r"`([\w/]+\.py)`: (`[\w.]+`(?:, `[\w.]+`)*)", "\n".join(table)):
+        assert set(re.findall(r"`([\w.]+)`", functions)) <= defined(ROOT / "facts_damping" / file), file
+    places = re.findall(r"`((?:[a-z_]+/)*[a-z_]+\.py)`", ARCHITECTURE)
+    assert [place for place in places if not any((ROOT / top / place).exists() for top in ("facts_damping", "."))] == []
 
 
 def test_no_folder_has_more_than_twenty_modules() -> None:

@@ -19,7 +19,7 @@ from facts_damping.cli.commands import parser
 from tests.passed import inputs
 
 pytestmark = inputs(
-    contents=["*.md", "*.cff", "mkdocs.yml", "setup.py"]
+    contents=["*.md", "*.cff", "mkdocs.yml", "pyproject.toml", "setup.py"]
     + [f"{folder}/**/*" for folder in ("docs", "facts_damping", "examples", "config", "msg_defs", "launch")],
     names=["tests/**/*.py"],
 )

@@ -1,4 +1,4 @@
-"""Encoding and decoding of IEEE Std C37.118.2-2011 synchrophasor messages, without sockets and ROS.
+"""Encodes and decodes synchrophasor messages of IEEE C37.118.2-2011, without sockets and ROS.
 
 `frame` has the common part of all messages, `configuration` the configuration frames, `data` the data frames.
 """

@@ -1,4 +1,4 @@
-"""Compilation of the numerical kernels: parts, entry points, structs, and a cache of compiled files."""
+"""Compiles the numerical kernels: parts, entry points, structs, and a cache of compiled files."""
 
 from facts_damping.compiling.kernels import (
     bits_of,

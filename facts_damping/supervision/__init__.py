@@ -1,1 +1,1 @@
-"""Supervisors: each decides from data, controller and grid whether its controller's setpoints may act."""
+"""Supervisors: each decides whether its controller's setpoints may act, from data, controller and grid."""

@@ -1,0 +1,131 @@
+"""The drawing of docs/architecture.md: layers, packages and their imports, from pyproject.toml and the code."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from html import escape
+from pathlib import Path
+from typing import NamedTuple
+
+import grimp
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = "facts_damping"
+WIDTH, TOP, ROW, STEP = 800, 34, 20, 9.5  # of the drawing, of a row, from one rail to the next; px
+LEFT, TEXTS, BARS = 12.0, 706, 714  # first rail; where texts end; where bars begin
+LETTER, SMALL = 7.6, 6.0  # width of a letter of names and of texts, px, at most on average
+ROUNDED = 500  # lines of code are told in multiples of it
+STYLE = """
+text { font: 11px system-ui, sans-serif; fill: #4a4a4a }
+.name { font-weight: 600; font-size: 12px; fill: #222 }
+.name.frame, circle.frame { fill: #1660b8 }
+line { stroke: #c3c8d0; stroke-width: 1.2 }
+line.frame { stroke: #7fa9dc; stroke-width: 1.6 }
+circle { fill: #8d949e }
+.bar { fill: #b9bec6 }
+"""
+
+
+class Row(NamedTuple):
+    """A package, or the modules of a layer that are single files; what it is for, and its lines of code."""
+
+    names: list[str]
+    layer: int
+    purpose: str
+    lines: int
+
+
+def rows() -> list[Row]:
+    """From top to bottom, as import-linter's contract has them."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    (layers,) = (one["layers"] for one in contracts if one["type"] == "layers")
+    found = []
+    for number, layer in enumerate(layers):
+        names = [name.strip() for name in layer.split("|")]
+        folders = [name for name in names if (ROOT / PACKAGE / name).is_dir()]
+        found += [Row([name], number, _purpose(name), _lines(name)) for name in folders]
+        files = [name for name in names if name not in folders]
+        if files:
+            found.append(Row(files, number, _purpose(files[0]) if len(files) == 1 else "", 0))
+    return found
+
+
+def _purpose(name: str) -> str:
+    """The first sentence of its docstring."""
+    path = ROOT / PACKAGE / name
+    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return re.sub(r" \(docs/\w+\.md\)|`", "", text.partition(". ")[0].splitlines()[0]).rstrip(".")
+
+
+def _lines(name: str) -> int:
+    return sum(len(one.read_text(encoding="utf-8").splitlines()) for one in (ROOT / PACKAGE / name).rglob("*.py"))
+
+
+def _fitting(text: str, room: float) -> str:
+    """As much of a sentence as there is room for, up to a colon or a comma."""
+    while len(text) * SMALL > room and (cut := max(text.rfind(","), text.rfind(":"))) > 0:
+        text = text[:cut]
+    return text
+
+
+def imports(found: list[Row]) -> set[tuple[int, int]]:
+    """Numbers of rows: the first imports the second."""
+    graph = grimp.build_graph(PACKAGE, cache_dir=None)
+
+    def any_of(above: Row, below: Row) -> bool:
+        return any(
+            graph.direct_import_exists(importer=f"{PACKAGE}.{a}", imported=f"{PACKAGE}.{b}", as_packages=True)
+            for a in above.names
+            for b in below.names
+        )
+
+    pairs = ((i, k) for i in range(len(found)) for k in range(i + 1, len(found)))
+    return {(i, k) for i, k in pairs if any_of(found[i], found[k])}
+
+
+def way_of_a_frame() -> set[str]:
+    """The packages in the table of docs/architecture.md that follows a frame."""
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = text.partition("\n## The way of one frame")[2].partition("\n## ")[0]
+    return set(re.findall(r"`(\w+)/[\w/]+\.py`", table))
+
+
+def drawing() -> str:
+    """The SVG: under each package a rail, with a dot beside every package below that it imports."""
+    found, frame = rows(), way_of_a_frame()
+    used, height = imports(found), TOP + ROW * len(found) + 12
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" width="{WIDTH}" height="{height}">',
+        f"<style>{STYLE}</style>",
+        f'<rect width="{WIDTH}" height="{height}" fill="#fff"/>',
+    ]
+    for number in {row.layer for row in found if row.layer % 2}:
+        own = [i for i, row in enumerate(found) if row.layer == number]
+        parts.append(f'<rect y="{TOP + ROW * own[0]}" width="{WIDTH}" height="{ROW * len(own)}" fill="#f2f4f7"/>')
+    parts.append(f'<text x="{WIDTH - 10}" y="20" text-anchor="end">lines of code, about</text>')
+    for i, row in enumerate(found):
+        x, y = LEFT + STEP * i, TOP + ROW * (i + 0.5)
+        seen = [k for above, k in sorted(used) if above == i]
+        kind = ' class="frame"' if frame & set(row.names) else ""
+        if seen:
+            parts.append(f'<line{kind} x1="{x:g}" y1="{y:g}" x2="{x:g}" y2="{TOP + ROW * (seen[-1] + 0.5):g}"/>')
+        parts += [f'<circle{kind} cx="{x:g}" cy="{TOP + ROW * (k + 0.5):g}" r="3"/>' for k in seen]
+        name = ", ".join(row.names)
+        purpose = escape(_fitting(row.purpose, TEXTS - x - LETTER * len(name) - 14), quote=False)
+        title = f'<tspan class="name{" frame" if kind else ""}">{name}</tspan>'
+        parts.append(f'<text x="{x + 6:g}" y="{y + 4:g}">{title}<tspan dx="8">{purpose}</tspan></text>')
+        if row.lines:
+            told = max(1, round(row.lines / ROUNDED))
+            parts.append(f'<rect class="bar" x="{BARS}" y="{y - 4:g}" width="{told * 2.4:g}" height="8"/>')
+            parts.append(f'<text x="{WIDTH - 10}" y="{y + 4:g}" text-anchor="end">{told * ROUNDED}</text>')
+    return "\n".join([*parts, "</svg>", ""])
