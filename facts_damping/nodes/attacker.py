@@ -98,7 +98,7 @@ class Attacker:
             kinds |= {topic: kind for topic, (kind, _) in self.states.items()}
             self.publishers = {t: self.node.create_publisher(kind, t, PUBLISHER_QOS) for t, kind in kinds.items()}
         for topic, make in self.forged.items():
-            self.say(topic, tick, partial(make, tick))
+            self.send(topic, tick, partial(make, tick))
 
     def on_state(self, topic: str, kind: type[Any], change: Callable[[Any], None], data: bytes) -> None:
         """Publish a received state once more, with changed values."""
@@ -106,9 +106,9 @@ class Attacker:
         if message.tick > self.told[topic]:  # not its own message
             self.told[topic] = message.tick
             change(message)
-            self.say(topic, message.tick, partial(serialize_message, message))
+            self.send(topic, message.tick, partial(serialize_message, message))
 
-    def say(self, topic: str, tick: int, make: Callable[[], bytes]) -> None:
+    def send(self, topic: str, tick: int, make: Callable[[], bytes]) -> None:
         """Publish the message that `make` returns, if `tick` is within the attack."""
         if self.first <= tick < self.last and topic in self.publishers:
             self.publishers[topic].publish(make())

@@ -63,7 +63,7 @@ class C37118Client:
         given: str = declare(node, "streams", OURS, descriptor("YAML file of the streams, or a server's address"))
         self.streams = read_streams(given)
         self.sources = Sources(self.case, self.streams)
-        self.come: SimpleQueue[tuple[int, float, Any]] = SimpleQueue()
+        self.received: SimpleQueue[tuple[int, float, Any]] = SimpleQueue()
         by = signing(self.case, self.options.start_timeout)
         self.frames, self.truth = FramesMessage(self.case, seal(by, "pmu/frames")), PlantStateMessage(self.case)
         self.unknown = (
@@ -101,23 +101,23 @@ class C37118Client:
 
     def run(self) -> None:
         """Follow the streams to the end of the run or until stopped; publish which of both as the run's state."""
-        beside = AsyncioThread()
+        asyncio_thread = AsyncioThread()
         for i, server in enumerate(self.sources.servers):
-            client = Client(server, lambda what, i=i: self.come.put((i, time.monotonic(), what)))  # type: ignore[misc]
+            client = Client(server, lambda what, i=i: self.received.put((i, time.monotonic(), what)))  # type: ignore[misc]
             self.sources.clients.append(client)
-            self.tasks.append(beside.begin(client.run()))
+            self.tasks.append(asyncio_thread.begin(client.run()))
         try:
             self.follow()
         except Stopped:
-            self.say(RunState.ENDED, run_stopped(self.tick, self.ticks, self.case.run.frame_rate))
+            self.publish_state(RunState.ENDED, run_stopped(self.tick, self.ticks, self.case.run.frame_rate))
             raise
         finally:
-            beside.close()
+            asyncio_thread.close()
             self.member.message_filter.log.info(self.health().message)
 
     def follow(self) -> None:
         """Publish all ticks, each when it is over."""
-        told, began = -PROGRESS_S, time.monotonic()
+        reported_s, began = -PROGRESS_S, time.monotonic()
         while self.tick + 1 < self.ticks:
             check_wanted()
             for ended in (task for task in self.tasks if task.done()):
@@ -129,14 +129,14 @@ class C37118Client:
             for tick in self.sources.following.take(time.monotonic()):
                 if self.tick + 1 < self.ticks:
                     self.publish(tick)
-            if time.monotonic() - told > PROGRESS_S or self.tick + 1 == self.ticks:
-                told = time.monotonic()
+            if time.monotonic() - reported_s > PROGRESS_S or self.tick + 1 == self.ticks:
+                reported_s = time.monotonic()
                 self.member.message_filter.log.line(f"tick {self.tick + 1} {self.ticks} {self.misses}")
         until = time.monotonic() + LAST_S
         while min(self.answered, default=self.tick) < self.tick and time.monotonic() < until:
             self.spinner.spin_once(SPIN_S)
         text = run_done(self.tick, self.case.run.frame_rate)
-        self.say(RunState.ENDED, text)
+        self.publish_state(RunState.ENDED, text)
         self.member.message_filter.log.info(text)
         finish([self.to_links, self.to_all, self.to_events, self.to_state], self.options.timeout)
 
@@ -150,12 +150,12 @@ class C37118Client:
 
         Raises `InputError` for a faulty stream before the first tick.
         """
-        wait, come = min(SPIN_S, self.sources.following.left_s(time.monotonic())), []
+        wait, received = min(SPIN_S, self.sources.following.left_s(time.monotonic())), []
         with suppress(Empty):
-            come.append(self.come.get(timeout=wait))
+            received.append(self.received.get(timeout=wait))
             while True:
-                come.append(self.come.get_nowait())
-        for i, at_s, what in come:
+                received.append(self.received.get_nowait())
+        for i, at_s, what in received:
             text = self.sources.take(i, at_s, what)
             if text and self.tick < 0 and self.sources.wrong:
                 raise InputError(text)
@@ -175,8 +175,8 @@ class C37118Client:
         rows = self.sources.rows(tick, start)
         self.to_links.publish(self.frames.fill(k, start, rows, len(rows)))
         self.to_all.publish(self.truth.fill(k, start, sound=True, machines=self.unknown[0], devices=self.unknown[1]))
-        self.clock.tell(start)
-        self.member.tell(self.health, last=k + 1 == self.ticks)
+        self.clock.publish(start)
+        self.member.report_health(self.health, last=k + 1 == self.ticks)
 
     def begin(self) -> None:
         """Set the time of tick 0 from the first frame. Raises `InputError` if wall stamps are more than a day off."""
@@ -185,9 +185,9 @@ class C37118Client:
         if self.stamp == "wall" and off_s * NANOSECONDS > stamps.DAY_NS:
             raise InputError(f"stamp: wall given with a stream that is {off_s:.0f} s off; allowed: simulated")
         stamps.begin(first_ns if self.stamp == "wall" else 0)
-        self.say(RunState.RUNNING, "begins")
+        self.publish_state(RunState.RUNNING, "begins")
 
-    def say(self, state: int, reason: str) -> None:
+    def publish_state(self, state: int, reason: str) -> None:
         """Publish the state of the run."""
         at = max(self.tick, 0)
         self.to_state.publish(state_message(state, at, tick_ns(at, self.case.run.frame_rate), reason))

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 FRAMES = "pmu/frames"
 LISTENS = Options("free", 5.0, 30.0, recorder=False, view=False)  # whatever the graph's mode: no node waits for it
-TELL_S = 1.0  # wall time between two reports of changes
+REPORT_S = 1.0  # wall time between two reports of changes
 
 
 class C37118Server:
@@ -52,16 +52,16 @@ class C37118Server:
         self.message_filter = MessageFilter(node, self.case, LISTENS, peer=False)
         frames = FramesMessage(self.case, seal(signing(self.case, LISTENS.start_timeout), topic))
         self.message_filter.subscribe(PmuDataFrame, topic, self.on_frames, frames.read, leads=True)
-        self.message_filter.hear_run(FRAMES)
+        self.message_filter.subscribe_run_state(FRAMES)
         self.concentrator: Concentrator | None = None
         self.servers = serving.servers(self.case, self.asked, lambda: (int(time.time()), 0))
-        self.told, self.beside = serving.counted(self.servers), AsyncioThread()
+        self.counted, self.asyncio_thread = serving.counted(self.servers), AsyncioThread()
         self.spinner = Spinner(node, self)
 
     def ready(self) -> None:
         """Open the ports."""
         try:
-            lines = self.beside.wait(serving.begin(self.servers, self.asked))
+            lines = self.asyncio_thread.wait(serving.begin(self.servers, self.asked))
         except BaseException:
             self.end()
             raise
@@ -76,31 +76,31 @@ class C37118Server:
             begun_ns = stamps.epoch_ns() or time.time_ns() - start_ns
             self.concentrator = Concentrator(self.case, begun_ns / NANOSECONDS, self.wait_s)
         for instant in self.concentrator.take(tick, rows):
-            self.beside.soon(partial(send, self.servers, instant, each=self.asked.each))
+            self.asyncio_thread.soon(partial(send, self.servers, instant, each=self.asked.each))
 
-    def look(self, last: bool = False) -> None:
+    def report(self, last: bool = False) -> None:
         """Report refusals. Called periodically."""
-        self.message_filter.tell(last)
+        self.message_filter.report_refusals(last)
 
     def run(self) -> None:
         """Serve until stopped; log changes of the clients, and totals at the end."""
-        told_s = -TELL_S
+        reported_s = -REPORT_S
         try:
             while True:
                 self.spinner.spin_once(0.1)
-                if time.monotonic() - told_s > TELL_S:
-                    told_s = time.monotonic()
-                    self.tell_changes()
+                if time.monotonic() - reported_s > REPORT_S:
+                    reported_s = time.monotonic()
+                    self.report_changes()
         finally:
             for row in serving.counted(self.servers):
                 self.message_filter.log.line(serving.told(row))
                 self.message_filter.log.info(serving.told(row))
             self.end()
 
-    def tell_changes(self) -> None:
+    def report_changes(self) -> None:
         """Log the streams whose counts of clients, drops or refusals have changed."""
-        before, self.told = self.told, serving.counted(self.servers)
-        for old, new in zip(before, self.told, strict=True):
+        before, self.counted = self.counted, serving.counted(self.servers)
+        for old, new in zip(before, self.counted, strict=True):
             if {**old, "frames": 0} != {**new, "frames": 0}:
                 self.message_filter.log.line(serving.told(new))
                 self.message_filter.log.info(serving.told(new))
@@ -108,8 +108,8 @@ class C37118Server:
     def end(self) -> None:
         """Close the servers and the event loop."""
         for server in self.servers:
-            self.beside.wait(server.end())
-        self.beside.close()
+            self.asyncio_thread.wait(server.end())
+        self.asyncio_thread.close()
 
 
 def read_serving(node: ManagedNode) -> Serving:

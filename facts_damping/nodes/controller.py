@@ -76,13 +76,13 @@ class ControllerNode:
             message_filter.subscribe(
                 JacobianEstimate, f"{graph}{identifier}/estimate", self.ticks.receive, estimates.read
             )
-        message_filter.hear_run()
+        message_filter.subscribe_run_state()
         self.spinner, self.activation = self.member.spin(), self.member.joining
         extra = int(self.options.recorder)
         guarded = len(supervisor_addresses(self.case)) > 0  # then only the supervisor subscribes to the setpoints
-        heard_as_well = guarded and self.controller.fallback_of is None  # the supervisor also subscribes to the state
+        state_too = guarded and self.controller.fallback_of is None  # the supervisor also subscribes to the state
         self.listeners = {self.to_link: 1 + bool(identifier and not guarded) + extra}
-        self.listeners[self.to_recorder] = int(heard_as_well) + extra
+        self.listeners[self.to_recorder] = int(state_too) + extra
 
     def ready(self) -> None:
         """Wait for its link, its supervisor or identifier, and the recorder."""
@@ -126,10 +126,10 @@ class ControllerNode:
         issued = setpoint_buffer(len(self.controller.devices), len(delivered))
         count = act(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)
         check(self.programs)
-        said = count if self.member.joining.acts else 0
-        self.to_link.publish(self.setpoints.fill(tick, start, issued[:said], self.name))
+        sent = count if self.member.joining.acts else 0
+        self.to_link.publish(self.setpoints.fill(tick, start, issued[:sent], self.name))
         self.to_recorder.publish(self.inner.fill(tick, start, len(delivered) > 0, self.state, self.ticks.heard))
-        self.member.tell(self.health)
+        self.member.report_health(self.health)
         self.weights.keep(self.learnt)
 
 

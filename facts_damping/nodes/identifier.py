@@ -66,7 +66,7 @@ class IdentifierNode:
         message_filter.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
         setpoints = SetpointsMessage(self.case, speaker.name, [acting(self.case, self.index)], seal(by, speaker.topic))
         message_filter.subscribe(DeviceSetpoints, f"{graph}{speaker.topic}", self.ticks.receive, setpoints.read)
-        message_filter.hear_run()
+        message_filter.subscribe_run_state()
         self.spinner, self.activation = self.member.spin(), self.member.joining
 
     def ready(self) -> None:
@@ -94,7 +94,7 @@ class IdentifierNode:
         write_estimates(*learner, tick, self.rows, 0)
         if self.member.joining.acts:
             self.to_controller.publish(self.estimates.fill(tick, self.rows, self.state, self.own, self.ticks.heard))
-        self.member.tell(lambda: self.ticks.health("identifies"))
+        self.member.report_health(lambda: self.ticks.health("identifies"))
         self.weights.keep(self.learnt)
 
 

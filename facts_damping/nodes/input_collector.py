@@ -37,15 +37,15 @@ class InputCollector:
         self._newest = dict.fromkeys(senders, -1)
         self.heard = dict.fromkeys(senders, -1)  # tick of the newest used message, by part
         self._frames: list[tuple[int, Any]] = []
-        self._heard = time.monotonic()
+        self._received_at = time.monotonic()
 
-    def taking(self, part: str) -> Callable[..., None]:
+    def store(self, part: str) -> Callable[..., None]:
         """Callback for the messages of a part."""
-        return partial(self._take, part)
+        return partial(self._store, part)
 
-    def _take(self, part: str, tick: int, content: Any) -> None:
+    def _store(self, part: str, tick: int, content: Any) -> None:
         self._parts[part].append((tick, content))
-        self._newest[part], self._heard = tick, time.monotonic()
+        self._newest[part], self._received_at = tick, time.monotonic()
         self._proceed()
 
     def frames(self, tick: int, content: Any) -> None:
@@ -53,7 +53,7 @@ class InputCollector:
         if self._options.paced and self._frames:
             self._go_on()  # without the parts that are late
         self._frames.append((tick, content))
-        self._heard = time.monotonic()
+        self._received_at = time.monotonic()
         self._proceed()
 
     def _proceed(self) -> None:
@@ -80,9 +80,9 @@ class InputCollector:
                 continue
             tick = self._frames[0][0]
             patience = PATIENCE * self._options.patience(tick)
-            if time.monotonic() - self._heard > patience:
+            if time.monotonic() - self._received_at > patience:
                 late = [name for name, newest in self._newest.items() if newest < tick]
                 left = [name for name in late if publishers[name]() == 0]
-                who = ", ".join(dict.fromkeys(self._senders[name] for name in left or late))
+                names = ", ".join(dict.fromkeys(self._senders[name] for name in left or late))
                 what = "has left" if left else "is silent"
-                raise RunError(f"{who} {what}: nothing of tick {tick} within {patience:g} s")
+                raise RunError(f"{names} {what}: nothing of tick {tick} within {patience:g} s")

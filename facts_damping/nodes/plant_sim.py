@@ -68,7 +68,7 @@ class PlantSim:
             self.member.message_filter.subscribe(DeviceSetpoints, topic, use, setpoints.read, lambda: self.plant.tick)
         self.answered = [-1 for _ in self.links]
         self.waiting: list[list[Any]] = [[] for _ in self.links]
-        self.misses = self.misses_told = 0
+        self.misses = self.misses_reported = 0
         self.released: list[str] = []
         endless = self.options.free and self.case.run.duration is None
         self.ticks = sys.maxsize if endless else self.case.ticks
@@ -93,7 +93,7 @@ class PlantSim:
         entries = plant.entries()
         self.to_links.publish(self.frames.fill(tick, start_ns, entries, len(entries)))
         self.to_all.publish(self.truth.fill(tick, start_ns, plant.sound, plant.machines, plant.devices))
-        self.clock.tell(start_ns)
+        self.clock.publish(start_ns)
         for event in plant.due():
             self.to_events.publish(grid_event(event))
 
@@ -106,7 +106,7 @@ class PlantSim:
         if not self.plant.sound:
             lost = synchronism_lost(self.plant.start(self.plant.tick))
             return Health(DiagnosticStatus.ERROR, lost, {"mode": self.options.mode})
-        late, self.misses_told = self.misses - self.misses_told, self.misses
+        late, self.misses_reported = self.misses - self.misses_reported, self.misses
         released = self.plant.released()
         flaws = [f"{late} deadline misses in the last second"] if late else []
         flaws += [f"released: {', '.join(released)}"] if released else []
@@ -114,7 +114,7 @@ class PlantSim:
         values = {"deadline_misses": self.misses, "mode": self.options.mode, "released": ", ".join(released)}
         return Health(level, "; ".join(flaws) or "on time", values)
 
-    def tell_released(self) -> None:
+    def log_released(self) -> None:
         """Log devices that were released or take setpoints again."""
         now = self.plant.released()
         if now == self.released:
@@ -125,7 +125,7 @@ class PlantSim:
             self.plant.start(self.plant.tick) / NANOSECONDS,
         )
         for device in set(now) - set(self.released):
-            silent = f"no setpoint accepted for {watchdog.timeout:g} s" if watchdog else "told so"
+            silent = f"no setpoint accepted for {watchdog.timeout:g} s" if watchdog else "reported_s so"
             again = f" or {watchdog.good} good setpoints" if watchdog and watchdog.good else ""
             log.warning(f"{device} released at {at:.3f} s: {silent}; re-armed by ~/rearm{again}")
         for device in set(self.released) - set(now):
@@ -163,12 +163,12 @@ class PlantSim:
             self.simulate()
         except Stopped:
             tick = self.plant.tick
-            self.control.say(RunState.ENDED, tick, run_stopped(tick, self.ticks, self.case.run.frame_rate))
+            self.control.publish_state(RunState.ENDED, tick, run_stopped(tick, self.ticks, self.case.run.frame_rate))
             raise
 
     def simulate(self) -> None:
         """Simulate all ticks or until synchronism is lost; without end in a free graph without a duration."""
-        plant, wall_start, told = self.plant, time.monotonic(), -PROGRESS_S
+        plant, wall_start, reported_s = self.plant, time.monotonic(), -PROGRESS_S
         for k in range(self.ticks):
             check_wanted()
             if held := self.control.hold(k, self.spinner):
@@ -176,26 +176,26 @@ class PlantSim:
                 plant.excuse(held)
             if k == 0:
                 stamps.begin(time.time_ns() if self.stamp == "wall" else 0)
-                self.control.say(RunState.RUNNING, 0, "begins")
+                self.control.publish_state(RunState.RUNNING, 0, "begins")
             self.member.begin(k)
             plant.measure(k)
             self.publish(k)
-            self.member.tell(self.health, last=not plant.sound)
+            self.member.report_health(self.health, last=not plant.sound)
             if not self.options.paced or (k == 0 and not self.options.free):
                 self.wait_lockstep(k)
             if k == 0:
                 wall_start = time.monotonic()  # pacing starts when all nodes have answered once
             if self.options.paced:
                 self.wait_paced(k, wall_start + plant.start(k + 1) * 1e-9)
-            if time.monotonic() - told > PROGRESS_S or k + 1 == self.ticks or not plant.sound:
-                told = time.monotonic()
+            if time.monotonic() - reported_s > PROGRESS_S or k + 1 == self.ticks or not plant.sound:
+                reported_s = time.monotonic()
                 self.progress()
             if not plant.sound:
                 break
             plant.advance([rows for kept in self.waiting for rows in kept])
             for kept in self.waiting:
                 kept.clear()
-            self.tell_released()
+            self.log_released()
             for device, release in plant.late() if self.options.paced else ():
                 self.member.change("release", device, act=release)
         self.end(k, plant.sound)
@@ -204,7 +204,7 @@ class PlantSim:
         """Publish and log that the run has ended, and why."""
         log, start = self.member.message_filter.log, self.plant.start(tick)
         text = run_done(tick, self.case.run.frame_rate) if sound else synchronism_lost(start)
-        self.control.say(RunState.ENDED, tick, text, sound)
+        self.control.publish_state(RunState.ENDED, tick, text, sound)
         if sound:
             log.info(text)
         else:

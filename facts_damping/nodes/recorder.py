@@ -24,7 +24,7 @@ from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.run import run_node
-from facts_damping.nodes.base.spinner import HEARD_S, BeginAgain, told_to_stop
+from facts_damping.nodes.base.spinner import HEARD_S, BeginAgain, stop_requested
 from facts_damping.nodes.base.topics import CHANGES, STATE
 from facts_damping.nodes.base.topics import TOPIC as REFUSED
 from facts_damping.nodes.transport.cdr import Refused
@@ -106,7 +106,9 @@ class Recorder:
         self.folder: str = declare(node, "output", "recording", descriptor("folder of the new recording"))
         self.taken: list[tuple[int, int, str, bytes]] = []  # source timestamp in ns, sequence number, topic, data
         self.refused, self.run_state = (node.resolve_topic_name(name) for name in (REFUSED, STATE))
-        self.member = Member(node, self.case, self.options, RECORDER, hardware=self.folder, say=self.on_refused)
+        self.member = Member(
+            node, self.case, self.options, RECORDER, hardware=self.folder, send_refusals=self.on_refused
+        )
         self.message_filter, self.clock = self.member.message_filter, node.resolve_topic_name(PLANT)
         waited = self.options.recorder and not self.options.free  # others wait for it: it gets all first messages
         self.topics: dict[str, str] = {}
@@ -118,13 +120,13 @@ class Recorder:
             self.message_filter.subscribe(
                 kind, topic, partial(self.on_message, name), begins=begins, common=unticked, qos=qos
             )
-        self.message_filter.who.know_plant()
+        self.message_filter.senders.know_plant()
         self.written = 0
         self.spinner = self.member.spin()
 
     def ready(self) -> None:
         """Open the recording."""
-        self.member.say_started()
+        self.member.log_started()
         endless = {"duration": None} if self.options.free and self.case.run.duration is None else {}
         self.writer = RecordingWriter(self.folder, dump(self.case.document() | endless), versions("mcap", "rclpy"))
         for name, kind in self.topics.items():
@@ -140,11 +142,11 @@ class Recorder:
         self.taken.append((information["source_timestamp"], sequence, topic, data))
         if topic == self.clock and len(data) >= STAMP_END:
             self.member.at_ns = stamp_ns(data)
-        if topic == self.run_state and self.message_filter.who.is_plant(information["publisher_gid"]["data"]):
+        if topic == self.run_state and self.message_filter.senders.is_plant(information["publisher_gid"]["data"]):
             with suppress(Refused):
                 self.message_filter.on_run(*run_state(data))
 
-    def take(self) -> bool:
+    def record_waiting(self) -> bool:
         """Take the queued messages and write them. Returns whether there may be more."""
         more = self.spinner.take_all()
         self.write()
@@ -171,7 +173,7 @@ class Recorder:
         except BeginAgain:
             self.message_filter.log.warning("another plant has begun: the recording ends here")
         finally:
-            self.message_filter.tell(last=True)
+            self.message_filter.report_refusals(last=True)
             self.write()
             lost = {f"{topic} {publisher}": count for (topic, publisher), count in self.message_filter.lost().items()}
             self.writer.close(lost, self.message_filter.publishers())
@@ -180,20 +182,20 @@ class Recorder:
 
     def drain(self) -> None:
         """Poll the queues and flush periodically; after a stop signal, until the queues are empty or time is up."""
-        flushed = reported = told = time.monotonic()
+        flushed = reported = noted_s = time.monotonic()
         more = True
-        while not told_to_stop() or time.monotonic() - told < (
-            BEHIND_S if more else HEARD_S if time.monotonic() - self.message_filter.heard < QUIET_S else 0.0
+        while not stop_requested() or time.monotonic() - noted_s < (
+            BEHIND_S if more else HEARD_S if time.monotonic() - self.message_filter.admitted_at < QUIET_S else 0.0
         ):
-            more, now = self.take(), time.monotonic()
+            more, now = self.record_waiting(), time.monotonic()
             if now - flushed > FLUSH_S:
                 self.writer.flush()
                 flushed = now
             if now - reported > REPORT_S and self.member.at_ns:  # the time comes from the plant
                 self.member.publish(self.health())
                 reported = now
-            if not told_to_stop():
-                told = now
+            if not stop_requested():
+                noted_s = now
             if self.message_filter.done():
                 break
             if not more:

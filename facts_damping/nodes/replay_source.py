@@ -127,8 +127,8 @@ class ReplaySource:
 
     def run(self) -> None:
         """Replay all ticks, each when all controllers have answered the one before."""
-        events, ticks, told = list(self.record.events), self.record.ticks.tolist(), -PROGRESS_S
-        self.tell(RunState.RUNNING, 0, "begins")
+        events, ticks, reported_s = list(self.record.events), self.record.ticks.tolist(), -PROGRESS_S
+        self.publish_state(RunState.RUNNING, 0, "begins")
         for at, (tick, start) in enumerate(zip(ticks, self.record.time_ns.tolist(), strict=True)):
             check_wanted()
             self.member.begin(tick)
@@ -136,15 +136,15 @@ class ReplaySource:
             while events and events[0]["time_ns"] <= start:
                 self.to_events.publish(grid_event(events.pop(0)))
             self.wait(tick)
-            if time.monotonic() - told > PROGRESS_S or at + 1 == len(ticks):
-                told = time.monotonic()
+            if time.monotonic() - reported_s > PROGRESS_S or at + 1 == len(ticks):
+                reported_s = time.monotonic()
                 self.member.message_filter.log.line(f"tick {at + 1} {len(ticks)} 0")
         sound = bool(self.record.in_synchronism[-1])
         lost = synchronism_lost(int(self.record.time_ns[-1]))
-        self.tell(RunState.ENDED, -1, run_done(ticks[-1], self.case.run.frame_rate) if sound else lost, sound)
+        self.publish_state(RunState.ENDED, -1, run_done(ticks[-1], self.case.run.frame_rate) if sound else lost, sound)
         finish([*self.delivered, *self.applied, self.to_all, self.to_state, self.to_events], self.options.timeout)
 
-    def tell(self, state: int, at: int, reason: str, sound: bool = True) -> None:
+    def publish_state(self, state: int, at: int, reason: str, sound: bool = True) -> None:
         """Publish the state of the run at row `at` of the recording, in place of the plant."""
         tick, start = int(self.record.ticks[at]), int(self.record.time_ns[at])
         self.state.publish(state_message(state, tick, start, reason, sound))

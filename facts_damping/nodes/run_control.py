@@ -75,7 +75,7 @@ class RunControl:
         paused, self._paused, self._steps = self._paused, False, 0
         if paused:
             self._member.change("resume")
-            self.say(RunState.RUNNING, self._plant.tick, "goes on")
+            self.publish_state(RunState.RUNNING, self._plant.tick, "goes on")
         return paused
 
     def _next(self) -> str:
@@ -152,11 +152,11 @@ class RunControl:
         """Wait before a tick while the run is paused. Returns the wall time waited, s."""
         if not self._paused:
             return 0.0
-        began, told = time.monotonic(), 0.0
+        began, reported_s = time.monotonic(), 0.0
         while self._held():
-            if time.monotonic() - told > REMIND_S:
-                told = time.monotonic()
-                self.say(RunState.PAUSED, tick - 1, "paused")
+            if time.monotonic() - reported_s > REMIND_S:
+                reported_s = time.monotonic()
+                self.publish_state(RunState.PAUSED, tick - 1, "paused")
                 self._progress()
             spinner.spin_once(0.05)
         self._steps = max(0, self._steps - 1)
@@ -165,7 +165,7 @@ class RunControl:
     def _held(self) -> bool:
         return self._paused and self._steps == 0
 
-    def say(self, state: int, tick: int, reason: str, sound: bool = True) -> None:
+    def publish_state(self, state: int, tick: int, reason: str, sound: bool = True) -> None:
         """Publish the state of the run at a tick."""
         at = max(tick, 0)
         self._publisher.publish(state_message(state, at, self._plant.start(at), reason, sound))

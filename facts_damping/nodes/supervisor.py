@@ -81,20 +81,20 @@ class SupervisorNode:
         address, controller = addresses[self.index], self.case.controllers[self.index]
         graph, hardware = graph_prefix(node, address), ", ".join(controller.devices)
         self.member = Member(node, self.case, self.options, SUPERVISOR, self.index, graph=graph, hardware=hardware)
-        self.name, self.told, self.before = address.name, np.zeros(1, SUPERVISION), -1
+        self.name, self.status, self.before = address.name, np.zeros(1, SUPERVISION), -1
         own_reserves, by = reserves(self.case.run), signing(self.case, self.options.start_timeout)
-        self.heard = [c for c in (self.index, own_reserves.get(self.index)) if c is not None]
-        self.controllers = [controller_names(self.case)[c] for c in self.heard]
+        self.sources = [c for c in (self.index, own_reserves.get(self.index)) if c is not None]
+        self.controllers = [controller_names(self.case)[c] for c in self.sources]
         self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/{SUPERVISED}"))
         self.to_link = node.create_publisher(DeviceSetpoints, f"{self.name}/{SUPERVISED}", PUBLISHER_QOS)
         self.to_recorder = node.create_publisher(SupervisorState, f"{self.name}/state", PUBLISHER_QOS)
         self.devices = np.zeros(len(self.case.run.devices), DEVICE_TRUTH)
-        self.gathering, self.publishers = self.wire(node, graph, by)
+        self.inputs, self.publishers = self.wire(node, graph, by)
         thresholds = self.made.thresholds[self.own]
-        self.says = SupervisorStateMessage(self.controllers[0], thresholds, list(self.gathering.heard))
+        self.state_message = SupervisorStateMessage(self.controllers[0], thresholds, list(self.inputs.heard))
         for name in COMMANDS:
             node.create_service(Trigger, f"~/{name}", partial(self.on_command, name))
-        self.member.message_filter.hear_run()
+        self.member.message_filter.subscribe_run_state()
         self.waits, self.takes_part = False, self.options.paced
         self.spinner, self.activation = self.member.spin(), self
 
@@ -105,35 +105,35 @@ class SupervisorNode:
 
         Returns the collector of their messages, and a function by part that counts its publishers.
         """
-        case, message_filter, heard = self.case, self.member.message_filter, self.heard
+        case, message_filter, heard = self.case, self.member.message_filter, self.sources
         places, names = controller_addresses(case), controller_names(case)
         senders = {names[c]: str(places[c]) for c in heard} | {"plant": "plant_sim"}
         topics = {names[c]: f"{graph}{places[c]}/setpoints" for c in heard}
         topics["plant"] = f"{graph}{PLANT_STATE}"
         if not kind_of(case.controllers[self.index]).node:  # a user's own node need not publish its state
             senders["state"], topics["state"] = str(places[self.index]), f"{graph}{places[self.index]}/state"
-        gathering = InputCollector(self.options, senders, self.act)
+        inputs = InputCollector(self.options, senders, self.act)
         for c in heard:
             setpoints = SetpointsMessage(case, names[c], [c], seal(by, f"{places[c]}/setpoints"))
-            message_filter.subscribe(DeviceSetpoints, topics[names[c]], gathering.taking(names[c]), setpoints.read)
+            message_filter.subscribe(DeviceSetpoints, topics[names[c]], inputs.store(names[c]), setpoints.read)
         if "state" in senders:
             inner = ControllerStateMessage(case, self.index)
-            message_filter.subscribe(ControllerState, topics["state"], gathering.taking("state"), inner.read)
-        message_filter.subscribe(PlantState, topics["plant"], gathering.taking("plant"), PlantStateMessage(case).read)
+            message_filter.subscribe(ControllerState, topics["state"], inputs.store("state"), inner.read)
+        message_filter.subscribe(PlantState, topics["plant"], inputs.store("plant"), PlantStateMessage(case).read)
         link = link_addresses(case)[case.used_links[self.index]].topic("pmu/delivered")
         frames = FramesMessage(case, seal(by, link))
-        message_filter.subscribe(PmuDataFrame, f"{graph}{link}", gathering.frames, frames.read, leads=True)
-        return gathering, {part: partial(node.count_publishers, topic) for part, topic in topics.items()}
+        message_filter.subscribe(PmuDataFrame, f"{graph}{link}", inputs.frames, frames.read, leads=True)
+        return inputs, {part: partial(node.count_publishers, topic) for part, topic in topics.items()}
 
     def ready(self) -> None:
         """Wait for its link, its controller and fallback, the identifier, and the recorder."""
         extra = int(self.options.recorder)
-        identified = sum(c in identifier_names(self.case) for c in self.heard)
+        identified = sum(c in identifier_names(self.case) for c in self.sources)
         self.member.wait({self.to_link: 1 + identified + extra, self.to_recorder: extra}, self.spinner)
 
     def run(self) -> None:
         """Serve until stopped."""
-        self.gathering.spin(self.spinner, self.publishers)
+        self.inputs.spin(self.spinner, self.publishers)
 
     def act(self, tick: int, parts: dict[str, Any]) -> None:
         """Process one tick: publish the permitted setpoints, also if there are none, and the state when it is due."""
@@ -143,23 +143,25 @@ class SupervisorNode:
             row["finite"], row["norm"], row["lyapunov"], row["fall"] = inner
         for devices in parts["plant"][-1:]:
             self.devices[:] = devices
-        come = [rows for name in self.controllers for rows in parts[name]]
-        issued = np.concatenate([*come, np.zeros(0, SETPOINT)])
+        issued_parts = [rows for name in self.controllers for rows in parts[name]]
+        issued = np.concatenate([*issued_parts, np.zeros(0, SETPOINT)])
         start, end = (tick_ns(k, self.case.run.frame_rate) for k in (tick, tick + 1))
         out = setpoint_buffer(len(self.case.controllers[self.index].devices), len(issued))
         frames, own = parts["frames"], (self.made, self.state, s)
         count = supervise(*own, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0)
         self.to_link.publish(self.setpoints.fill(tick, start, out[:count], self.name))
-        if write_status(*own, tick, self.told, 0):
-            self.to_recorder.publish(self.says.fill(tick, start, self.told[0], list(self.gathering.heard.values())))
+        if write_status(*own, tick, self.status, 0):
+            self.to_recorder.publish(
+                self.state_message.fill(tick, start, self.status[0], list(self.inputs.heard.values()))
+            )
             self.report(start)
-        self.member.tell(self.health)
+        self.member.report_health(self.health)
 
     def report(self, start_ns: int) -> None:
         """Log a change of state; shadow is not logged."""
-        state = int(self.told["state"][0])
+        state = int(self.status["state"][0])
         if state not in (self.before, SHADOW):
-            reason = reason_of(self.told[0], self.made.thresholds[self.own])
+            reason = reason_of(self.status[0], self.made.thresholds[self.own])
             text = f"{STATES[state]} at {start_ns / NANOSECONDS:.3f} s: {reason}"
             (
                 self.member.message_filter.log.warning
@@ -170,10 +172,10 @@ class SupervisorNode:
 
     def health(self) -> Health:
         """State of the supervisor and its reason."""
-        state = int(self.told["state"][0])
-        reason = reason_of(self.told[0], self.made.thresholds[self.own])
+        state = int(self.status["state"][0])
+        reason = reason_of(self.status[0], self.made.thresholds[self.own])
         level = LEVELS.get(state, DiagnosticStatus.WARN)
-        values = {"mode": self.options.mode, "state": STATES[state], "cause": cause_name(int(self.told["cause"][0]))}
+        values = {"mode": self.options.mode, "state": STATES[state], "cause": cause_name(int(self.status["cause"][0]))}
         return Health(level, f"{STATES[state]}: {reason}" if reason else STATES[state], values)
 
     def activate(self) -> None:
@@ -208,8 +210,8 @@ class SupervisorNode:
             return response
         cause = refusal(self.made, self.state, self.own) if code == ARM else NO_CAUSE
         if cause != NO_CAUSE:
-            self.told["refused"] = cause
-            response.message = f"not armed: {reason_of(self.told[0], self.made.thresholds[self.own], refused=True)}"
+            self.status["refused"] = cause
+            response.message = f"not armed: {reason_of(self.status[0], self.made.thresholds[self.own], refused=True)}"
             return response
         self._ask(name)
         response.success, response.message = True, f"from tick {int(row['tick']) + 1} on"

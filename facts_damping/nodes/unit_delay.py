@@ -25,35 +25,35 @@ class UnitDelay:
     def __init__(
         self, options: Options, frame_rate: int, sender: str, step: Callable[[int, Any, list[Any]], None]
     ) -> None:
-        """`step(tick, frames, told)` is called for each tick in turn; `sender`: node that is waited for, or empty."""
+        """`step(tick, frames, messages)` is called for each tick; `sender`: node that it waits for, or empty."""
         self._waits = bool(sender) and not options.paced
         self._sender, self._step, self._options = sender, step, options
-        self._told: list[tuple[int, Any]] = []
+        self._waiting: list[tuple[int, Any]] = []
         self._frames: list[tuple[int, Any]] = []
-        self._newest, self._heard = -1, time.monotonic()
+        self._newest, self._received_at = -1, time.monotonic()
         self._rate, self._tick, self._arrived = frame_rate, -1, -1  # current tick; newest tick with an entry
         self.heard = -1  # tick of the newest message used
 
     def receive(self, tick: int, content: Any) -> None:
         """Take a message of the sender."""
-        self._told.append((tick, content))
-        self._newest, self._heard = max(self._newest, tick), time.monotonic()
+        self._waiting.append((tick, content))
+        self._newest, self._received_at = max(self._newest, tick), time.monotonic()
         self._proceed()
 
     def frames(self, tick: int, content: Any) -> None:
         """Take the frames of a tick."""
         self._frames.append((tick, content))
-        self._heard = time.monotonic()
+        self._received_at = time.monotonic()
         self._proceed()
 
     def _proceed(self) -> None:
         while self._frames and (not self._waits or self._newest >= self._frames[0][0] - 1):
             tick, content = self._frames.pop(0)
             self._tick, self._arrived = tick, tick if len(content) else self._arrived
-            told = [message for at, message in self._told if at < tick]
-            self.heard = max([self.heard, *(at for at, _ in self._told if at < tick)])
-            self._told = [(at, message) for at, message in self._told if at >= tick]
-            self._step(tick, content, told)
+            due = [message for at, message in self._waiting if at < tick]
+            self.heard = max([self.heard, *(at for at, _ in self._waiting if at < tick)])
+            self._waiting = [(at, message) for at, message in self._waiting if at >= tick]
+            self._step(tick, content, due)
 
     def health(self, does: str, **more: str) -> Health:
         """Whether frames arrive; `does`: message if they do; `more`: further values."""
@@ -70,5 +70,5 @@ class UnitDelay:
                 continue
             tick = self._frames[0][0]
             patience = PATIENCE * self._options.patience(tick)
-            if time.monotonic() - self._heard > patience:
+            if time.monotonic() - self._received_at > patience:
                 raise RunError(f"{self._sender} is silent: nothing of tick {tick - 1} within {patience:g} s")

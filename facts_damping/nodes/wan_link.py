@@ -72,7 +72,7 @@ class WanLink:
         self.behind: Counter[str] = Counter()  # late answers since the last report, by controller
         self.publishers = {one.name: partial(node.count_publishers, f"{graph}{one.topic}") for one in heard.values()}
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
-        message_filter.hear_run("pmu/frames")
+        message_filter.subscribe_run_state("pmu/frames")
         self.spinner, self.activation = self.member.spin(), self.member.joining
 
     @property
@@ -170,15 +170,15 @@ class WanLink:
         for kept in self.given.values():
             kept.clear()
         count = downlink(self.links, self.index, self.tick, end, given, len(given))
-        said = count if self.member.joining.acts else 0
-        self.to_plant.publish(self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :said], ""))
+        sent = count if self.member.joining.acts else 0
+        self.to_plant.publish(self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :sent], ""))
         self.missing = set()
         lost = int(self.links.up.ring[self.index, RING_NO_ROOM] + self.links.down.ring[self.index, RING_NO_ROOM])
         if lost and not self.options.paced:
             raise RunError(f"{lost} entries found no room under way; its delays are not what was allowed for")
         if (self.tick + 1) % self.case.run.frame_rate == 0:
             self.publish_statistics()
-        self.member.tell(self.health)
+        self.member.report_health(self.health)
 
     def publish_statistics(self) -> None:
         """Publish delays and losses of all channels so far."""
@@ -193,11 +193,11 @@ class WanLink:
             if self.spinner.spin_once(0.1):
                 continue
             patience = self.options.patience(self.tick) + (0.0 if self.missing else PATIENCE_S)
-            if self.owed() and time.monotonic() - self.member.message_filter.heard > patience:
+            if self.owed() and time.monotonic() - self.member.message_filter.admitted_at > patience:
                 left = [name for name in self.missing if self.publishers[name]() == 0]
-                who = ", ".join(sorted(self.places[name] for name in left or self.missing)) or "plant_sim"
+                names = ", ".join(sorted(self.places[name] for name in left or self.missing)) or "plant_sim"
                 what = "has left" if left else "is silent"
-                raise RunError(f"{who} {what}: nothing after tick {self.tick} within {patience:g} s")
+                raise RunError(f"{names} {what}: nothing after tick {self.tick} within {patience:g} s")
 
     def owed(self) -> bool:
         """Whether, in lockstep, setpoints of a controller or the plant's next frame are due."""

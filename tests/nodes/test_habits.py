@@ -116,7 +116,7 @@ def identifies(executable: str) -> list[str]:
 @pytest.mark.parametrize(
     ("executable", "arguments", "said"),
     [
-        ("plant_sim", ["-p", "runn:=two_area_small"], "parameter runn: given; allowed: clock.drift, "),
+        ("plant_sim", ["-p", "runn:=two_area_small"], "parameter runn: given; allowed: autostart, clock.drift, "),
         ("recorder", ["-p", "outptu:=here"], "parameter outptu: given; allowed: "),
         ("live_view", ["-p", "mode:=free"], "parameter mode: given; allowed: "),
         ("controller", ["-p", "set:=[a"], "Failed to parse"),

@@ -20,10 +20,10 @@ def gathering(mode: str) -> tuple[InputCollector, list[tuple[int, dict[str, Any]
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_a_tick_is_over_when_all_have_spoken(mode: str) -> None:
     one, done = gathering(mode)
-    one.taking("a")(0, "a0")
+    one.store("a")(0, "a0")
     one.frames(0, "f0")
     assert done == []
-    one.taking("b")(0, "b0")
+    one.store("b")(0, "b0")
     assert done == [(0, {"frames": "f0", "a": ["a0"], "b": ["b0"]})]
 
 
@@ -31,7 +31,7 @@ def test_in_lockstep_who_is_silent_is_waited_for() -> None:
     one, done = gathering("lockstep")
     for tick in range(3 * AWAITED):
         one.frames(tick, "")
-        one.taking("a")(tick, "")
+        one.store("a")(tick, "")
     assert done == []
 
 
@@ -39,14 +39,14 @@ def test_by_the_clock_who_is_silent_is_waited_for_a_few_ticks_and_again_once_it_
     one, done = gathering("realtime")
     for tick in range(10):
         one.frames(tick, "")
-        one.taking("a")(tick, "")
+        one.store("a")(tick, "")
         if tick == 0:
-            one.taking("b")(0, "")
+            one.store("b")(0, "")
         late = 0 < tick <= AWAITED  # over when the next frames come
         assert [at for at, _ in done] == list(range(tick + 1 - late))
-    one.taking("b")(9, "b9")
+    one.store("b")(9, "b9")
     one.frames(10, "")
-    one.taking("a")(10, "")
+    one.store("a")(10, "")
     assert done[-1][0] == 9
-    one.taking("b")(10, "b10")
+    one.store("b")(10, "b10")
     assert done[-1] == (10, {"frames": "", "a": [""], "b": ["b9", "b10"]})

@@ -11,6 +11,7 @@ from types import ModuleType, SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from lifecycle_msgs.msg import Transition
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
@@ -108,6 +109,24 @@ def test_centralised_starts_one_link(launched: Any) -> None:
     others = found - ALWAYS - {("wan_link", "", "wan_link", 0)}
     assert {executable for executable, *_ in others} <= {"controller", "identifier"}
     assert {namespace for _, namespace, *_ in others} == {""}
+
+
+def test_in_order_all_are_configured_and_the_plant_is_activated_last(launched: Any) -> None:
+    actions = launched("run.launch.py", run="two_area_deployment", lifecycle="true")
+    managed = [action for action in actions if type(action).__name__ == "LifecycleNode"]
+    assert not any(node.named["parameters"][0]["autostart"] for node in managed)
+    asked = [action.named["event"].named for action in actions if type(action).__name__ == "EmitEvent"]
+    assert [one["transition_id"] for one in asked] == [Transition.TRANSITION_CONFIGURE] * len(managed)
+    handlers = [a.given[0].named for a in actions if type(a).__name__ == "RegisterEventHandler"]
+    order = [one["target_lifecycle_node"] for one in handlers if one.get("goal_state") == "active"]
+    assert len(order) == len(managed)
+    assert order[-1].named["executable"] == "plant_sim"
+    following = [one["entities"] for one in handlers if one.get("goal_state") == "active"]
+    for then, node in zip(following, [*order[1:], None], strict=True):
+        matchers = [one.named["event"].named["lifecycle_node_matcher"] for one in then]
+        assert [matcher(node) for matcher in matchers] == [True] * (node is not None)
+    with pytest.raises(InputError, match="respawn:=true given with lifecycle:=true"):
+        launched("run.launch.py", mode="realtime", lifecycle="true", respawn="true")
 
 
 def test_a_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: Any, tmp_path: Path) -> None:

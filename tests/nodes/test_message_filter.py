@@ -65,9 +65,9 @@ class Listener:
     ) -> None:
         self.came: list[Any] = []
         self.told: list[bytes] = []
-        self.message_filter = MessageFilter(node, CASE, options(realtime), say=self.told.append)
+        self.message_filter = MessageFilter(node, CASE, options(realtime), send_refusals=self.told.append)
         self.message_filter.subscribe(PmuDataFrame, "topic", lambda *message: self.came.append(message), read, newest)
-        (self.heard,) = self.message_filter.who.topics
+        (self.heard,) = self.message_filter.senders.topics
         self.heard.publisher = OWN
         self.sent = 0
 
@@ -148,9 +148,9 @@ def test_the_place_of_one_that_has_left_is_free_in_real_time(
     node: Node, realtime: bool, there: list[bytes], plant: list[bytes], succeeds: bool
 ) -> None:
     one = Listener(node, sound, realtime)
-    one.message_filter.hear_run()
-    one.message_filter.who.topics[1].publisher = PLANT
-    one.message_filter.who.of = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
+    one.message_filter.subscribe_run_state()
+    one.message_filter.senders.topics[1].publisher = PLANT
+    one.message_filter.senders.of = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
     assert one.send(b"0")
     assert not one.send(b"odd", FOREIGN)
     time.sleep(2 * KNOW_S)
@@ -165,9 +165,9 @@ def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Nod
     one = Listener(node, ticks, realtime=True)
     said: list[bytes] = []
     one.message_filter.subscribe(DiagnosticArray, "/diagnostics", lambda data, _: said.append(data), common=True)
-    heard = one.message_filter.who.topics[1]
+    heard = one.message_filter.senders.topics[1]
     for there, data in (([OWN], b"a"), ([FOREIGN], b"b")):
-        one.message_filter.who.of = lambda _, there=there: there  # type: ignore[method-assign, misc]
+        one.message_filter.senders.of = lambda _, there=there: there  # type: ignore[method-assign, misc]
         one.message_filter.take(heard, data, information(FOREIGN[:12] + bytes(4), len(said) + 1))
         time.sleep(2 * KNOW_S)
     assert said == [b"b"]
@@ -175,17 +175,17 @@ def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Nod
 
 def test_nobody_succeeds_the_plant(node: Node) -> None:
     one = Listener(node, ticks, realtime=True)
-    one.message_filter.hear_run()
-    one.message_filter.who.topics[1].publisher = OWN[:12] + bytes(4)
-    one.message_filter.who.of = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
+    one.message_filter.subscribe_run_state()
+    one.message_filter.senders.topics[1].publisher = OWN[:12] + bytes(4)
+    one.message_filter.senders.of = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
     assert one.send(b"0")
     assert not one.send(b"1", FOREIGN)
 
 
 def test_what_others_than_the_plant_say_of_errors_is_passed_over(node: Node, capsys: Any) -> None:
     one = Listener(node, ticks)
-    one.message_filter.hear_run()
-    _, plant, heard = one.message_filter.who.topics
+    one.message_filter.subscribe_run_state()
+    _, plant, heard = one.message_filter.senders.topics
     plant.publisher = PLANT
     said = serialize_message(state_message(RunState.ENDED, 300, 5 * 10**9, "synchronism lost at 5.000 s", False))
     for publisher, let in ((FOREIGN, False), (PLANT[:12] + bytes(4), True)):
@@ -198,18 +198,18 @@ def test_what_others_than_the_plant_say_of_errors_is_passed_over(node: Node, cap
 def test_reports_come_at_most_once_a_second(node: Node, capsys: Any) -> None:
     one = Listener(node, ticks)
     one.send(b"0")
-    one.message_filter.tell()
+    one.message_filter.report_refusals()
     one.send(b"9999999")
-    one.message_filter.tell()
+    one.message_filter.report_refusals()
     assert one.told == []
-    one.message_filter.refusals._told_at -= TELL_S
+    one.message_filter.refusals._reported_at -= TELL_S
     for _ in range(3):
-        one.message_filter.tell()
+        one.message_filter.report_refusals()
     one.send(b"9999999")
-    one.message_filter.tell()
+    one.message_filter.report_refusals()
     assert len(one.told) == 1
     assert capsys.readouterr().out == f"refused 1 tick /topic {OWN.hex()}\n"
-    one.message_filter.tell(last=True)
+    one.message_filter.report_refusals(last=True)
     assert len(one.told) == 2
     assert capsys.readouterr().out == f"refused 2 tick /topic {OWN.hex()}\n"
 
@@ -233,7 +233,7 @@ def test_odd_messages_of_the_known_publisher_are_refused_too(node: Node) -> None
         assert [message[0] for message in one.came] == list(range(len(one.came)))
 
 
-def test_a_forged_message_is_told_at_the_end_of_a_command(loopback: Any, tmp_path: Path, capsys: Any) -> None:
+def test_a_forged_message_is_reported_at_the_end_of_a_command(loopback: Any, tmp_path: Path, capsys: Any) -> None:
     def forge() -> None:
         rclpy.init()
         time.sleep(1.0)  # the graph is under way

@@ -50,23 +50,23 @@ class Member:
         *,
         graph: str = "",
         hardware: str = "",
-        say: Callable[[bytes], None] | None = None,
+        send_refusals: Callable[[bytes], None] | None = None,
     ) -> None:
         """`role`, `index`: the node's place in the run; `hardware`: what it represents or commands, for diagnostics.
 
-        `graph`: prefix of the graph's topics (base/topics.py); `say`: as in MessageFilter.
+        `graph`: prefix of the graph's topics (base/topics.py); `send_refusals`: as in MessageFilter.
         """
         self._node, self._options, self._role, self._index, self._hardware = node, options, role, index, hardware
         self._rate, self._name = case.run.frame_rate, node.get_fully_qualified_name()
         stamps.begin(learns=options.paced and role not in (PLANT, RECORDER))
-        self.message_filter = MessageFilter(node, case, options, graph, say, leads=role == PLANT)
+        self.message_filter = MessageFilter(node, case, options, graph, send_refusals, leads=role == PLANT)
         self.joining = Joining(
             node, options, arms=role in (LINK, CONTROLLER, IDENTIFIER)
         )  # a supervisor starts in shadow and has its own arming
         self._changes: Publisher[Any] = node.create_publisher(RunChange, f"{graph}{CHANGES}", LOGGED)
         self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, PUBLISHER_QOS)
         self._pending: list[tuple[str, str, Any, Callable[[int], None] | None]] = []
-        self._tick, self._told_at = -1, time.monotonic()
+        self._tick, self._reported_at = -1, time.monotonic()
         self._what = f"{role} {index}" if role in NUMBERED else role
         self._run = label(case.summary())
         self.at_ns = 0  # start of the newest tick
@@ -80,11 +80,11 @@ class Member:
 
         If a recorder is awaited, it must also subscribe to changes and diagnostics.
         """
-        self.say_started()
+        self.log_started()
         extra = int(self._options.recorder)
         self.message_filter.wait_for_peers(expected | {self._changes: extra, self._diagnostics: extra}, spinner.serve)
 
-    def say_started(self) -> None:
+    def log_started(self) -> None:
         """Log the version, the run and the mode."""
         of = f"{self._what} of {self._run}, mode {self._options.mode}"
         self.message_filter.log.info(f"started: facts_damping {__version__}, {of}")
@@ -109,19 +109,19 @@ class Member:
             kind, name, value, act = self._pending.pop(0)
             if act is not None:
                 act(tick)
-            self._tell_change(kind, name, value)
+            self._publish_change(kind, name, value)
         if changed in ("arm", "disarm") and not late:
-            self._tell_change(changed, "", None)
+            self._publish_change(changed, "", None)
         if changed and (joined := self.joining.health()) is not None:
             self.message_filter.log.line(joined.message)
             self.message_filter.log.info(joined.message)
             self.publish(joined)
 
-    def _tell_change(self, kind: str, name: str, value: Any) -> None:
-        told = (kind, name, "" if value is None else dump(value).strip(), self._tick, self.at_ns)
-        self._changes.publish(run_change(self._name, self._role, self._index, *told))
+    def _publish_change(self, kind: str, name: str, value: Any) -> None:
+        change = (kind, name, "" if value is None else dump(value).strip(), self._tick, self.at_ns)
+        self._changes.publish(run_change(self._name, self._role, self._index, *change))
 
-    def tell(self, health: Callable[[], Health], last: bool = False) -> None:
+    def report_health(self, health: Callable[[], Health], last: bool = False) -> None:
         """Publish the node's diagnostics once per simulated second, and at the `last` tick."""
         if not (last or self._tick % self._rate == 0):
             return
@@ -133,14 +133,18 @@ class Member:
 
     def publish(self, health: Health) -> None:
         """Publish the node's diagnostics now."""
-        self._told_at = time.monotonic()
+        self._reported_at = time.monotonic()
         self._diagnostics.publish(diagnostics(self._name.lstrip("/"), self._hardware, health, self.at_ns))
 
-    def look(self, last: bool = False) -> None:
+    def report(self, last: bool = False) -> None:
         """Report refusals, peers that come or go, and silence. Called periodically."""
-        self.message_filter.tell(last)
-        self.message_filter.who_is_there()
+        self.message_filter.report_refusals(last)
+        self.message_filter.report_peers()
         now = time.monotonic()
-        if self._role != PLANT and not last and min(now - self.message_filter.heard, now - self._told_at) > IDLE_S:
-            silent = f"nothing has come for {now - self.message_filter.heard:.0f} s"
+        if (
+            self._role != PLANT
+            and not last
+            and min(now - self.message_filter.admitted_at, now - self._reported_at) > IDLE_S
+        ):
+            silent = f"nothing has come for {now - self.message_filter.admitted_at:.0f} s"
             self.publish(Health(DiagnosticStatus.WARN, silent, {"mode": self._options.mode}))

@@ -52,27 +52,27 @@ class MessageFilter:
         case: Case,
         options: Options,
         graph: str = "",
-        say: Callable[[bytes], None] | None = None,
+        send_refusals: Callable[[bytes], None] | None = None,
         *,
         peer: bool = True,
         leads: bool = False,
     ) -> None:
-        """`graph`: prefix of the graph's topics (base/topics.py); `say`: takes refusal reports instead of publishing.
+        """`graph`: prefix of the graph's topics (base/topics.py); `send_refusals`: takes reports instead of publishing.
 
         `peer`: the node is part of its graph; else it only listens, and no node waits for it. `leads`: it begins the
         run.
         """
-        self.node, self.heard = node, time.monotonic()  # when a message was last admitted
+        self.node, self.admitted_at = node, time.monotonic()  # when a message was last admitted
         self.log, self._leads = NodeLog(node), leads
         self.over = False  # whether the plant has announced the end of the run
         self._rate, self._options = case.run.frame_rate, options
         self._last = sys.maxsize if options.free else case.ticks - 1  # last tick that the run can have
         self._graph = graph
-        self.who = Publishers(node, options, graph)
+        self.senders = Publishers(node, options, graph)
         self._own: list[Subscription[Any]] = []  # subscriptions made here
-        self.refusals = Refusals(node, graph, say, peer=peer)
-        self._there: dict[str, bool] = {}  # nodes that have sent messages, and whether they are still there
-        self._looked_at = 0.0
+        self.refusals = Refusals(node, graph, send_refusals, peer=peer)
+        self._peers: dict[str, bool] = {}  # nodes that have sent messages, and whether they are still there
+        self._checked_at = 0.0
 
     def subscribe(
         self,
@@ -94,21 +94,21 @@ class MessageFilter:
         `newest`: returns the newest tick allowed. `begins`: tells whether a message is the first of a run; its
         publisher is then this graph's. `leads`: the topic's ticks are the run's.
         """
-        heard = TopicState(self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads)
-        self.who.topics.append(heard)
+        state = TopicState(self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads)
+        self.senders.topics.append(state)
 
         def take(data: bytes, information: Any) -> bool:
-            return self.take(heard, data, information)
+            return self.take(state, data, information)
 
-        taking: Any = take  # returns whether the message was admitted, for the spinner
-        self._own.append(self.node.create_subscription(kind, topic, taking, qos, raw=True))
+        callback: Any = take  # returns whether the message was admitted, for the spinner
+        self._own.append(self.node.create_subscription(kind, topic, callback, qos, raw=True))
 
-    def hear_run(self, topic: str = PLANT) -> None:
+    def subscribe_run_state(self, topic: str = PLANT) -> None:
         """Subscribe to the state of the run, which tells whether and why it has ended.
 
         The plant is the node that publishes `topic`.
         """
-        self.who.know_plant(topic)
+        self.senders.know_plant(topic)
         self.subscribe(
             RunState,
             f"{self._graph}{STATE}",
@@ -136,28 +136,28 @@ class MessageFilter:
         """
         if self._options.free or self.log.lines or not self.over:
             return False
-        return time.monotonic() - self.heard > QUIET_S
+        return time.monotonic() - self.admitted_at > QUIET_S
 
-    def who_is_there(self) -> None:
+    def report_peers(self) -> None:
         """Log once for each sending node that it has joined, has left or is silent."""
         now = time.monotonic()
-        if self.over or now - self._looked_at < LOOK_S:
+        if self.over or now - self._checked_at < LOOK_S:
             return
-        self._looked_at = now
+        self._checked_at = now
         newest: dict[str, TopicState] = {}  # topic of the newest message, by node
-        for heard in sorted(self.who.topics, key=lambda one: one.at):
-            if heard.publisher is not None and not heard.common and heard.tick >= 0:
-                newest[self.who.name(heard.topic, heard.publisher)] = heard
-        for name, heard in newest.items():
-            silent, others = now - heard.at > SILENT_S, now - self.heard < SILENT_S  # others send: no pause
-            gone = silent and self.node.count_publishers(heard.topic) == 0
-            if not silent and not self._there.get(name):
-                self._there[name] = True
-                self.log.info(f"{name} has joined: tick {heard.tick} of {heard.topic}")
-            elif self._there.get(name) and (gone or (silent and others)):
-                self._there[name] = False
+        for state in sorted(self.senders.topics, key=lambda one: one.at):
+            if state.publisher is not None and not state.common and state.tick >= 0:
+                newest[self.senders.name(state.topic, state.publisher)] = state
+        for name, state in newest.items():
+            silent, others = now - state.at > SILENT_S, now - self.admitted_at < SILENT_S  # others send: no pause
+            gone = silent and self.node.count_publishers(state.topic) == 0
+            if not silent and not self._peers.get(name):
+                self._peers[name] = True
+                self.log.info(f"{name} has joined: tick {state.tick} of {state.topic}")
+            elif self._peers.get(name) and (gone or (silent and others)):
+                self._peers[name] = False
                 what = "has left" if gone else "is silent"
-                self.log.warning(f"{name} {what}: nothing of {heard.topic} after tick {heard.tick}")
+                self.log.warning(f"{name} {what}: nothing of {state.topic} after tick {state.tick}")
 
     def wait_for_peers(self, expected: dict[Publisher[Any], int], serve: Callable[[], None]) -> None:
         """Wait for the graph's other nodes (base/discovery.py), then note the publishers of the topics.
@@ -167,14 +167,14 @@ class MessageFilter:
         noticed that its predecessor is silent.
         """
         if not self._options.free:
-            heard = [one.topic for one in self.who.topics if not one.common and not one.silent]
+            topics = [one.topic for one in self.senders.topics if not one.common and not one.silent]
             peers = f"{self._graph}{TOPIC}"
-            wait_for_peers(self.node, expected, heard, self.node.resolve_topic_name(peers), self._options, serve)
+            wait_for_peers(self.node, expected, topics, self.node.resolve_topic_name(peers), self._options, serve)
         if self._options.late or (self._options.paced and self._leads):
             until = time.monotonic() + (NOTICED_S if self._options.join else FOUND_S)
             while time.monotonic() < until:
                 pause_briefly(serve)
-        self.who.know()
+        self.senders.know()
         if self._options.late:
             self._skip()
 
@@ -193,89 +193,91 @@ class MessageFilter:
     def lost(self) -> dict[tuple[str, str], int]:
         """Number of missed messages, by topic and node."""
         counts: Counter[tuple[str, str]] = Counter()
-        for heard in self.who.topics:
-            for publisher, count in heard.lost.items():
-                counts[heard.topic, self.who.name(heard.topic, publisher)] += count
+        for state in self.senders.topics:
+            for publisher, count in state.lost.items():
+                counts[state.topic, self.senders.name(state.topic, publisher)] += count
         return counts
 
     def publishers(self) -> dict[str, str]:
         """Nodes whose messages were admitted, by `topic identity`."""
         return {
-            f"{heard.topic} {publisher.hex()}": self.who.name(heard.topic, publisher)
-            for heard in self.who.topics
-            for publisher in heard.sequences
+            f"{state.topic} {publisher.hex()}": self.senders.name(state.topic, publisher)
+            for state in self.senders.topics
+            for publisher in state.sequences
         }
 
-    def take(self, heard: TopicState, data: bytes, information: dict[str, Any]) -> bool:
+    def take(self, state: TopicState, data: bytes, information: dict[str, Any]) -> bool:
         """Check a message and use it. Returns whether it was admitted."""
         publisher: bytes = information["publisher_gid"]["data"]
-        if heard.plant and not self.who.is_plant(publisher):
+        if state.plant and not self.senders.is_plant(publisher):
             return False  # not for this node, and not counted as a refusal
         epoch = stamps.epoch_ns()
         try:
-            self.who.admit(heard, data, publisher)
-            self._count(heard, publisher, information["publication_sequence_number"])
-            if self.who.another_plant(heard, publisher):
+            self.senders.admit(state, data, publisher)
+            self._count(state, publisher, information["publication_sequence_number"])
+            if self.senders.another_plant(state, publisher):
                 raise BeginAgain
-            if heard.read is None:
+            if state.read is None:
                 message: tuple[Any, ...] = (data, information)
             else:
-                message = heard.read(data)
-                if not heard.common:
-                    self._check_tick(heard, message[0], publisher)
+                message = state.read(data)
+                if not state.common:
+                    self._check_tick(state, message[0], publisher)
         except Refused as refused:
             stamps.restore(epoch)  # a refused message must not set the epoch
-            self.refusals.add(heard.topic, refused.cause, publisher)
+            self.refusals.add(state.topic, refused.cause, publisher)
             return False
-        if not heard.common:
-            heard.publisher = publisher  # may be a successor, since its first message passed all checks
-        self.heard = heard.at = time.monotonic()
-        heard.use(*message)
+        if not state.common:
+            state.publisher = publisher  # may be a successor, since its first message passed all checks
+        self.admitted_at = state.at = time.monotonic()
+        state.use(*message)
         return True
 
-    def _count(self, heard: TopicState, publisher: bytes, sequence: int | None) -> None:
+    def _count(self, state: TopicState, publisher: bytes, sequence: int | None) -> None:
         """Refuse a message that is older than one received from its publisher; count the missing ones."""
         if sequence is None:  # not every middleware numbers messages
             return
-        if publisher not in self.who.names:
-            self.who.name(heard.topic, publisher)  # look its name up now: it may have left by the time of the report
-        newest = heard.sequences.get(publisher, sequence - 1)
+        if publisher not in self.senders.names:
+            self.senders.name(
+                state.topic, publisher
+            )  # look its name up now: it may have left by the time of the report
+        newest = state.sequences.get(publisher, sequence - 1)
         if sequence <= newest:
             raise Refused("sequence")
         if sequence > newest + 1:
-            heard.lost[publisher] += sequence - newest - 1
-        heard.sequences[publisher] = sequence
+            state.lost[publisher] += sequence - newest - 1
+        state.sequences[publisher] = sequence
 
-    def _check_tick(self, heard: TopicState, tick: int, publisher: bytes) -> None:
+    def _check_tick(self, state: TopicState, tick: int, publisher: bytes) -> None:
         """Refuse a tick that is not the next one; paced by the clock, ticks may be missing as far as time allows.
 
         A publisher whose first tick is not 0 belongs to an older graph and is forgotten, unless this node may be late.
         In a free graph, a new publisher with an earlier tick has begun a new run. Raises `BeginAgain` then.
         """
-        if heard.tick < 0 and tick > 0 and not self._options.late:
-            heard.publisher = None
+        if state.tick < 0 and tick > 0 and not self._options.late:
+            state.publisher = None
             raise Refused("publisher")
-        if self._options.free and heard.leads and tick < heard.tick and publisher != heard.publisher:
+        if self._options.free and state.leads and tick < state.tick and publisher != state.publisher:
             raise BeginAgain
-        late = int((1.0 + time.monotonic() - heard.at) * self._rate) if self._options.paced else 0
-        latest = self._last if heard.tick < 0 and self._options.late else heard.tick + 1 + late
-        if heard.newest is not None:
-            latest = min(latest, heard.newest())
-        if not heard.tick < tick <= latest:
+        late = int((1.0 + time.monotonic() - state.at) * self._rate) if self._options.paced else 0
+        latest = self._last if state.tick < 0 and self._options.late else state.tick + 1 + late
+        if state.newest is not None:
+            latest = min(latest, state.newest())
+        if not state.tick < tick <= latest:
             raise Refused("tick")
-        heard.tick = tick
+        state.tick = tick
 
     def refuse(self, topic: str, cause: str) -> None:
         """Count a refused request."""
         self.refusals.add(topic, cause)
 
-    def tell(self, last: bool = False) -> None:
+    def report_refusals(self, last: bool = False) -> None:
         """Report refusals, at most once per second, and at the `last` call."""
-        self.refusals.tell(start_of(self.newest(), self._rate), last)
+        self.refusals.report(start_of(self.newest(), self._rate), last)
 
     def newest(self) -> int:
         """The newest tick of all topics; 0 before the first."""
-        return max((heard.tick for heard in self.who.topics if heard.tick > 0), default=0)
+        return max((state.tick for state in self.senders.topics if state.tick > 0), default=0)
 
     def remark(self) -> str:
         """Text to append to an error: a peer that seems silent may be one whose messages were refused; else empty."""

@@ -39,7 +39,7 @@ class TopicState:
     use: Callable[..., None]
     begins: Callable[[bytes], bool] | None
     common: bool
-    plant: bool = False  # only the plant's messages are admitted, though all nodes may publish there
+    plant: bool = False  # only the plant's messages are admitted, though all nodes may publish present
     leads: bool = False  # frames: a new publisher with an earlier tick begins another run
     silent: bool = False  # not subscribed to: only its publisher is known
     publisher: bytes | None = None  # identity (GID) of its publisher in this graph, once known
@@ -58,13 +58,13 @@ class Publishers:
         self.names: dict[bytes, str] = {}  # node names by publisher, of nodes whose messages were admitted
         self.plant: TopicState | None = None  # a topic that the plant publishes
         self._node, self._options, self._graph = node, options, graph
-        self._looked_at = self._sought_at = 0.0
+        self._checked_at = self._sought_at = 0.0
         self._heirs: dict[str, bytes] = {}  # successor of the publisher, by topic
 
     def know_plant(self, topic: str = PLANT) -> None:
         """Identify the plant by a topic that it publishes, whether the node subscribes to it or not."""
         name = self._node.resolve_topic_name(f"{self._graph}{topic}")
-        self.plant = next((heard for heard in self.topics if heard.topic == name), None)
+        self.plant = next((state for state in self.topics if state.topic == name), None)
         if self.plant is None:
             self.plant = TopicState(name, None, None, _nothing, None, common=False, silent=True)
             self.topics.append(self.plant)
@@ -84,52 +84,52 @@ class Publishers:
 
     def know(self) -> None:
         """Query the publishers: a topic's only publisher becomes this graph's, and stays so."""
-        if time.monotonic() - self._looked_at < KNOW_S:
+        if time.monotonic() - self._checked_at < KNOW_S:
             return
-        self._looked_at = time.monotonic()
-        for heard in self.topics:
-            if heard.publisher is None and heard.begins is None and not heard.common:
-                there = self.of(heard.topic)
-                if len(there) == 1:
-                    heard.publisher = there[0]
+        self._checked_at = time.monotonic()
+        for state in self.topics:
+            if state.publisher is None and state.begins is None and not state.common:
+                present = self.of(state.topic)
+                if len(present) == 1:
+                    state.publisher = present[0]
 
-    def another_plant(self, heard: TopicState, publisher: bytes) -> bool:
+    def another_plant(self, state: TopicState, publisher: bytes) -> bool:
         """Whether, in a free graph, a new publisher shows that the plant was replaced.
 
         It publishes on a topic of the plant; or on a leading topic of a link, and the old plant no longer publishes.
         """
-        if not self._options.free or heard.common or heard.publisher in (None, publisher) or self.plant is None:
+        if not self._options.free or state.common or state.publisher in (None, publisher) or self.plant is None:
             return False
         before = self.plant.publisher
-        if before is None or (heard.publisher or b"")[:NODE] == before[:NODE]:
+        if before is None or (state.publisher or b"")[:NODE] == before[:NODE]:
             return before is not None
-        there = self.of(self.plant.topic)
-        return heard.leads and bool(there) and before not in there
+        present = self.of(self.plant.topic)
+        return state.leads and bool(present) and before not in present
 
-    def admit(self, heard: TopicState, data: bytes, publisher: bytes) -> None:
+    def admit(self, state: TopicState, data: bytes, publisher: bytes) -> None:
         """Raise `Refused` for a message of a publisher that is not this graph's."""
-        if publisher == heard.publisher:
+        if publisher == state.publisher:
             return
-        if not heard.common:
-            self._recognise(heard, data, publisher)
+        if not state.common:
+            self._recognise(state, data, publisher)
         elif publisher[:NODE] not in self._nodes():
             self.know()
             if self._complete() and publisher[:NODE] not in self._nodes() | self._succeeding() | self._myself():
                 raise Refused("publisher")
 
-    def _recognise(self, heard: TopicState, data: bytes, publisher: bytes) -> None:
+    def _recognise(self, state: TopicState, data: bytes, publisher: bytes) -> None:
         """Decide whether an unknown publisher is the topic's: the one that begins the run, else the only or first one.
 
         A successor is admitted, too. Raises `Refused` otherwise.
         """
-        if heard.publisher is None:
+        if state.publisher is None:
             self.know()
-        if heard.publisher is None and (heard.begins is None or heard.begins(data)):
-            heard.publisher = publisher
-        if publisher != heard.publisher and publisher[:NODE] not in self._succeeding(heard):
+        if state.publisher is None and (state.begins is None or state.begins(data)):
+            state.publisher = publisher
+        if publisher != state.publisher and publisher[:NODE] not in self._succeeding(state):
             raise Refused("publisher")
 
-    def _succeeding(self, heard: TopicState | None = None) -> set[bytes]:
+    def _succeeding(self, state: TopicState | None = None) -> set[bytes]:
         """Nodes that may, unless in lockstep, succeed the publisher of a topic (of any topic if none is given).
 
         Either the publisher has left and the successor is the only one; or the publisher is silent and the successor
@@ -147,18 +147,18 @@ class Publishers:
                 if self._options.free or not (over or self.is_plant(one.publisher or b""))
             }
             self._heirs = {topic: heir for topic, heir in heirs.items() if heir is not None}
-        return {gid[:NODE] for topic, gid in self._heirs.items() if heard is None or topic == heard.topic}
+        return {gid[:NODE] for topic, gid in self._heirs.items() if state is None or topic == state.topic}
 
-    def _heir(self, heard: TopicState) -> bytes | None:
-        """The only possible successor of a topic's publisher; None: there is none."""
-        there = self.of(heard.topic)
-        others = [publisher for publisher in there if publisher != heard.publisher]
+    def _heir(self, state: TopicState) -> bytes | None:
+        """The only possible successor of a topic's publisher; None: present is none."""
+        present = self.of(state.topic)
+        others = [publisher for publisher in present if publisher != state.publisher]
         if len(others) != 1:
             return None
-        if heard.publisher in there:
-            if heard.silent or now() - heard.at < SILENT_S:
+        if state.publisher in present:
+            if state.silent or now() - state.at < SILENT_S:
                 return None
-            ends = self._node.get_publishers_info_by_topic(heard.topic)
+            ends = self._node.get_publishers_info_by_topic(state.topic)
             if len({(one.node_namespace, one.node_name) for one in ends}) > 1:
                 return None
         return others[0]
@@ -169,16 +169,18 @@ class Publishers:
 
     def _complete(self) -> bool:
         """Whether all publishers are known; until then an unknown node on a common topic may be this graph's."""
-        return all(heard.publisher is not None for heard in self.topics if not heard.common and not heard.silent)
+        return all(state.publisher is not None for state in self.topics if not state.common and not state.silent)
 
     def _nodes(self) -> set[bytes]:
-        return {heard.publisher[:NODE] for heard in self.topics if heard.publisher is not None}
+        return {state.publisher[:NODE] for state in self.topics if state.publisher is not None}
 
     def _myself(self) -> set[bytes]:
         """GUID prefix of this node, from its own publisher of refusals: it may receive its own messages."""
         name, place = self._node.get_name(), self._node.get_namespace()
-        there = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(f"{self._graph}{TOPIC}"))
-        return {bytes(one.endpoint_gid)[:NODE] for one in there if (one.node_name, one.node_namespace) == (name, place)}
+        present = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(f"{self._graph}{TOPIC}"))
+        return {
+            bytes(one.endpoint_gid)[:NODE] for one in present if (one.node_name, one.node_namespace) == (name, place)
+        }
 
 
 def _nothing() -> None:

@@ -28,46 +28,50 @@ UNKNOWN = "_NODE_NAME_UNKNOWN_"  # the middleware's name of a node that it has n
 class Refusals:
     """Counts and reports the refusals of a node."""
 
-    def __init__(self, node: Node, graph: str, say: Callable[[bytes], None] | None, *, peer: bool = True) -> None:
-        """`graph`, `say`, `peer`: as in MessageFilter."""
-        self._node, self._log, self._say = node, NodeLog(node), say
+    def __init__(self, node: Node, graph: str, send: Callable[[bytes], None] | None, *, peer: bool = True) -> None:
+        """`graph`, `send`, `peer`: as in MessageFilter."""
+        self._node, self._log, self._send = node, NodeLog(node), send
         if peer:  # others recognise a peer by this publisher
             publisher = node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", PUBLISHER_QOS)
-            self._say = say or publisher.publish
+            self._send = send or publisher.publish
         self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
-        self._told: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
+        self._reported: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
         self._sources = {OTHERS: "others"}  # reported source, by refused publisher
-        self._told_at = 0.0
+        self._reported_at = 0.0
 
     def add(self, topic: str, cause: str, publisher: bytes = OTHERS) -> None:
         """Count a refused message or request."""
         if not self._refused:
-            self._told_at = time.monotonic()  # report later: a new node's name is known only after its first message
+            self._reported_at = (
+                time.monotonic()
+            )  # report later: a new node's name is known only after its first message
         if len(self._refused) < MAXIMUM or (topic, cause, publisher) in self._refused:
             self._refused[topic, cause, publisher] += 1
         else:
             self._refused[topic, cause, OTHERS] += 1
 
-    def tell(self, at_ns: int, last: bool = False) -> None:
+    def report(self, at_ns: int, last: bool = False) -> None:
         """Report new refusals as lines `refused N CAUSE TOPIC SOURCE` and a message; at once at the `last` call.
 
         `at_ns`: start of the newest tick.
         """
-        if self._told.total() == self._refused.total() or not (last or time.monotonic() - self._told_at > TELL_S):
+        if self._reported.total() == self._refused.total() or not (
+            last or time.monotonic() - self._reported_at > TELL_S
+        ):
             return
-        self._told_at = time.monotonic()
+        self._reported_at = time.monotonic()
         counts: Counter[tuple[str, str, str]] = Counter()
         for (topic, cause, publisher), count in self._refused.items():
             counts[topic, cause, self._source(topic, publisher)] += count
         for (topic, cause, source), count in counts.items():
-            if count != self._told[topic, cause, source]:
+            if count != self._reported[topic, cause, source]:
                 self._log.line(f"refused {count} {cause} {topic} {source}")
-                if (topic, cause, source) not in self._told:  # log only the first; the total is logged at the end
+                if (topic, cause, source) not in self._reported:  # log only the first; the total is logged at the end
                     self._log.warning(f"refused a message by {topic} of {source}: {cause}")
         if last:
             self._log.warning(f"refused {counts.total()} messages in all")
-        self._told = counts
-        if self._say is None:
+        self._reported = counts
+        if self._send is None:
             return
         message = RefusedMessages(node=self._node.get_fully_qualified_name())
         set_time(message.header.stamp, at_ns)
@@ -75,7 +79,7 @@ class Refusals:
             RefusedCount(topic=topic, cause=cause, source=source, count=count)
             for (topic, cause, source), count in counts.items()
         ]
-        self._say(serialize_message(message))
+        self._send(serialize_message(message))
 
     def _source(self, topic: str, publisher: bytes) -> str:
         """Reported source of a publisher, cached: its node's full name, else its identity."""
@@ -90,8 +94,8 @@ class Refusals:
 
 def node_name(node: Node, topic: str, publisher: bytes) -> str:
     """Full name of the node of a topic's publisher; empty if it is not known yet or has left."""
-    there = node.get_publishers_info_by_topic(topic)
-    one = next((one for one in there if bytes(one.endpoint_gid) == publisher), None)
+    publishers = node.get_publishers_info_by_topic(topic)
+    one = next((one for one in publishers if bytes(one.endpoint_gid) == publisher), None)
     if one is None or one.node_name == UNKNOWN:
         return ""
     name = f"{one.node_namespace.rstrip('/')}/{one.node_name}"

@@ -22,7 +22,7 @@ class SimulatedClock:
         """Make the publisher; `/clock` is global, whatever the node's namespace."""
         self._publisher, self._message = node.create_publisher(Clock, "/clock", LAST), Clock()
 
-    def tell(self, start_ns: int) -> None:
+    def publish(self, start_ns: int) -> None:
         """Publish the time of a tick; `start_ns`: its simulated start."""
         set_time(self._message.clock, start_ns)  # with `stamp: wall` this is wall time
         self._publisher.publish(self._message)

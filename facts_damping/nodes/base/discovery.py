@@ -54,7 +54,7 @@ def wait_for_peers(
     do. A joining node also waits until publishers with another name have left. `serve` answers requests meanwhile.
     Raises `RunError` if another graph publishes the same topics, or names what is missing after the time-out.
     """
-    log, told = NodeLog(node), False
+    log, logged = NodeLog(node), False
     deadline, topics = time.monotonic() + options.start_timeout, [*heard, *(p.topic_name for p in expected)]
     while True:
         own = {_participant(one) for topic in (peers, *heard) for one in node.get_publishers_info_by_topic(topic)}
@@ -69,8 +69,8 @@ def wait_for_peers(
             raise RunError(f"another graph publishes {shared} too; set another ROS_DOMAIN_ID (0 to 101)")
         if not missing and shared is None:
             return
-        if not told and time.monotonic() > deadline - options.start_timeout + PATIENT_S:
-            told = True
+        if not logged and time.monotonic() > deadline - options.start_timeout + PATIENT_S:
+            logged = True
             what = ", ".join(missing) or f"the other publisher of {shared} to leave"
             log.info(f"waits, {options.start_timeout:g} s at most, for {what}")
         if late:
@@ -99,8 +99,8 @@ def _readers(node: Node, publisher: Publisher[Any], own: set[bytes], options: Op
     peers = sum(_participant(reader) in own for reader in readers)
     views = any(reader.qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT for reader in readers)
     bags = any(reader.node_name.startswith(BAG) for reader in readers)
-    wanted = int(options.view and views) + int(options.recorder and bags)
-    return min(peers + wanted, publisher.get_subscription_count())
+    expected_listeners = int(options.view and views) + int(options.recorder and bags)
+    return min(peers + expected_listeners, publisher.get_subscription_count())
 
 
 def finish(publishers: Iterable[Publisher[Any]], timeout: float) -> None:

@@ -27,11 +27,11 @@ REQUESTS_S = 0.05  # wall time between two checks for requests and for a stop si
 HEARD_S = 2.0  # longest wall time that a stopped node waits for its last messages
 MAXIMUM = 100  # most messages of a subscription per turn, so that a flood does not starve the other subscriptions
 
-_told: ContextVar[Event | None] = ContextVar("_told", default=None)  # None: the process handles no signals
+_stop_event: ContextVar[Event | None] = ContextVar("_stop_event", default=None)  # None: the process handles no signals
 
 
-class Stopped(Exception):  # noqa: N818 (not an error: a signal told the node to stop)
-    """The node was told to stop, or the run is over."""
+class Stopped(Exception):  # noqa: N818 (not an error: a signal event the node to stop)
+    """The node was event to stop, or the run is over."""
 
 
 class BeginAgain(Exception):  # noqa: N818 (not an error: another run has begun)
@@ -43,27 +43,27 @@ def stop_by_signals() -> None:
 
     A repeated call keeps signals that have already come.
     """
-    told = _told.get() or Event()
-    _told.set(told)
+    event = _stop_event.get() or Event()
+    _stop_event.set(event)
     for number in heeded():
-        signal.signal(number, lambda *_: told.set())
+        signal.signal(number, lambda *_: event.set())
 
 
-def told_to_stop() -> bool:
+def stop_requested() -> bool:
     """Whether a stop signal has come."""
-    told = _told.get()
-    return told is not None and told.is_set()
+    event = _stop_event.get()
+    return event is not None and event.is_set()
 
 
 def request_stop() -> None:
     """Stop the node as a signal does."""
-    if (told := _told.get()) is not None:
-        told.set()
+    if (event := _stop_event.get()) is not None:
+        event.set()
 
 
 def check_wanted() -> None:
     """Raise `Stopped` if a stop signal has come."""
-    if told_to_stop():
+    if stop_requested():
         raise Stopped
 
 
@@ -87,7 +87,7 @@ class Filtered(Protocol):
     def message_filter(self) -> Refuses:
         """Its message filter."""
 
-    def look(self, last: bool = False) -> None:
+    def report(self, last: bool = False) -> None:
         """Publish pending reports. Called periodically."""
 
 
@@ -107,7 +107,7 @@ class Spinner:
         counts = (len(self._subscriptions), len(self._services))
         self._messages: Any = rclpy_implementation.WaitSet(counts[0], 0, 0, 0, 0, 0, context.handle)
         self._requests: Any = rclpy_implementation.WaitSet(0, 0, 0, 0, counts[1], 0, context.handle)
-        self._asked = self._wanted_at = time.monotonic()
+        self._served_at = self._running_at = time.monotonic()
         self._again = False
 
     def begin_again(self) -> None:
@@ -128,9 +128,9 @@ class Spinner:
         wait_set.clear_entities()
         for _, subscription in self._subscriptions:
             wait_set.add_subscription(subscription.handle)
-        if wanted := not told_to_stop():
-            self._wanted_at = time.monotonic()
-        wait_set.wait(max(0, int(min(timeout_s, REQUESTS_S) * 1e9)) if wanted else 0)
+        if running := not stop_requested():
+            self._running_at = time.monotonic()
+        wait_set.wait(max(0, int(min(timeout_s, REQUESTS_S) * 1e9)) if running else 0)
         some = served = False
         ready = wait_set.get_ready_entities("subscription")
         for pointer, subscription in self._subscriptions if ready else ():
@@ -138,7 +138,7 @@ class Spinner:
                 taken = _take(subscription)
                 some |= taken is not None
                 served |= bool(taken)
-        if not wanted and (not some or time.monotonic() - self._wanted_at > HEARD_S):
+        if not running and (not some or time.monotonic() - self._running_at > HEARD_S):
             raise Stopped
         return served
 
@@ -155,9 +155,9 @@ class Spinner:
 
     def serve(self) -> None:
         """Answer waiting requests (as of `ros2 param`) and report, at most once per `REQUESTS_S`."""
-        if time.monotonic() - self._asked <= REQUESTS_S:
+        if time.monotonic() - self._served_at <= REQUESTS_S:
             return
-        self._asked = time.monotonic()
+        self._served_at = time.monotonic()
         wait_set = self._requests
         wait_set.clear_entities()
         for _, service in self._services:
@@ -170,7 +170,7 @@ class Spinner:
         if self._again:
             raise BeginAgain
         if self._member is not None:
-            self._member.look()
+            self._member.report()
 
     def remark(self) -> str:
         """Text that the node's message filter appends to an error."""
@@ -179,7 +179,7 @@ class Spinner:
     def close(self) -> None:
         """Report for the last time and release all entities."""
         if self._member is not None:
-            self._member.look(last=True)
+            self._member.report(last=True)
         self._messages = self._requests = None
         self._entered.close()
 

@@ -69,12 +69,12 @@ def rclpy_remap_topic_name(node: Node, name: str) -> str:
 
 def rclpy_get_publishers_info_by_topic(_node: Node, topic: str, _no_mangle: bool) -> list[dict[str, Any]]:
     """Of all publishers of a topic."""
-    return [one.told(1) for one in domain().publishers if one.topic == topic]
+    return [one.described(1) for one in domain().publishers if one.topic == topic]
 
 
 def rclpy_get_subscriptions_info_by_topic(_node: Node, topic: str, _no_mangle: bool) -> list[dict[str, Any]]:
     """Of all readers of a topic."""
-    return [one.told(2) for one in domain().subscriptions if one.topic == topic]
+    return [one.described(2) for one in domain().subscriptions if one.topic == topic]
 
 
 def _types(ends: Sequence[Any], name: Callable[[Any], str], kind: Callable[[Any], str]) -> list[tuple[str, list[str]]]:
@@ -87,7 +87,7 @@ def _types(ends: Sequence[Any], name: Callable[[Any], str], kind: Callable[[Any]
 def rclpy_get_topic_names_and_types(_node: Node, _no_demangle: bool) -> list[tuple[str, list[str]]]:
     """All topics, with their types."""
     ends = [*domain().publishers, *domain().subscriptions]
-    return _types(ends, lambda one: one.topic, lambda one: str(one.told(0)["topic_type"]))
+    return _types(ends, lambda one: one.topic, lambda one: str(one.described(0)["topic_type"]))
 
 
 def rclpy_get_service_names_and_types(_node: Node) -> list[tuple[str, list[str]]]:

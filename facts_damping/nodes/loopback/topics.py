@@ -43,8 +43,8 @@ class End(Destroyable):
         every = int(self.qos["history"]) == KEEP_ALL
         return deque(maxlen=None if every else max(1, int(self.qos["depth"])))
 
-    def told(self, endpoint_type: int) -> dict[str, Any]:
-        """What is told of it, as `rclpy.topic_endpoint_info` has it."""
+    def described(self, endpoint_type: int) -> dict[str, Any]:
+        """Its description, as `rclpy.topic_endpoint_info` has it."""
         module = self.kind.__module__.split(".")
         return {
             "node_name": self.node.get_node_name(),
@@ -79,7 +79,7 @@ class Publisher(End):
     def publish_raw(self, data: bytes) -> None:
         self._count += 1
         now = wall_ns()
-        told = {
+        information = {
             "source_timestamp": now,
             "received_timestamp": now,
             "publication_sequence_number": self._count,
@@ -87,12 +87,12 @@ class Publisher(End):
             "publisher_gid": {"implementation_identifier": "loopback", "data": self.identity},
         }
         if self.transient():
-            self._kept.append((bytes(data), told))
+            self._kept.append((bytes(data), information))
         for one in domain().subscriptions:
             if fit(self, one):
-                one.waiting.append((bytes(data), told))
+                one.waiting.append((bytes(data), information))
 
-    def tell(self, subscription: Subscription) -> None:
+    def repeat_for(self, subscription: Subscription) -> None:
         """What a reader that comes late hears."""
         subscription.waiting.extend(self._kept if subscription.transient() else ())
 
@@ -111,14 +111,14 @@ class Subscription(End):
         self.waiting = self.queue()
         for publisher in domain().publishers:
             if fit(publisher, self):
-                publisher.tell(self)
+                publisher.repeat_for(self)
         domain().subscriptions.append(self)
 
     def take_message(self, kind: type[Any], raw: bool) -> tuple[Any, dict[str, Any]] | None:
         if not self.waiting:
             return None
-        data, told = self.waiting.popleft()
-        return (data if raw else real.rclpy_deserialize(data, kind)), told
+        data, information = self.waiting.popleft()
+        return (data if raw else real.rclpy_deserialize(data, kind)), information
 
     def get_publisher_count(self) -> int:
         return sum(fit(one, self) for one in domain().publishers)
