@@ -35,20 +35,20 @@ HALF = 2**32
 
 
 @compiled
-def _next(raw: NDArray[np.uint64], at: NDArray[np.int64]) -> np.uint64:
+def _next(raw: NDArray[np.uint64], at: Int1) -> np.uint64:
     """The next number of the stream; zero beyond the numbers at hand, which ends any draw."""
     at[0] += 1
     return raw[at[0] - 1] if at[0] <= raw.size else np.uint64(0)  # type: ignore[no-any-return]
 
 
 @compiled
-def _double(raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+def _double(raw: NDArray[np.uint64], at: Int1) -> float:
     """A uniform number in [0, 1)."""
     return (_next(raw, at) >> np.uint64(11)) * UNIT  # type: ignore[no-any-return]
 
 
 @compiled
-def _standard_normal(n: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+def _standard_normal(n: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
     """A normal number of mean 0 and standard deviation 1."""
     while True:
         drawn = _next(raw, at)
@@ -74,7 +74,7 @@ def _standard_normal(n: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]
 
 
 @compiled
-def _standard_exponential(e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+def _standard_exponential(e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
     """An exponential number of mean 1."""
     while True:
         drawn = _next(raw, at) >> np.uint64(3)
@@ -89,7 +89,7 @@ def _standard_exponential(e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.i
 
 
 @compiled
-def _standard_gamma(shape: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+def _standard_gamma(shape: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
     """A number of the gamma distribution of scale 1."""
     if shape == 0.0:
         return 0.0
@@ -123,26 +123,22 @@ def _standard_gamma(shape: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint
 
 
 @compiled
-def _normal_of(a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+def _normal_of(a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
     return a + b * _standard_normal(n, raw, at)
 
 
 @compiled
-def _lognormal_of(
-    a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]
-) -> float:
+def _lognormal_of(a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
     return exp(a + b * _standard_normal(n, raw, at))  # type: ignore[no-any-return]
 
 
 @compiled
-def _exponential_of(
-    _a: float, b: float, _n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]
-) -> float:
+def _exponential_of(_a: float, b: float, _n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
     return b * _standard_exponential(e, raw, at)
 
 
 @compiled
-def _gamma_of(a: float, b: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+def _gamma_of(a: float, b: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
     return b * _standard_gamma(a, n, e, raw, at)
 
 
@@ -152,16 +148,7 @@ _one = branching(KINDS)
 
 
 @entry_point
-def _fill(
-    kind: int,
-    a: float,
-    b: float,
-    n: Ziggurat,
-    e: Ziggurat,
-    raw: Raw,
-    at: Int1,
-    out: Float1,
-) -> int:
+def _fill(kind: int, a: float, b: float, n: Ziggurat, e: Ziggurat, raw: Raw, at: Int1, out: Float1) -> int:
     """Draw until `out` is full or the stream at hand runs out; returns the number drawn, `at` points behind them."""
     for i in range(out.size):
         begun = at[0]

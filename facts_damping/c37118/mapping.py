@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from facts_damping.c37118.configuration import Configuration, PmuConfiguration
     from facts_damping.c37118.data import Data
     from facts_damping.c37118.system_pmus import Pmu
+    from facts_damping.compiling.structs import Bool1, Float1, Float2, Int1, Int2
 
 NAMES = dict(zip(UNITS, (*system_pmus.PHASORS, *system_pmus.ANALOGS), strict=True))  # channel names of our servers
 VOLTAGE, CURRENT, ACTIVE, REACTIVE, SPEED = range(len(UNITS))
@@ -29,8 +30,8 @@ class Places(NamedTuple):
 
     pmus: NDArray[np.int64]  # indices in the grid
     blocks: NDArray[np.int64]  # indices of their PMUs in the stream
-    channels: NDArray[np.int64]  # (PMUs, UNITS): indices of the stream's phasors or analogs; -1: not sent
-    scale: NDArray[np.float64]  # (PMUs, UNITS): p.u. per unit of the stream; negative: opposite sign
+    channels: Int2  # (PMUs, UNITS): indices of the stream's phasors or analogs; -1: not sent
+    scale: Float2  # (PMUs, UNITS): p.u. per unit of the stream; negative: opposite sign
 
 
 def places(c: Configuration, grid: Sequence[Pmu], wanted: Mapping[str, Channels]) -> Places:
@@ -87,7 +88,7 @@ def _channel(pmu: Pmu, quantity: str, asked: Channels, configured: PmuConfigurat
     return names.index(channel.channel), (-unit if channel.reverse else unit) / pmu.one(quantity)
 
 
-def told(found: Places, data: Data) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
+def told(found: Places, data: Data) -> tuple[Float2, Int1, Bool1]:
     """Values of the PMUs in a frame (PMUs, CHANNELS), status bits, and whether a PMU is absent.
 
     Powers that are not sent are computed from the phasors: P + jQ = V I*.
@@ -116,6 +117,6 @@ def told(found: Places, data: Data) -> tuple[NDArray[np.float64], NDArray[np.int
     return values, stat.status(words), stat.absent(words, values)
 
 
-def _opposite(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+def _opposite(angle: Float1) -> Float1:
     """An angle plus half a turn, within -pi to pi."""
     return np.where(angle > 0.0, angle - np.pi, angle + np.pi)

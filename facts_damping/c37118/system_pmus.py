@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float2, Int1
+
 PHASORS = ("V1", "I1")
 ANALOGS = ("P kW", "Q kvar", "SPEED ppm")
 PPM = 1e-6  # p.u. of speed
@@ -89,7 +91,7 @@ def _whole(name: str, largest: float) -> float:
     return 1.0 if name == ANALOGS[2] else float(math.ceil(largest / COUNTS))
 
 
-def to_data(pmus: Sequence[Pmu], values: NDArray[np.float64], status: NDArray[np.int64]) -> Data:
+def to_data(pmus: Sequence[Pmu], values: Float2, status: Int1) -> Data:
     """Simultaneous measurements of PMUs, (PMUs, CHANNELS), in the units of a stream."""
     volts, amperes, power = _bases(pmus)
     first = np.column_stack([values[:, MAGNITUDE] * volts, values[:, ANGLE]])

@@ -14,16 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 from llvmlite import ir
-from numba.core import (
-    cgutils,
-    codegen,
-    compiler,
-    dispatcher,
-    registry,
-    typed_passes,
-    types,
-    untyped_passes,
-)
+from numba.core import cgutils, codegen, compiler, dispatcher, registry, typed_passes, types, untyped_passes
 from numba.core.caching import CompileResultCacheImpl
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
@@ -35,14 +26,7 @@ from numba.core.typing.templates import (
     make_intrinsic_template,
     signature,
 )
-from numba.extending import (
-    NativeValue,
-    infer_getattr,
-    lower_builtin,
-    lower_getattr_generic,
-    register_model,
-    unbox,
-)
+from numba.extending import NativeValue, infer_getattr, lower_builtin, lower_getattr_generic, register_model, unbox
 from numba.np import arrayobj
 
 from facts_damping.compiling import keys, store

@@ -156,14 +156,14 @@ def bank(
     return made, state
 
 
-def settings(controller: Controller, rows: NDArray[Any], swing: NDArray[np.float64]) -> NDArray[Any]:
+def settings(controller: Controller, rows: NDArray[Any], swing: Float1) -> NDArray[Any]:
     """Write a controller's parameters to SETTINGS records, one per signal or device; returns the records."""
     for name, parameter in kind_of(controller).parameters.items():
         put(rows, name, parameter, controller.parameters.get(name, parameter.default), swing)
     return rows
 
 
-def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing: NDArray[np.float64]) -> None:
+def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing: Float1) -> None:
     """Write a parameter's value to SETTINGS records.
 
     A single value holds for every device. For a parameter of signals it holds for the first signal, and `swing`, the
@@ -186,7 +186,7 @@ def controller_network(controller: Controller) -> Network:
     return network(shape.antecedent, shape.consequent, 2 * len(controller.signals), RULES, len(controller.devices))
 
 
-def _start(net: Network, s: NDArray[Any], controller: Controller, known: PlantPrior | None) -> NDArray[np.float64]:
+def _start(net: Network, s: NDArray[Any], controller: Controller, known: PlantPrior | None) -> Float1:
     """Initial parameters of a network: those given, or symmetric rules whose sign damps the plant."""
     if known is None:
         return np.zeros(0)
@@ -200,7 +200,7 @@ def _start(net: Network, s: NDArray[Any], controller: Controller, known: PlantPr
     return initial(net, Start(weight, spread, many * s["width"][0], 0.0 * many, many * s["dilation"][0]))
 
 
-def pull(known: PlantPrior, s: NDArray[Any]) -> NDArray[np.float64]:
+def pull(known: PlantPrior, s: NDArray[Any]) -> Float1:
     """Initial weight of each input of a network, (inputs,).
 
     1 for the first signal's two inputs; for the others the cosine of the angle, at the least damped mode, between the
@@ -238,16 +238,7 @@ def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: in
     frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
     stale = s[0].stale > 0.0 and age_ns * 1e-9 > s[0].stale
     neuro_fuzzy.step(
-        net,
-        own,
-        kept,
-        s,
-        state.compensated.signal[c],
-        actuators,
-        state.unlimited[c],
-        since_ns * 1e-9,
-        frames,
-        stale,
+        net, own, kept, s, state.compensated.signal[c], actuators, state.unlimited[c], since_ns * 1e-9, frames, stale
     )
 
 
@@ -299,14 +290,7 @@ def set_estimate(state: BankState, c: int, jacobian: Float2, change: Float1, mea
 
 @entry_point
 def act(
-    made: Bank,
-    state: BankState,
-    c: int,
-    tick: int,
-    delivered: Deliveries,
-    count: int,
-    out: Setpoints,
-    first: int,
+    made: Bank, state: BankState, c: int, tick: int, delivered: Deliveries, count: int, out: Setpoints, first: int
 ) -> int:
     """Run a tick of controller c: process `count` delivered entries, write setpoints to `out` from index `first` on.
 

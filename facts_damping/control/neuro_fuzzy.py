@@ -76,9 +76,9 @@ def step(
     own: Learner,
     kept: Memory,
     s: NDArray[Any],
-    signals: NDArray[np.float64],
+    signals: Float1,
     actuators: Actuators,
-    unlimited: NDArray[np.float64],
+    unlimited: Float1,
     dt: float,
     frames: int,
     stale: bool,
@@ -106,14 +106,7 @@ def step(
 
 
 @compiled
-def _follow(
-    net: Network,
-    kept: Memory,
-    s: NDArray[Any],
-    actuators: Actuators,
-    unlimited: NDArray[np.float64],
-    dt: float,
-) -> None:
+def _follow(net: Network, kept: Memory, s: NDArray[Any], actuators: Actuators, unlimited: Float1, dt: float) -> None:
     """Update `kept.applied`: with anti-windup the setpoint within limit and rate of the device, else before limits."""
     for o in range(net.outputs):
         if s[0].anti_windup > 0.0:
@@ -125,21 +118,14 @@ def _follow(
 
 
 @compiled
-def _seen(s: NDArray[Any], i: int, signals: NDArray[np.float64]) -> float:
+def _seen(s: NDArray[Any], i: int, signals: Float1) -> float:
     """Normalised error of signal i; zero within the dead zone."""
     e = -signals[i] / s[i].scale
     return 0.0 if abs(e) <= s[0].dead_zone else e
 
 
 @compiled
-def _fall(
-    net: Network,
-    own: Learner,
-    kept: Memory,
-    s: NDArray[Any],
-    signals: NDArray[np.float64],
-    actuators: Actuators,
-) -> None:
+def _fall(net: Network, own: Learner, kept: Memory, s: NDArray[Any], signals: Float1, actuators: Actuators) -> None:
     """Compute the Lyapunov function, and its decrease by the step if the plant responds as the Jacobian predicts."""
     now = then = 0.0
     for i in range(net.inputs // 2):
@@ -158,12 +144,7 @@ def _fall(
 
 @compiled
 def _errors(
-    net: Network,
-    kept: Memory,
-    s: NDArray[Any],
-    signals: NDArray[np.float64],
-    actuators: Actuators,
-    unlimited: NDArray[np.float64],
+    net: Network, kept: Memory, s: NDArray[Any], signals: Float1, actuators: Actuators, unlimited: Float1
 ) -> bool:
     """Compute adaptation errors and curvatures; returns False if the Jacobian is unknown.
 

@@ -9,9 +9,7 @@ from facts_damping.compiling import compiled
 from facts_damping.control.inputs import UNSET
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.control.identifier_model import Identifiers, IdentifierState
 
 
@@ -27,7 +25,7 @@ def frame_before(ids: Identifiers, state: IdentifierState, n: int, now: int, fra
 
 
 @compiled
-def between(ids: Identifiers, state: IdentifierState, n: int, now: int, frames: int, into: NDArray[np.float64]) -> None:
+def between(ids: Identifiers, state: IdentifierState, n: int, now: int, frames: int, into: Float1) -> None:
     """Signals `frames` before `now`, p.u.; interpolated linearly if that frame is missing, NaN if impossible."""
     at = frame_before(ids, state, n, now, frames)
     wanted, low, high = now - frames * ids.period_ns[n], at, at
@@ -48,7 +46,7 @@ def between(ids: Identifiers, state: IdentifierState, n: int, now: int, frames: 
 
 
 @compiled
-def fill(into: NDArray[np.float64], ids: Identifiers, state: IdentifierState, n: int, now: int, elapsed: int) -> None:
+def fill(into: Float1, ids: Identifiers, state: IdentifierState, n: int, now: int, elapsed: int) -> None:
     """Mean setpoint of each device in force over the `elapsed` ns before `now`; 1 = the device's limit."""
     for d in range(into.size):
         into[d] = _mean(ids, state, n, d, now, elapsed) / ids.limit[n, d]

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Bool2, Float2, Int2, Struct
 from facts_damping.control.inputs import UNSET, Inputs, LatestSamples, compute_signals, ingest
 from facts_damping.signals import Deliveries
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 class Sensed(Struct):
@@ -33,7 +28,7 @@ def sensed(receivers: int, signals: int, pmus: int) -> Sensed:
 
 
 @compiled
-def _newest(given: Inputs, stamps: NDArray[np.int64], r: int, i: int) -> int:
+def _newest(given: Inputs, stamps: Int2, r: int, i: int) -> int:
     """Newest time of measurement of the PMUs of signal i; `stamps`: (receivers, PMUs)."""
     newest = UNSET
     for s in range(given.weight.shape[2]):

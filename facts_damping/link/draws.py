@@ -13,22 +13,20 @@ import numpy as np
 
 from facts_damping import random_numbers
 from facts_damping.compiling import entry_point
-from facts_damping.compiling.structs import Bool2, Float2
+from facts_damping.compiling.structs import Bool2, Float2, Float3
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     Shape = tuple[int, int, int]  # (draws, copies, channels)
 
 
-def uniform(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
+def uniform(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> Float3:
     """Uniform distribution between two bounds."""
     return random_numbers.uniform(random, stage.low, stage.high, size)
 
 
-def normal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
+def normal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> Float3:
     """Truncated normal distribution: draws outside the bounds are repeated, after 200 rounds clipped."""
     found = random_numbers.normal(random, stage.mean, stage.std, size)
     for _ in range(200):
@@ -39,24 +37,22 @@ def normal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.
     return np.clip(found, stage.low, stage.high)
 
 
-def gamma(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
+def gamma(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> Float3:
     """A constant delay plus a gamma distribution."""
     return stage.delay + random_numbers.gamma(random, stage.shape, stage.scale, size)  # type: ignore[no-any-return]
 
 
-def lognormal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
+def lognormal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> Float3:
     """A constant delay plus a lognormal distribution."""
     return stage.delay + stage.median * random_numbers.lognormal(random, 0.0, stage.sigma, size)  # type: ignore[no-any-return]
 
 
-def bernoulli(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
+def bernoulli(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> Float3:
     """Independent loss of each entry."""
     return np.where(random_numbers.random(random, size) < stage.loss, math.nan, 0.0)
 
 
-def gilbert_elliott(
-    stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator
-) -> NDArray[np.float64]:
+def gilbert_elliott(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> Float3:
     """Losses of a channel that alternates between a good and a bad state (Gilbert 1960, Elliott 1963)."""
     bad = np.zeros((size[0], size[2]), np.bool_)
     _turns(stage.p_GB, stage.p_BG, random_numbers.random(random, bad.shape), bad)
@@ -79,7 +75,7 @@ def _turns(p_gb: float, p_bg: float, chance: Float2, bad: Bool2) -> None:
                 bad[n, c] = chance[n, c] < p_gb
 
 
-def trace(stage: Any, size: Shape, channels: Sequence[str], _random: np.random.Generator) -> NDArray[np.float64]:
+def trace(stage: Any, size: Shape, channels: Sequence[str], _random: np.random.Generator) -> Float3:
     """Delays from a trace; zero for channels that the trace lacks."""
     found = np.zeros(size)
     for c, name in enumerate(channels):

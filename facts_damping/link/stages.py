@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Int3
     from facts_damping.link.draws import Shape
 
 # Codes of stages. Chains are padded with rows of zeros, which have no effect.
@@ -71,7 +72,7 @@ MODELS = {
 MODELS |= rows("stage_kinds", StageKind, MODELS)
 
 
-def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Generator) -> NDArray[np.int64]:
+def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Generator) -> Int3:
     """Draw delays in ns, with LOST for lost entries; for `duplicate` 1 if an entry is copied.
 
     For `flip` 1 + number of the inverted bit, counted over all values of an entry; 0: none.

@@ -190,9 +190,7 @@ def _put_in(p: Packets, channel: int, sent_ns: int, measured_ns: int) -> None:
 
 
 @compiled
-def _push(
-    entries: NDArray[Any], arrivals: NDArray[np.int64], sent_ns: NDArray[np.int64], ring: NDArray[np.int64], at_ns: int
-) -> int:
+def _push(entries: NDArray[Any], arrivals: Int1, sent_ns: Int1, ring: Int1, at_ns: int) -> int:
     """Insert a place for an entry arriving at `at_ns` in the ring, ordered by arrival, then by insertion; -1: full."""
     capacity = arrivals.size
     head, count = ring[RING_HEAD], ring[RING_COUNT]
@@ -250,14 +248,7 @@ def _count_delivered(way: Any, channel: int, slot: int) -> None:
 
 @entry_point
 def uplink(
-    made: Links,
-    link: int,
-    tick: int,
-    start_ns: int,
-    end_ns: int,
-    frame: Float2,
-    measured_ns: Int1,
-    status: Int1,
+    made: Links, link: int, tick: int, start_ns: int, end_ns: int, frame: Float2, measured_ns: Int1, status: Int1
 ) -> int:
     """Send a frame (PMUs, channels) up a link at `start_ns`; deliver entries that arrive before `end_ns`.
 

@@ -15,8 +15,7 @@ from facts_damping.signals import CHANNELS, LOST, to_ns
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float3
     from facts_damping.parameters.measurement import Clock, Measurement, Noise
 
 KINDS = {
@@ -42,9 +41,7 @@ def clocks_differ(measurement: Measurement, pmus: Sequence[str]) -> bool:
     return len({wrong_at(measurement, name)[1] for name in pmus}) > 1
 
 
-def _chance(
-    normals: int, uniforms: int, bad: int, pmus: int, seed: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _chance(normals: int, uniforms: int, bad: int, pmus: int, seed: int) -> tuple[Float3, Float3]:
     """Random draws of noise, (normals, PMUs, NORMALS), and of spikes, (uniforms, bad, PMUs), per frame."""
     normal, uniform = np.zeros((normals, pmus, pmu_model.NORMALS)), np.zeros((uniforms, bad, pmus))
     for s in range(pmus):

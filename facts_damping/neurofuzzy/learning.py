@@ -22,7 +22,6 @@ from facts_damping.signals import Learnings
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
 
 FIXED, LYAPUNOV, LYAPUNOV_GROUPS = 0, 1, 2
 RATES = ("fixed", "lyapunov", "lyapunov-groups")  # in order of their codes
@@ -81,11 +80,11 @@ class Learners(Struct, each=Learner):
         return Learner(**dict(zip(Learner._fields, values, strict=True)))
 
 
-def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> Learners:
+def learners(nets: Sequence[Network], starts: Sequence[Float1]) -> Learners:
     """Build the learners of several networks, in arrays sized for the largest."""
     sized = list(nets) or [network("gaussian", "singleton", 1, 1, 1)]  # the arrays are empty if there are no networks
 
-    def room(shape: Sequence[tuple[int, ...]]) -> NDArray[np.float64]:
+    def room(shape: Sequence[tuple[int, ...]]) -> Float1:
         return np.zeros((len(nets), *(max(sizes) for sizes in zip(*shape, strict=True))))
 
     sizes = [(net.size,) for net in sized]
@@ -121,7 +120,7 @@ def infer(net: Network, own: Learner) -> None:
 
 
 @compiled
-def _rates(net: Network, own: Learner, rule: Rule, curvature: NDArray[np.float64]) -> None:
+def _rates(net: Network, own: Learner, rule: Rule, curvature: Float1) -> None:
     """Compute the learning rates of each output and group in `own.rate`.
 
     Lyapunov: eta / (curvature_p |du_p/df|^2), half of the stability bound of |e|, (4.36), (4.39), (5.27); with
@@ -152,13 +151,7 @@ def _rates(net: Network, own: Learner, rule: Rule, curvature: NDArray[np.float64
 
 
 @entry_point
-def learn(
-    net: Network,
-    own: Learner,
-    rule: Rule,
-    error: Float1,
-    curvature: Float1,
-) -> None:
+def learn(net: Network, own: Learner, rule: Rule, error: Float1, curvature: Float1) -> None:
     """Run one step of adaptation with the gradients of the last pass.
 
     `error`: (outputs,), ec_p; `curvature`: (outputs,), sum_q J_qp^2 + hbar_p, for Lyapunov rates.
@@ -194,7 +187,7 @@ def learn(
 
 
 @compiled
-def _square(start: float, a: NDArray[np.float64], first: int, end: int) -> float:
+def _square(start: float, a: Float1, first: int, end: int) -> float:
     """`start` plus the squared norm of entries `first` to before `end`."""
     return dot(start, a[first:end], a[first:end])
 

@@ -8,17 +8,14 @@ input, rule by rule), then consequents (rule by rule, output by output).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from facts_damping.compiling import branching, compiled, entry_point
-from facts_damping.compiling.structs import Float1, Float2, Float3, Float4, Struct
+from facts_damping.compiling.structs import Float1, Float2, Float3, Float4, Int1, Struct
 from facts_damping.neurofuzzy.consequent import HARMONICS, fourier, fourier_by_input, fourier_terms, harmonics, sam
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENT_FUNCTIONS, CONSEQUENTS, MEMBERSHIP_FUNCTIONS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 # Arguments: a code, then those of the functions in the tables.
 membership, consequent_of = branching(MEMBERSHIP_FUNCTIONS), branching(CONSEQUENT_FUNCTIONS)
@@ -94,7 +91,7 @@ def network(antecedent: str, consequent: str, inputs: int, rules: int, outputs: 
 
 
 @compiled
-def shape_of(row: NDArray[np.int64]) -> Network:
+def shape_of(row: Int1) -> Network:
     """A network's shape from its row of integers."""
     return Network(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
 

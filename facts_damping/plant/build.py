@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1, Float2
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.parameters.run import Event
@@ -49,7 +50,7 @@ def build(
     installed: Sequence[str],
     listed: Sequence[Event],
     watchdog: NDArray[Any] | None = None,
-    noise: Mapping[str, NDArray[np.float64]] | None = None,
+    noise: Mapping[str, Float2] | None = None,
 ) -> Built:
     """Power flow, steady state of machines, controls and devices, and the reduced network of every stage.
 
@@ -122,7 +123,7 @@ class _States:
         self.values: list[float] = []
         self.names: list[str] = []
 
-    def add(self, owner: str, names: Sequence[str], values: Sequence[float] | NDArray[np.float64]) -> None:
+    def add(self, owner: str, names: Sequence[str], values: Sequence[float] | Float1) -> None:
         self.names += [f"{owner}.{name}" for name in names]
         self.values += [float(value) for value in values]
 
@@ -239,12 +240,7 @@ def _add_blocks(
 
 
 def _loads(
-    system: System,
-    loads: Sequence[Load],
-    flow: PowerFlow,
-    magnitude: dict[str, float],
-    states: _States,
-    ports: _Ports,
+    system: System, loads: Sequence[Load], flow: PowerFlow, magnitude: dict[str, float], states: _States, ports: _Ports
 ) -> NDArray[Any]:
     """Loads that are not constant impedances; frequency-dependent ones at rest."""
     rows = []
@@ -282,7 +278,7 @@ def _devices(
     return rows
 
 
-def _mechanical_power(system: System, power: NDArray[np.float64], stage: TopologyInterval) -> list[float]:
+def _mechanical_power(system: System, power: Float1, stage: TopologyInterval) -> list[float]:
     """Mechanical powers in a stage, p.u. of the ratings; 0 for a tripped machine."""
     return [
         0.0 if m.name in stage.topology.machines_out else power[g] * stage.mechanical_scale.get(m.name, 1.0)

@@ -10,16 +10,14 @@ from facts_damping.plant.machines import blocks, excitation, governor, stabilise
 from facts_damping.plant.machines.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VD, VQ, VREF, VS, VT
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.plant.model import Plant, Work
 
 AT = len(SENSED)
 
 
 @compiled
-def _field_current(m: Any, x: NDArray[np.float64], current: complex, saturation: float, emf: complex) -> float:
+def _field_current(m: Any, x: Float1, current: complex, saturation: float, emf: complex) -> float:
     """Field current of a machine, p.u. of that for 1 p.u. of voltage without saturation: T'd0 dE'q = Efd - Ifd."""
     if m.circuits == 0:
         return 0.0
@@ -32,9 +30,7 @@ def _field_current(m: Any, x: NDArray[np.float64], current: complex, saturation:
 
 
 @compiled
-def _sense(
-    c: Any, omega: float, asked: float, seen: complex, current: complex, ifd: float, s: NDArray[np.float64]
-) -> None:
+def _sense(c: Any, omega: float, asked: float, seen: complex, current: complex, ifd: float, s: Float1) -> None:
     """Write the inputs of blocks into `s`, p.u. of the rating; `seen`: terminal voltage in the rotor's frame."""
     s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, magnitude(seen), omega, ifd
     s[VD], s[VQ], s[ID], s[IQ] = seen.real, seen.imag, current.real, current.imag
@@ -43,9 +39,7 @@ def _sense(
 
 
 @compiled
-def _given(
-    plant: Plant, first: int, end: int, gives: int, x: NDArray[np.float64], dx: NDArray[np.float64], work: Work
-) -> float:
+def _given(plant: Plant, first: int, end: int, gives: int, x: Float1, dx: Float1, work: Work) -> float:
     """The output of a block control; writes the derivatives of its states, 1/s."""
     blocks.outputs(plant.blocks, first, end, AT, x, work.signals)
     blocks.derivatives(plant.blocks, first, end, x, work.signals, dx)
@@ -55,13 +49,13 @@ def _given(
 @compiled
 def move(
     plant: Plant,
-    x: NDArray[np.float64],
+    x: Float1,
     stage: int,
     g: int,
     voltage: complex,
     current: complex,
     saturation: float,
-    dx: NDArray[np.float64],
+    dx: Float1,
     work: Work,
 ) -> tuple[float, float]:
     """Field voltage and mechanical power of machine g, p.u. of its rating; writes its controls' derivatives, 1/s.

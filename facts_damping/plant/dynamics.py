@@ -5,7 +5,7 @@ The same functions serve the integration, the measurement and the linearisation.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
@@ -16,13 +16,9 @@ from facts_damping.plant.grid import load
 from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.ports import solve_ports
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
 
 @compiled
-def row_times(plant: Plant, stage: int, row: int, inputs: NDArray[np.complex128]) -> complex:
+def row_times(plant: Plant, stage: int, row: int, inputs: Complex1) -> complex:
     """One row of the network times its inputs, p.u."""
     total = 0j
     for column in range(inputs.size):
@@ -31,14 +27,7 @@ def row_times(plant: Plant, stage: int, row: int, inputs: NDArray[np.complex128]
 
 
 @entry_point
-def solve_network(
-    plant: Plant,
-    x: Float1,
-    reference: Float1,
-    source: Complex1,
-    stage: int,
-    work: Work,
-) -> None:
+def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> None:
     """Write the inputs of the network from machines, infinite buses and ports into `work.inputs`, p.u.
 
     Machines: y E with E = (Ed + j Eq) exp(j (delta - pi/2)).
@@ -98,14 +87,7 @@ def saturated(m: Any, emf: complex) -> float:
 
 @compiled
 def _circuits(
-    m: Any,
-    x: NDArray[np.float64],
-    n: int,
-    current: complex,
-    efd: float,
-    saturation: float,
-    emf: complex,
-    dx: NDArray[np.float64],
+    m: Any, x: Float1, n: int, current: complex, efd: float, saturation: float, emf: complex, dx: Float1
 ) -> None:
     """Write the derivatives of a machine's n rotor circuits, 1/s: dz = A z + B [Id, Iq, Efd] - S W [Eq, Ed]."""
     first = m.offset + 2
@@ -120,13 +102,7 @@ def _circuits(
 
 @entry_point
 def derivatives(
-    plant: Plant,
-    x: Float1,
-    reference: Float1,
-    source: Complex1,
-    stage: int,
-    dx: Float1,
-    work: Work,
+    plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, dx: Float1, work: Work
 ) -> None:
     """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, loads, devices; solves `source`.
 

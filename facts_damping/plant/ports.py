@@ -8,19 +8,13 @@ are bypassed, parallel devices carry no current and loads are impedances.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Complex1, Float1
+from facts_damping.compiling.structs import Complex1, Float1, Float2
 from facts_damping.elementary import magnitude
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.model import Plant, Work
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
 
 TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
 MAX_ITERATIONS = 40
@@ -30,7 +24,7 @@ LAST_CHANGE = 1e-9  # relative; the remaining error is of the order of its squar
 
 
 @compiled
-def _eliminate(matrix: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+def _eliminate(matrix: Float2, b: Float1) -> bool:
     """Solve `matrix` z = b in place, z into b, by Gaussian elimination with pivoting; returns whether it is regular.
 
     The systems have few unknowns and are solved some hundred thousand times, so a library call costs more.
@@ -97,14 +91,7 @@ def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
 
 
 @compiled
-def _newton(
-    plant: Plant,
-    x: NDArray[np.float64],
-    reference: NDArray[np.float64],
-    source: NDArray[np.complex128],
-    stage: int,
-    work: Work,
-) -> bool:
+def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> bool:
     """Newton's method from `source`, into `source` and `work.response`; returns whether it converged.
 
     A step that does not reduce the sum of squares is halved: limits cause kinks at which full steps may oscillate.
@@ -175,7 +162,7 @@ def _block(plant: Plant, work: Work) -> bool:
 
 
 @compiled
-def _release(plant: Plant, source: NDArray[np.complex128], work: Work) -> bool:
+def _release(plant: Plant, source: Complex1, work: Work) -> bool:
     """Release the load furthest above V_min that still has its characteristic below V_min; returns whether one was.
 
     It starts as an impedance, from high voltage, to find the higher of the two voltages at which it draws its power.

@@ -17,23 +17,22 @@ from facts_damping.terminal import replacing
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1, Float2
     from facts_damping.small_signal.modal_analysis import Modal
 
 
 class LinearPlant(NamedTuple):
     """dx = A x + B u, y = C x + D u."""
 
-    A: NDArray[np.float64]  # (states, states), 1/s
-    B: NDArray[np.float64]  # (states, devices)
-    C: NDArray[np.float64]  # (signals, states)
-    D: NDArray[np.float64]  # (signals, devices)
+    A: Float2  # (states, states), 1/s
+    B: Float2  # (states, devices)
+    C: Float2  # (signals, states)
+    D: Float2  # (signals, devices)
     states: list[str]
     devices: list[str]  # u, p.u.
     signals: list[str]  # y, p.u.
-    x_0: NDArray[np.float64]  # (states,), operating point of the linearisation; 0 for washouts
-    dead_time_s: NDArray[np.float64]  # (devices,)
+    x_0: Float1  # (states,), operating point of the linearisation; 0 for washouts
+    dead_time_s: Float1  # (devices,)
 
 
 def of(modal: Modal) -> LinearPlant:

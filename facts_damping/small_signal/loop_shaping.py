@@ -26,8 +26,7 @@ from facts_damping.phasors import exponentials, magnitudes, over, times
 from facts_damping.small_signal.own_linear import held
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1, Float2
     from facts_damping.control.state_space import StateSpace
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Controller
@@ -37,10 +36,10 @@ if TYPE_CHECKING:
 class Linear(NamedTuple):
     """dx/dt = A x + B u, y = C x + D u."""
 
-    A: NDArray[np.float64]  # (states, states)
-    B: NDArray[np.float64]  # (states, inputs)
-    C: NDArray[np.float64]  # (outputs, states)
-    D: NDArray[np.float64]  # (outputs, inputs)
+    A: Float2  # (states, states)
+    B: Float2  # (states, inputs)
+    C: Float2  # (outputs, states)
+    D: Float2  # (outputs, inputs)
 
 
 def design(plant: Residues | None, system: System, controller: Controller, here: str) -> StateSpace:
@@ -78,7 +77,7 @@ def least_damped(plant: Residues, system: System, controller: Controller) -> Lin
     return Linear(A, np.vstack([b.real, b.imag]), 2.0 * np.column_stack([c.real, -c.imag]), np.zeros((len(c), len(b))))
 
 
-def washouts(gain: NDArray[np.float64], Tw: NDArray[np.float64]) -> Linear:
+def washouts(gain: Float1, Tw: Float1) -> Linear:
     """The weight before each device: gain s Tw / (1 + s Tw)."""
     return Linear(np.diag(-1.0 / Tw), np.diag(1.0 / Tw), np.diag(-gain), np.diag(gain))
 
@@ -111,7 +110,7 @@ def tolerant(shaped: Linear, above: float) -> tuple[Linear, float]:
     return Linear(A - product(B, F) + product(H, C), H, F, np.zeros((B.shape[1], C.shape[0]))), gamma
 
 
-def continuous_riccati(A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64]) -> NDArray[np.float64]:
+def continuous_riccati(A: Float2, B: Float2, C: Float2) -> Float2:
     """The stabilising X of A^T X + X A - X B B^T X + C^T C = 0, by the Hamiltonian's sign (J. D. Roberts, 1980)."""
     n, one = len(A), np.eye(len(A))
     W = sign(np.block([[A, -product(B, B.T)], [-product(C.T, C), -A.T]]))

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.plant.grid.power_flow import PowerFlow
     from facts_damping.small_signal.linearisation import Eigenmode
@@ -163,7 +164,7 @@ def _arrows(axes: Axes, system: System, at: Places, mode: Eigenmode) -> None:
         axes.plot(*tip, alpha=0.0)  # extends the axes to include the arrow
 
 
-def _place(device: Device, at: Places) -> NDArray[np.float64]:
+def _place(device: Device, at: Places) -> Float1:
     """Position of a device: between its buses, or at its single bus."""
     buses = device.ends if isinstance(device, Series) else device.buses
     return np.asarray(np.mean([at[bus] for bus in buses], axis=0))

@@ -26,8 +26,7 @@ from facts_damping.small_signal import linearisation
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Complex1, Complex2, Float1
     from facts_damping.parameters.plant.pmus import Channel
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.small_signal.linearisation import Eigenmode
@@ -63,17 +62,17 @@ class Tried(NamedTuple):
     """Analysis of a location; arrays over modes, NaN for a mode that is not found again with the device."""
 
     place: Place
-    controllability: NDArray[np.complex128]  # (modes,), 1/s per p.u.
-    observability: NDArray[np.complex128]  # (modes, signals), with the device installed
+    controllability: Complex1  # (modes,), 1/s per p.u.
+    observability: Complex2  # (modes, signals), with the device installed
     why_not: str = ""  # reason if a device is impossible there; then the arrays are NaN
 
     @property
-    def residue(self) -> NDArray[np.complex128]:
+    def residue(self) -> Complex2:
         """(modes, signals), 1/s per p.u. of the setpoint and p.u. of the signal."""
         return self.controllability[:, None] * self.observability
 
     @property
-    def strength(self) -> NDArray[np.float64]:
+    def strength(self) -> Float1:
         """Effect of the device with its full setpoint, 1/s, (modes,)."""
         return np.abs(self.controllability) * float(self.place.device.setpoint_max)
 
@@ -183,7 +182,7 @@ def _mean_speeds(system: System, pmus: Mapping[str, str]) -> dict[str, dict[str,
     return {area: {s: w / sum(own.values()) for s, w in own.items()} for area, own in inertia.items()}
 
 
-def seen(system: System, modes: Sequence[Eigenmode]) -> NDArray[np.complex128]:
+def seen(system: System, modes: Sequence[Eigenmode]) -> Complex2:
     """The observability of all signals of a system without devices, (modes, signals)."""
     return _tried(system, [], modes)[1]
 
@@ -206,9 +205,7 @@ def tried(trial: Trial) -> Tried:
     return Tried(trial.place, found[0][:, 0], found[1])
 
 
-def _tried(
-    system: System, devices: Sequence[str], modes: Sequence[Eigenmode]
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def _tried(system: System, devices: Sequence[str], modes: Sequence[Eigenmode]) -> tuple[Complex2, Complex2]:
     """Controllability (modes, devices) and observability (modes, signals) of the modes, found again with devices."""
     system = place(system)
     built = build(system, devices, [])

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Complex2
     from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
@@ -26,7 +27,7 @@ class Interaction(NamedTuple):
 
     frequency_hz: float
     signals: tuple[str, str]
-    gain: NDArray[np.complex128]  # (signals, devices), normalised: signals by their swing, devices by their limits
+    gain: Complex2  # (signals, devices), normalised: signals by their swing, devices by their limits
     relative: NDArray[np.complex128]  # G x (G^-1)^T, element by element; independent of units
 
     @property

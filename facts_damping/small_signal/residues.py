@@ -15,8 +15,7 @@ from facts_damping.small_signal.zero_order_hold import held_for
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Complex1, Complex2, Float2
     from facts_damping.measurement.filters import Filter
     from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
@@ -33,12 +32,12 @@ class Residues(NamedTuple):
     signals: list[str]
     devices: list[str]
     eigenvalue: complex  # 1/s, of the mode
-    residue: NDArray[np.complex128]  # (signals, devices), 1/s
-    mode_shape: NDArray[np.complex128]  # (signals,), swing of each signal in the mode's right eigenvector
+    residue: Complex2  # (signals, devices), 1/s
+    mode_shape: Complex1  # (signals,), swing of each signal in the mode's right eigenvector
     frame_rate: int
     model: linearisation.LinearModel
     names: list[str]  # of the plant's states
-    shape: NDArray[np.complex128]  # (states,), the mode's right eigenvector
+    shape: Complex1  # (states,), the mode's right eigenvector
 
     @property
     def frequency_hz(self) -> float:
@@ -56,7 +55,7 @@ class Residues(NamedTuple):
             return 1.0
         return -1.0 if abs(angle) >= 180.0 - CLEAR_DEG else 0.0
 
-    def response(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
+    def response(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> Float2:
         """Signals after a setpoint of one is held for a number of frames, p.u./p.u., (signals, devices).
 
         C int_0^T exp(A t) dt B + D, with the washouts' states in A; time counts from the end of dead times.
@@ -66,7 +65,7 @@ class Residues(NamedTuple):
         _, held = held_for(A, B, frames / self.frame_rate)
         return (product(C, held) + D)[:, columns]
 
-    def jacobian(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
+    def jacobian(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> Float2:
         """The responses with the signs at the mode, if these are defined, (signals, devices), p.u./p.u."""
         found = self.response(signals, devices, frames)
         sign = np.array([[self.sign(s, d) for d in devices] for s in signals]).reshape(found.shape)
@@ -101,7 +100,7 @@ def residues(
     return Residues(*known, frame_rate, model, list(built.state_names), v)
 
 
-def _with_washouts(model: linearisation.LinearModel, signals: Sequence[int]) -> tuple[NDArray[np.float64], ...]:
+def _with_washouts(model: linearisation.LinearModel, signals: Sequence[int]) -> tuple[Float2, ...]:
     """A, B, C, D to some signals, with a state for each washout: T dx_w/dt = y - x_w, and y - x_w instead of y."""
     A, B, C, D = model.A, model.B, model.C[signals], model.D[signals]
     rows = np.flatnonzero(model.washout[signals] > 0.0)

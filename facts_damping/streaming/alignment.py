@@ -13,13 +13,15 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Bool1, Float2, Int1
+
 
 class PmuReport(NamedTuple):
     """Reports of some PMUs for one instant."""
 
     where: NDArray[np.int64]  # indices of the PMUs
-    values: NDArray[np.float64]  # (where, CHANNELS)
-    status: NDArray[np.int64]  # (where,)
+    values: Float2  # (where, CHANNELS)
+    status: Int1  # (where,)
     absent: NDArray[np.bool_] | None = None  # (where,): PMUs reported as absent; None: none
 
 
@@ -27,10 +29,10 @@ class AlignedFrame(NamedTuple):
     """Combined reports of all PMUs for one instant."""
 
     instant: int  # frame number since the epoch of the stamps
-    values: NDArray[np.float64]  # (PMUs, CHANNELS); NaN: no value
-    status: NDArray[np.int64]  # (PMUs,)
-    there: NDArray[np.bool_]  # (PMUs,): has values
-    heard: NDArray[np.bool_]  # (PMUs,): has reported, be it values or absence
+    values: Float2  # (PMUs, CHANNELS); NaN: no value
+    status: Int1  # (PMUs,)
+    there: Bool1  # (PMUs,): has values
+    heard: Bool1  # (PMUs,): has reported, be it values or absence
 
 
 class Alignment:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.measurement import Measurement
     from facts_damping.streaming.alignment import AlignedFrame
 
@@ -74,7 +75,7 @@ class Concentrator:
         return Instant(second, number * TIME_BASE // self._rate, quality, data)
 
 
-def _clocks(measurement: Measurement, grid: Sequence[Pmu]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _clocks(measurement: Measurement, grid: Sequence[Pmu]) -> tuple[Float1, Float1]:
     """Time at which each PMU's clock loses synchronism, ns, and its drift from then on, s/s."""
     own = [measurement.pmus.get(one.name) for one in grid]
     clocks = [measurement.clock if one is None or one.clock is None else one.clock for one in own]

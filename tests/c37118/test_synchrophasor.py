@@ -41,7 +41,7 @@ def stream(**formats: Any) -> Configuration:
 
 MEASURED = Data(
     np.array([0]), np.array([[134000.0, 0.5], [500.0, -1.0]]), np.array([59.98]), np.array([0.12]), np.array([100.0]),
-    np.array([0x3C12]),
+    np.array([0x3C12])
 )  # fmt: skip
 
 
@@ -75,7 +75,7 @@ def test_we_read_its() -> None:
     units = [(915527, "v"), (45776, "i")], [(2, "rms")], [(0, 0xFFFF)]
     told = ConfigFrame2(
         7734, 1_000_000, 1, "Station A", 7734, (True, True, True, False), 2, 1, 1, names, *units, 60, 22, 30, SOC,
-        FRACTION,
+        FRACTION
     )  # fmt: skip
     read = frame.decode(told.convert2bytes())
     assert (read.kind, read.version, read.soc, read.fraction) == ("configuration_2", 1, SOC, FRACTION)
@@ -85,7 +85,7 @@ def test_we_read_its() -> None:
     assert (c.pmus[0].analogs, c.pmus[0].digitals, c.rate) == (wanted.pmus[0].analogs, wanted.pmus[0].digitals, 30)
     theirs = DataFrame(
         7734, ("ok", True, "timestamp", False, False, False, 0, "<10", 0), [(134000.0, 0.5), (500.0, -1.0)], -20, 12,
-        [100.0], [0x3C12], told, SOC, FRACTION,
+        [100.0], [0x3C12], told, SOC, FRACTION
     )  # fmt: skip
     found = data.decode(data.layout(c), frame.decode(theirs.convert2bytes()).body)
     np.testing.assert_allclose(found.phasors, MEASURED.phasors, rtol=1e-7)

@@ -18,19 +18,7 @@ from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.parameters.plant.pmus import Signal
 from facts_damping.parameters.run import Controller
 from facts_damping.signals import SETPOINT
-from tests.control.bench import (
-    CHANGE_SCALE,
-    FRAMES,
-    LIMITS,
-    MS,
-    PMUS,
-    SCALE,
-    Bench,
-    Entry,
-    delivery,
-    frame_ns,
-    llc,
-)
+from tests.control.bench import CHANGE_SCALE, FRAMES, LIMITS, MS, PMUS, SCALE, Bench, Entry, delivery, frame_ns, llc
 
 SIGNALS = {
     name: Signal(channel="speed_deviation", weights={pmu: 1.0})

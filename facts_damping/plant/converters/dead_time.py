@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1, Int1
+
 DENSEST = 10_000  # setpoints/s, largest density of a thinned queue
 CLOSE = NANOSECONDS // DENSEST  # ns
 
@@ -28,7 +30,7 @@ CLOSE = NANOSECONDS // DENSEST  # ns
 UNDER_WAY = np.dtype([("due_ns", "i8"), ("value", "f8")])
 
 
-def line(dead_times: Sequence[float]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+def line(dead_times: Sequence[float]) -> tuple[NDArray[Any], Int1]:
     """Empty queues for devices with these dead times (s): (devices, room) of UNDER_WAY, and the length of each."""
     longest = max(dead_times, default=0.0)
     room = 2 * (2 + math.ceil(longest * DENSEST)) if longest > 0.0 else 0
@@ -36,7 +38,7 @@ def line(dead_times: Sequence[float]) -> tuple[NDArray[Any], NDArray[np.int64]]:
 
 
 @compiled
-def send(under_way: NDArray[Any], waiting: NDArray[np.int64], d: int, due_ns: int, value: float) -> None:
+def send(under_way: NDArray[Any], waiting: Int1, d: int, due_ns: int, value: float) -> None:
     """Queue a setpoint of device d, due no earlier than those in the queue."""
     n, room = waiting[d], under_way.shape[1]
     if 2 * n >= room and (n == room or under_way[d, n - 1].due_ns - under_way[d, n - 2].due_ns < CLOSE):
@@ -46,7 +48,7 @@ def send(under_way: NDArray[Any], waiting: NDArray[np.int64], d: int, due_ns: in
 
 
 @compiled
-def arrive(under_way: NDArray[Any], waiting: NDArray[np.int64], target: NDArray[np.float64], end: int, now: int) -> int:
+def arrive(under_way: NDArray[Any], waiting: Int1, target: Float1, end: int, now: int) -> int:
     """Apply the setpoints due by `now`; return the time of the next one, or `end`."""
     for d in range(waiting.size):
         due = 0

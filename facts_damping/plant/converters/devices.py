@@ -17,20 +17,19 @@ from facts_damping.signals import to_ns
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.devices import Series
     from facts_damping.parameters.plant.system import Device
     from facts_damping.plant.converters.site import Site, Start
 
 
 @compiled
-def _no_more(_d: Any, _x: NDArray[np.float64], _u: float, _size: float, _blocked: bool, _out: Any) -> None:
+def _no_more(_d: Any, _x: Float1, _u: float, _size: float, _blocked: bool, _out: Any) -> None:
     """No true values in addition to the port's."""
 
 
 @compiled
-def _at_rest(_d: Any, _x: NDArray[np.float64], _u: float, _size: float, _dx: NDArray[np.float64]) -> None:
+def _at_rest(_d: Any, _x: Float1, _u: float, _size: float, _dx: Float1) -> None:
     """No states."""
 
 
@@ -129,19 +128,19 @@ def first_order_lag(z: float, reference: float, ramp: float, T: float, t: float)
 
 
 @compiled
-def reference_of(reference: NDArray[np.float64], d: int) -> float:
+def reference_of(reference: Float1, d: int) -> float:
     """Reference of device d, p.u.; 0 for uncommanded devices in service."""
     return reference[d] if d < reference.size else 0.0
 
 
 @compiled
-def effective_reference(d: Any, x: NDArray[np.float64], u: float) -> float:
+def effective_reference(d: Any, x: Float1, u: float) -> float:
     """Effective input of a device, p.u.: its reference u, after its response time if it has one."""
     return x[d.lag] if d.response_time > 0.0 else u
 
 
 @compiled
-def lag_derivative(d: Any, x: NDArray[np.float64], u: float, dx: NDArray[np.float64]) -> None:
+def lag_derivative(d: Any, x: Float1, u: float, dx: Float1) -> None:
     """Write the derivative of the lag of a device's reference u, 1/s; it also moves while the device is blocked."""
     if d.response_time > 0.0:
         dx[d.lag] = (u - x[d.lag]) / d.response_time
@@ -160,7 +159,7 @@ def consumed_power(device: Device, voltages: Sequence[float], base_power: float)
 
 
 @compiled
-def _unknown(_d: Any, _x: NDArray[np.float64], _u: float, _size: float) -> tuple[complex, complex]:
+def _unknown(_d: Any, _x: Float1, _u: float, _size: float) -> tuple[complex, complex]:
     """Unknown kind: returns NaN, which ends the run."""
     return complex(math.nan, math.nan), 0j
 
@@ -174,7 +173,7 @@ _other_derivatives = branching([end.derivatives for end in _other_ends])
 
 
 @compiled
-def characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tuple[complex, complex]:
+def characteristic(d: Any, x: Float1, u: float, size: float) -> tuple[complex, complex]:
     """Source of a device relative to the direction of its response, and the derivative by `size`, p.u.
 
     In series a voltage drop, in parallel a current into the network.
@@ -183,24 +182,24 @@ def characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tup
 
 
 @compiled
-def other_characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tuple[complex, complex]:
+def other_characteristic(d: Any, x: Float1, u: float, size: float) -> tuple[complex, complex]:
     """The same as `characteristic`, at the device's second bus."""
     return _other_characteristic(d.kind, d, x, effective_reference(d, x, u), size)  # type: ignore[no-any-return]
 
 
 @compiled
-def other_derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArray[np.float64]) -> None:
+def other_derivatives(d: Any, x: Float1, u: float, size: float, dx: Float1) -> None:
     """Write the derivatives of the states that depend on the voltage of the second bus, 1/s."""
     _other_derivatives(d.kind, d, x, effective_reference(d, x, u), size, dx)
 
 
 @compiled
-def derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArray[np.float64]) -> None:
+def derivatives(d: Any, x: Float1, u: float, size: float, dx: Float1) -> None:
     """Write the derivatives of a device's states, 1/s."""
     _derivatives(d.kind, d, x, effective_reference(d, x, u), size, dx)
 
 
 @compiled
-def truth(d: Any, x: NDArray[np.float64], u: float, size: float, blocked: bool, out: Any) -> None:
+def truth(d: Any, x: Float1, u: float, size: float, blocked: bool, out: Any) -> None:
     """Write the kind's true values into a row of DEVICE_TRUTH, in addition to the port's: see `measurement`."""
     _truth(d.kind, d, x, effective_reference(d, x, u), size, blocked, out)

@@ -13,14 +13,7 @@ from facts_damping.parameters.plant.devices import Parallel, Transmission
 from facts_damping.phasors import magnitudes, over, polar, times
 from facts_damping.plant.converters.devices import consumed_power, losses_of
 from facts_damping.plant.grid import load as loads
-from facts_damping.plant.grid.network import (
-    Topology,
-    admittance,
-    branches,
-    bus_names,
-    device_section,
-    series_devices,
-)
+from facts_damping.plant.grid.network import Topology, admittance, branches, bus_names, device_section, series_devices
 from facts_damping.plant.grid.sparse import DENSE, as_needed, filled, joined, solve_network
 
 if TYPE_CHECKING:
@@ -28,6 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Complex1, Complex2, Float1, Int1
     from facts_damping.parameters.plant.grid import InfiniteBus
     from facts_damping.parameters.plant.machines import Machine
     from facts_damping.parameters.plant.system import System
@@ -102,7 +96,7 @@ def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     )
 
 
-def demand(system: System, names: list[str], magnitude: NDArray[np.float64]) -> NDArray[np.complex128]:
+def demand(system: System, names: list[str], magnitude: Float1) -> Complex2:
     """Power that the loads draw at voltage magnitudes, and its derivative by them; shape (2, buses), p.u."""
     index = {name: i for i, name in enumerate(names)}
     drawn = np.zeros((2, len(names)), np.complex128)
@@ -203,9 +197,7 @@ def _shared(
     ]
 
 
-def _between(
-    matrix: NDArray[np.complex128], angle: NDArray[np.float64], free: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def _between(matrix: Complex2, angle: Float1, free: Int1) -> Float1:
     """Initial angles, rad: interpolated between the given angles, weighted by branch admittances.
 
     A fictitious branch to angle zero at each bus covers those without a connection to a given angle.
@@ -219,13 +211,13 @@ def _between(
 
 
 def _newton(
-    matrix: NDArray[np.complex128],
-    scheduled: NDArray[np.complex128],
-    demand: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
-    start: tuple[NDArray[np.float64], NDArray[np.float64]],
-    free_angle: NDArray[np.int64],
-    free_magnitude: NDArray[np.int64],
-) -> tuple[NDArray[np.complex128], float]:
+    matrix: Complex2,
+    scheduled: Complex1,
+    demand: Callable[[Float1], Complex2],
+    start: tuple[Float1, Float1],
+    free_angle: Int1,
+    free_magnitude: Int1,
+) -> tuple[Complex1, float]:
     """Newton iterations in polar form from (magnitudes, angles); returns voltages and the largest final mismatch."""
     magnitude, angle = start
     voltage = polar(magnitude, angle)
@@ -251,12 +243,12 @@ def _newton(
 
 
 def _jacobian(
-    matrix: NDArray[np.complex128],
-    voltage: NDArray[np.complex128],
-    current: NDArray[np.complex128],
-    drawn_by_magnitude: NDArray[np.complex128],
-    free_angle: NDArray[np.int64],
-    free_magnitude: NDArray[np.int64],
+    matrix: Complex2,
+    voltage: Complex1,
+    current: Complex1,
+    drawn_by_magnitude: Complex1,
+    free_angle: Int1,
+    free_magnitude: Int1,
 ) -> Any:
     """Derivatives of the power balances by the free angles and magnitudes; sparse for a large network."""
     unit = over(voltage, magnitudes(voltage))

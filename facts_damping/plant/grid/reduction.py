@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Bool1, Complex1, Complex2
     from facts_damping.parameters.plant.devices import Series
     from facts_damping.parameters.plant.pmus import Pmu
     from facts_damping.parameters.plant.system import System
@@ -48,17 +49,13 @@ class ReducedNetwork(NamedTuple):
 
     at: dict[str, int]
     present: list[Branch]
-    norton: NDArray[np.complex128]  # (machines,), admittances, 0 if out of service
-    voltage: NDArray[np.complex128]  # (buses, inputs), p.u.
+    norton: Complex1  # (machines,), admittances, 0 if out of service
+    voltage: Complex2  # (buses, inputs), p.u.
 
 
 def reduce_network(
-    system: System,
-    places: Sequence[Place],
-    norton: NDArray[np.complex128],
-    topology: Topology,
-    voltage: dict[str, float],
-) -> NDArray[np.complex128]:
+    system: System, places: Sequence[Place], norton: Complex1, topology: Topology, voltage: dict[str, float]
+) -> Complex2:
     """Outputs of the network for unit inputs, (machines + ports + 2 PMUs, machines + infinite + ports), p.u.
 
     `norton`: admittances of the machines; `voltage`: magnitudes from the power flow. For inputs and outputs see
@@ -76,11 +73,7 @@ def reduce_network(
 
 
 def _solve(
-    system: System,
-    places: Sequence[Place],
-    norton: NDArray[np.complex128],
-    topology: Topology,
-    voltage: dict[str, float],
+    system: System, places: Sequence[Place], norton: Complex1, topology: Topology, voltage: dict[str, float]
 ) -> ReducedNetwork:
     """Voltages of all buses for unit inputs."""
     names = bus_names(system, topology)
@@ -125,7 +118,7 @@ def _solve(
     return ReducedNetwork(index, present, norton, given)
 
 
-def floating(matrix: NDArray[np.complex128], fixed: set[int]) -> NDArray[np.bool_]:
+def floating(matrix: Complex2, fixed: set[int]) -> Bool1:
     """Buses without a path to a shunt or a bus of fixed voltage, whose voltage is therefore undefined."""
     label = parts(matrix != 0)
     shunt = np.abs(matrix.sum(axis=1)) > 1e-9 * np.abs(matrix).max(axis=1)  # rows of lossless parts sum to zero
@@ -134,9 +127,7 @@ def floating(matrix: NDArray[np.complex128], fixed: set[int]) -> NDArray[np.bool
     return np.array([part not in fed for part in label])
 
 
-def _series_current(
-    system: System, net: ReducedNetwork, places: Sequence[Place], device: Series
-) -> NDArray[np.complex128]:
+def _series_current(system: System, net: ReducedNetwork, places: Sequence[Place], device: Series) -> Complex1:
     """Matrix row of the current through a device from its first to its second bus: (V1 - V2 - v) / (rs + j xs)."""
     first, second = device.ends
     row: NDArray[np.complex128] = net.voltage[net.at[first]] - net.voltage[net.at[second]]
@@ -152,7 +143,7 @@ def _pmu_bus(system: System, pmu: Pmu) -> str:
     return next(m.bus for m in system.machines if m.name == pmu.machine)
 
 
-def _pmu_current(system: System, pmu: Pmu, net: ReducedNetwork, places: Sequence[Place]) -> NDArray[np.complex128]:
+def _pmu_current(system: System, pmu: Pmu, net: ReducedNetwork, places: Sequence[Place]) -> Complex1:
     """Matrix row of a PMU's current: out of its machine, or from its bus into its branches."""
     row = np.zeros(net.voltage.shape[1], np.complex128)
     if pmu.machine is not None:

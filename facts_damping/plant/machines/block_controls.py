@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1
+
 GIVES = {"governor": "Pm", "stabiliser": "Vs", "exciter": "Efd"}
 KINDS = {
     "sum": SUM,
@@ -240,7 +242,7 @@ def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float 
     given = made.gives.index(GIVES[MODELS[data.model].role])
     n, at = len(made.states), len(SENSED)
 
-    def moves(z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def moves(z: Float1) -> Float1:
         x, dx = np.ascontiguousarray(z[:n]), np.zeros(n)
         if reference is not None:
             s[SENSED.index(reference)] = z[n]
@@ -260,7 +262,7 @@ def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float 
     return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _violations(made, data, s))
 
 
-def _violations(made: Control, data: Any, s: NDArray[np.float64]) -> list[LimitViolation]:
+def _violations(made: Control, data: Any, s: Float1) -> list[LimitViolation]:
     """Limits violated by the signals of a control whose steady state was found without limits."""
     found, fields = list[LimitViolation](), {block.name: block for block in MODELS[data.model].blocks}
     for row, name, value in zip(made.rows, made.gives, s[len(SENSED) :], strict=True):
