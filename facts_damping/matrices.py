@@ -54,20 +54,21 @@ def size_of_pivot(z: Any) -> float:
 
 
 @compiled
-def _eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
-    """Solve a x = b by Gaussian elimination with pivoting; x replaces `b`. False if a pivot is zero."""
+def eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    """Solve a x = b by Gaussian elimination with pivoting; x replaces `b`. False if a is singular."""
     n, columns = b.shape
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
             if size_of_pivot(a[i, k]) > size_of_pivot(a[pivot, k]):
                 pivot = i
-        if a[pivot, k] == 0.0:
+        if not size_of_pivot(a[pivot, k]) > 0.0:
             return False
-        for j in range(n):
-            a[k, j], a[pivot, j] = a[pivot, j], a[k, j]
-        for j in range(columns):
-            b[k, j], b[pivot, j] = b[pivot, j], b[k, j]
+        if pivot != k:
+            for j in range(k, n):
+                a[k, j], a[pivot, j] = a[pivot, j], a[k, j]
+            for j in range(columns):
+                b[k, j], b[pivot, j] = b[pivot, j], b[k, j]
         for i in range(k + 1, n):
             factor = a[i, k] / a[k, k]
             if factor != 0.0:
@@ -123,12 +124,12 @@ def _multiply_complex(a: Complex2, b: Complex2, out: Complex2) -> None:
 
 @entry_point
 def _eliminate_real(a: Float2, b: Float2) -> bool:
-    return _eliminate(a, b)
+    return eliminate(a, b)
 
 
 @entry_point
 def _eliminate_complex(a: Complex2, b: Complex2) -> bool:
-    return _eliminate(a, b)
+    return eliminate(a, b)
 
 
 def _plain(values: NDArray[Any], kind: Any) -> NDArray[Any]:
@@ -151,8 +152,8 @@ def solve(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
     """Solution x of a x = b for a vector or matrix b. Raises `LinAlgError` if a is singular."""
     kind = np.result_type(a, b, float)
     x = _plain(b, kind)
-    eliminate = _eliminate_complex if kind == np.complex128 else _eliminate_real
-    if not eliminate(_plain(a, kind), x):
+    own = _eliminate_complex if kind == np.complex128 else _eliminate_real
+    if not own(_plain(a, kind), x):
         raise np.linalg.LinAlgError("singular matrix")
     return x.reshape(b.shape)
 

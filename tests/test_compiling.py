@@ -42,7 +42,7 @@ ROOMS = ("facts_damping.nodes.transport.packing", "facts_damping.environment.man
 EXACT = {"ceil", "floor", "memcpy", "memmove", "memset", "rint", "trunc"}
 # Compiled for more than one combination of types, on purpose: real and complex matrices, frames and setpoints.
 SEVERAL = {
-    *("facts_damping.matrices._multiply", "facts_damping.matrices._eliminate", "facts_damping.matrices.size_of_pivot"),
+    *("facts_damping.matrices._multiply", "facts_damping.matrices.eliminate", "facts_damping.matrices.size_of_pivot"),
     *(f"facts_damping.link.transfer.{name}" for name in ("_push", "_first_before", "_count_delivered")),
     *(f"facts_damping.plant.grid.sparse.{name}" for name in ("_eliminate", "_substitute", "_reach")),
     "facts_damping.simulation.tick._append",

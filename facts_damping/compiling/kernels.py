@@ -145,7 +145,7 @@ class EntryPoint:
                 flat += array_words(one, kind, f"{self.__name__}: {name}")
             elif is_numbers(kind):
                 flat += one
-            elif isinstance(one, kind):
+            elif type(one) is kind:
                 flat.append(one.pointer)
             else:
                 given = type(one).__name__

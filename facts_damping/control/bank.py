@@ -44,7 +44,7 @@ from facts_damping.signals import NANOSECONDS, Deliveries, Setpoints
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.control.plant_prior import PlantPrior
+    from facts_damping.control.neuro_fuzzy import PlantPrior
     from facts_damping.parameters.plant.pmus import Signal
     from facts_damping.parameters.run import Controller
 

@@ -21,7 +21,7 @@ from facts_damping.phasors import over, power, times
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from facts_damping.control.plant_prior import PlantPrior
+    from facts_damping.control.neuro_fuzzy import PlantPrior
 
 WIDTH = 1.0  # initial width s of the memberships
 SPREAD = 0.5  # initial centres -0.5 and 0.5 if the consequents hold the linear plant

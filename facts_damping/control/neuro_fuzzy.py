@@ -12,18 +12,29 @@ the setpoint before it.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.compiling.structs import Float1, Float2, Float3, Struct
+from facts_damping.compiling.structs import Float1, Float2, Struct
 from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.neurofuzzy.network import Network
+
+
+class PlantPrior(NamedTuple):
+    """Initial knowledge of a controller and its identifier about the plant, from its linearisation."""
+
+    sign: Float2  # (signals, devices), of dy/du; 0: none, except for the first signal
+    jacobian: Float2  # (signals, devices), p.u./p.u., over the identifier's horizon
+    mode_shape: NDArray[
+        np.complex128
+    ]  # (signals,), p.u./p.u., at the least damped electromechanical mode, relative to the first
+    z_pole: complex  # the mode's factor from one frame to the next
 
 
 class Memory(Struct):
@@ -38,16 +49,8 @@ class Memory(Struct):
     taught: Float1  # (1,), 1: the network learnt at the newest frame
 
 
-class Memories(Struct, each=Memory):
-    """Memories of several controllers; the first axis is the controller."""
-
-    before: Float2
-    applied: Float2
-    error: Float2
-    curvature: Float2
-    lyapunov: Float2
-    jacobian: Float3
-    taught: Float2
+class Memories(Memory, each=Memory):
+    """Memories of several controllers."""
 
 
 class Actuators(Struct):
@@ -57,11 +60,8 @@ class Actuators(Struct):
     rate: Float1  # (devices,), p.u./s
 
 
-class AllActuators(Struct, each=Actuators):
-    """Limits for several controllers; the first axis is the controller."""
-
-    limit: Float2
-    rate: Float2
+class AllActuators(Actuators, each=Actuators):
+    """Limits for several controllers."""
 
 
 def memories(controllers: int, signals: int, devices: int) -> Memories:

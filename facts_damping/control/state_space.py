@@ -46,14 +46,8 @@ class Observer(Struct):
     K: Float2
 
 
-class Observers(Struct, each=Observer):
-    """Observers of several controllers, padded with zeros; the first axis is the controller."""
-
-    A: Float3
-    B: Float3
-    C: Float3
-    M: Float3
-    K: Float3
+class Observers(Observer, each=Observer):
+    """Observers of several controllers, padded with zeros."""
 
 
 def state_spaces(designs: Sequence[StateSpace | None], signals: int, devices: int) -> tuple[Observers, Float3]:

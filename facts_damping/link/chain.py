@@ -18,16 +18,11 @@ from facts_damping.compiling.structs import (
     Array,
     Bool1,
     Bool2,
-    Bool3,
     Float2,
-    Float3,
     Float4,
-    Float5,
     Int1,
     Int2,
-    Int3,
     Int4,
-    Int5,
     Struct,
 )
 from facts_damping.link.stages import (
@@ -78,47 +73,30 @@ class Chain(Struct):
     """A chain of one direction of a link, with the state of its stages."""
 
     rows: Annotated[NDArray[Any], Array(STAGE, 1)]
-    concerns: Bool2
-    drawn: Int4
-    last_ns: Int2
-    kept: Float4
+    concerns: Bool2  # (stages, channels): the stage acts on the channel
+    drawn: Int4  # (stages, draws, copies, channels): delay in ns, LOST, or 1 for a copy
+    last_ns: Int2  # (stages, channels): when the last entry left; 1: an entry is stored
+    kept: Float4  # (stages, window, channels, width): values of earlier entries, draws of noise
 
 
-class Chains(Struct, each=Chain):
-    """Chains of one direction of several links; the first axis is the link.
-
-    Shorter chains are padded with stages without effect.
-    """
-
-    rows: Annotated[NDArray[Any], Array(STAGE, 2)]  # STAGE, (links, stages)
-    concerns: Bool3  # (links, stages, channels): the stage acts on the channel
-    drawn: Int5  # (links, stages, draws, copies, channels): delay in ns, LOST, or 1 for a copy
-    last_ns: Int3  # (links, stages, channels): when the last entry left; 1: an entry is stored
-    kept: Float5  # (links, stages, window, channels, width): values of earlier entries, draws of noise
+class Chains(Chain, each=Chain):
+    """Chains of several links; shorter ones are padded with stages without effect."""
 
 
 class Packets(Struct):
     """Entries passing a chain, one per channel."""
 
-    now_ns: Int2
-    stamp_ns: Int1
-    status: Int1
-    values: Float2
-    number: Int1
-    copied: Bool1
-    held: Bool1
+    now_ns: Int2  # (copies, channels): time of leaving the stage; LOST: lost
+    stamp_ns: Int1  # (channels,): time of measurement; LOST: no entry
+    status: Int1  # (channels,): status bits of a frame's entry; none for a setpoint
+    values: Float2  # (channels, width)
+    number: Int1  # (channels,): number of entries sent before
+    copied: Bool1  # (channels,)
+    held: Bool1  # (channels,): lost and replaced by the last one
 
 
-class AllPackets(Struct, each=Packets):
-    """Entries of several links; the first axis is the link, left out in the shapes below."""
-
-    now_ns: Int3  # (copies, channels): time of leaving the stage; LOST: lost
-    stamp_ns: Int2  # (channels,): time of measurement; LOST: no entry
-    status: Int2  # (channels,): status bits of a frame's entry; none for a setpoint
-    values: Float3  # (channels, width)
-    number: Int2  # (channels,): number of entries sent before
-    copied: Bool2  # (channels,)
-    held: Bool2  # (channels,): lost and replaced by the last one
+class AllPackets(Packets, each=Packets):
+    """Entries of several links."""
 
 
 class DirectionSpec(NamedTuple):

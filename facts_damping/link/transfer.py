@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Array, Float2, Int1, Int2, Struct
+from facts_damping.compiling.structs import Array, Float2, Int1, Struct
 from facts_damping.link.chain import (
     AllPackets,
     Chain,
@@ -72,21 +72,15 @@ class SetpointDirection(FrameDirection):
     out: Annotated[NDArray[Any], Array(SETPOINT, 1)]
 
 
-class FrameDirections(Struct, each=FrameDirection):
-    """Frame directions of several links; the first axis is the link."""
+class FrameDirections(FrameDirection, each=FrameDirection):
+    """Frame directions of several links."""
 
     chain: Chains
     packets: AllPackets
-    entries: Annotated[NDArray[Any], Array(DELIVERY, 2)]
-    arrival_ns: Int2
-    sent_ns: Int2
-    ring: Int2
-    statistics: Annotated[NDArray[Any], Array(STATISTICS, 2)]
-    out: Annotated[NDArray[Any], Array(DELIVERY, 2)]
 
 
 class SetpointDirections(FrameDirections, each=SetpointDirection):
-    """Setpoint directions of several links; the first axis is the link."""
+    """Setpoint directions of several links."""
 
     entries: Annotated[NDArray[Any], Array(SETPOINT, 2)]
     out: Annotated[NDArray[Any], Array(SETPOINT, 2)]
@@ -156,8 +150,7 @@ def replaced(own: Directions, link: int, given: Sequence[Sequence[Any]], way: Di
     chain, packets = chains(given, way)
     others = np.arange(len(given)) != link
     for before, after in zip(tuple(own.chain)[2:], tuple(chain)[2:], strict=True):  # draws and stored entries
-        both = tuple(slice(min(sizes)) for sizes in zip(before.shape[1:], after.shape[1:], strict=True))
-        where = (others, *both)
+        where = (others, *(slice(min(sizes)) for sizes in zip(before.shape[1:], after.shape[1:], strict=True)))
         after[where] = before[where]
     packets.number[:] = own.packets.number
     own, capacity = own._replace(chain=chain, packets=packets), room_for(chain, way)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Float1, Float2, Float3, Int1, Int2, Struct
+from facts_damping.compiling.structs import Float1, Float2, Int1, Int2, Struct
 from facts_damping.neurofuzzy.consequent import dot
 from facts_damping.neurofuzzy.network import Network, Pass, Passes, backward, forward, network, shapes
 from facts_damping.neurofuzzy.start import groups, slots
@@ -55,19 +55,9 @@ class Learner(Struct):
     passed: Pass
 
 
-class Learners(Struct, each=Learner):
-    """Several learners in arrays sized for the largest; the first axis is the network."""
+class Learners(Learner, each=Learner):
+    """Several learners in arrays sized for the largest."""
 
-    theta: Float2
-    change: Float2
-    start: Float2
-    low: Float2
-    high: Float2
-    group: Int2
-    squares: Float3
-    rate: Float3
-    moved: Float2
-    x: Float2
     passed: Passes
     shape: Int2  # (networks, fields of Network)
 
@@ -76,7 +66,7 @@ class Learners(Struct, each=Learner):
         net = Network(*self.shape[i].tolist())
         own = [value[i] for value in self if isinstance(value, np.ndarray)]
         sized = [value[: net.size] for value in own[:6]]
-        values = (*sized, *own[6:9], own[9][: net.inputs], Pass(*(value[i] for value in self.passed)))
+        values = (*sized, *own[6:9], own[9][: net.inputs], self.passed.each[i])
         return Learner(**dict(zip(Learner._fields, values, strict=True)))
 
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Complex1, Float1, Float2
+from facts_damping.compiling.structs import Complex1, Float1
 from facts_damping.elementary import magnitude
+from facts_damping.matrices import eliminate
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.model import Plant, Work
@@ -21,38 +22,6 @@ MAX_ITERATIONS = 40
 SMALLEST_FRACTION = 1e-3  # smallest fraction of a Newton step
 ATTEMPTS = 5  # number of starts of Newton's method
 LAST_CHANGE = 1e-9  # relative; the remaining error is of the order of its square
-
-
-@compiled
-def _eliminate(matrix: Float2, b: Float1) -> bool:
-    """Solve `matrix` z = b in place, z into b, by Gaussian elimination with pivoting; returns whether it is regular.
-
-    The systems have few unknowns and are solved some hundred thousand times, so a library call costs more.
-    """
-    n = b.size
-    for i in range(n):
-        pivot = i
-        for r in range(i + 1, n):
-            if abs(matrix[r, i]) > abs(matrix[pivot, i]):
-                pivot = r
-        if not abs(matrix[pivot, i]) > 0.0:
-            return False
-        if pivot != i:
-            for c in range(i, n):
-                matrix[i, c], matrix[pivot, c] = matrix[pivot, c], matrix[i, c]
-            b[i], b[pivot] = b[pivot], b[i]
-        for r in range(i + 1, n):
-            factor = matrix[r, i] / matrix[i, i]
-            if factor != 0.0:
-                for c in range(i + 1, n):
-                    matrix[r, c] -= factor * matrix[i, c]
-                b[r] -= factor * b[i]
-    for i in range(n - 1, -1, -1):
-        total = b[i]
-        for c in range(i + 1, n):
-            total -= matrix[i, c] * b[c]
-        b[i] = total / matrix[i, i]
-    return True
 
 
 @entry_point
@@ -66,7 +35,7 @@ def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stag
             q += plant.network[stage, first_row + p, first_column + r] * source[r]
         work.response[p] = q
         rest = law(plant, x, reference, stage, p, work) - source[p]
-        work.change[2 * p], work.change[2 * p + 1] = rest.real, rest.imag
+        work.change[2 * p, 0], work.change[2 * p + 1, 0] = rest.real, rest.imag
         square = rest.real * rest.real + rest.imag * rest.imag
         size = source[p].real * source[p].real + source[p].imag * source[p].imag
         # Written so that a non-finite value counts as unsolved.
@@ -103,11 +72,11 @@ def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage:
             return True
         if total < before or fraction < SMALLEST_FRACTION:
             _newton_matrix(plant, stage, work)
-            if not _eliminate(work.matrix, work.change):
+            if not eliminate(work.matrix, work.change):
                 return False
             before, fraction = total, 1.0
             for i in range(work.step.size):
-                work.step[i] = work.change[i]
+                work.step[i] = work.change[i, 0]
             for p in range(source.size):
                 source[p] += complex(work.step[2 * p], work.step[2 * p + 1])
         else:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from facts_damping.control.bank import bank, pull
 from facts_damping.control.identifier import identifiers, identify, store_setpoints
 from facts_damping.control.identifier_model import Identified
-from facts_damping.control.plant_prior import PlantPrior
+from facts_damping.control.neuro_fuzzy import PlantPrior
 from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.parameters.plant.pmus import Signal
