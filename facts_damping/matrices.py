@@ -54,9 +54,9 @@ def size_of_pivot(z: Any) -> float:
 
 
 @compiled
-def eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
-    """Solve a x = b by Gaussian elimination with pivoting; x replaces `b`. False if a is singular."""
-    n, columns = b.shape
+def eliminate(a: NDArray[Any]) -> bool:
+    """Solve a[:, :n] x = a[:, n:] by Gaussian elimination with pivoting; x replaces a[:, n:]. False if singular."""
+    n, width = a.shape
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
@@ -65,23 +65,19 @@ def eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
         if not size_of_pivot(a[pivot, k]) > 0.0:
             return False
         if pivot != k:
-            for j in range(k, n):
+            for j in range(k, width):
                 a[k, j], a[pivot, j] = a[pivot, j], a[k, j]
-            for j in range(columns):
-                b[k, j], b[pivot, j] = b[pivot, j], b[k, j]
         for i in range(k + 1, n):
             factor = a[i, k] / a[k, k]
             if factor != 0.0:
-                for j in range(k + 1, n):
+                for j in range(k + 1, width):
                     a[i, j] -= factor * a[k, j]
-                for j in range(columns):
-                    b[i, j] -= factor * b[k, j]
     for k in range(n - 1, -1, -1):
-        for i in range(k + 1, n):
-            for j in range(columns):
-                b[k, j] -= a[k, i] * b[i, j]
-        for j in range(columns):
-            b[k, j] /= a[k, k]
+        for j in range(n, width):
+            total = a[k, j]
+            for i in range(k + 1, n):
+                total -= a[k, i] * a[i, j]
+            a[k, j] = total / a[k, k]
     return True
 
 
@@ -123,13 +119,13 @@ def _multiply_complex(a: Complex2, b: Complex2, out: Complex2) -> None:
 
 
 @entry_point
-def _eliminate_real(a: Float2, b: Float2) -> bool:
-    return eliminate(a, b)
+def _eliminate_real(a: Float2) -> bool:
+    return eliminate(a)
 
 
 @entry_point
-def _eliminate_complex(a: Complex2, b: Complex2) -> bool:
-    return eliminate(a, b)
+def _eliminate_complex(a: Complex2) -> bool:
+    return eliminate(a)
 
 
 def _plain(values: NDArray[Any], kind: Any) -> NDArray[Any]:
@@ -150,12 +146,11 @@ def product(first: NDArray[Any], *others: NDArray[Any]) -> NDArray[Any]:
 
 def solve(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
     """Solution x of a x = b for a vector or matrix b. Raises `LinAlgError` if a is singular."""
-    kind = np.result_type(a, b, float)
-    x = _plain(b, kind)
-    own = _eliminate_complex if kind == np.complex128 else _eliminate_real
-    if not own(_plain(a, kind), x):
+    kind, n = np.result_type(a, b, float), len(a)
+    both = np.hstack([a, b.reshape(n, -1)], dtype=kind)
+    if not (_eliminate_complex if kind == np.complex128 else _eliminate_real)(both):
         raise np.linalg.LinAlgError("singular matrix")
-    return x.reshape(b.shape)
+    return both[:, n:].reshape(b.shape)
 
 
 def exponential(a: Float2) -> Float2:

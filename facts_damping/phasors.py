@@ -129,15 +129,22 @@ def power(z: complex, n: int) -> complex:
     return found
 
 
-def line_factors(w: complex) -> tuple[complex, complex]:
-    """Factors sinh(g) / g and tanh(g / 2) / (g / 2) at w = g^2, by the series of sinh and cosh in w and w / 4."""
+@entry_point
+def _line_factors(w: Complex1, out: Complex1) -> None:
     whole = half = even = complex(1.0, 0.0)  # sinh(g) / g, sinh(g / 2) / (g / 2), cosh(g / 2)
     term = half_term = even_term = complex(1.0, 0.0)
     k = 0
     while abs(term.real) + abs(term.imag) > SERIES * (abs(whole.real) + abs(whole.imag)):
         k += 1
-        term = _quotient(_product(term, w), complex(2.0 * k * (2.0 * k + 1.0)))
-        half_term = _quotient(_product(half_term, w), complex(4.0 * (2.0 * k) * (2.0 * k + 1.0)))
-        even_term = _quotient(_product(even_term, w), complex(4.0 * (2.0 * k) * (2.0 * k - 1.0)))
+        term = term * w[0] / ((2.0 * k) * (2.0 * k + 1.0))
+        half_term = half_term * w[0] / (4.0 * (2.0 * k) * (2.0 * k + 1.0))
+        even_term = even_term * w[0] / (4.0 * (2.0 * k) * (2.0 * k - 1.0))
         whole, half, even = whole + term, half + half_term, even + even_term
-    return whole, _quotient(half, even)
+    out[0], out[1] = whole, half / even
+
+
+def line_factors(w: complex) -> tuple[complex, complex]:
+    """Factors sinh(g) / g and tanh(g / 2) / (g / 2) at w = g^2, by the series of sinh and cosh in w and w / 4."""
+    out = np.zeros(2, complex)
+    _line_factors(np.array([w], complex), out)
+    return complex(out[0]), complex(out[1])

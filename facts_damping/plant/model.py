@@ -95,8 +95,7 @@ class Work(Struct):
     blocked: Bool1  # (ports,)
     low: Bool1  # (ports,), loads with their characteristic below V_min
     slope: Float3  # (ports, 2, 2), derivative of the source by the response
-    matrix: Float2  # (2 ports, 2 ports)
-    change: Float2  # (2 ports, 1)
+    matrix: Float2  # (2 ports, 2 ports + 1), of Newton's method, with the mismatch
     step: Float1  # (2 ports,)
     source: Complex1  # (ports,), of a solution that is not stored in the state
     phasors: Complex2  # (PMUs, 2), voltages and currents of the PMUs, p.u.
@@ -120,8 +119,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(ports, np.bool_),
         np.zeros(ports, np.bool_),
         np.zeros((ports, 2, 2)),
-        np.zeros((2 * ports, 2 * ports)),
-        np.zeros((2 * ports, 1)),
+        np.zeros((2 * ports, 2 * ports + 1)),
         np.zeros(2 * ports),
         np.zeros(ports, np.complex128),
         np.zeros((len(plant.pmu_machine), 2), np.complex128),

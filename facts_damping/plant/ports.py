@@ -26,16 +26,19 @@ LAST_CHANGE = 1e-9  # relative; the remaining error is of the order of its squar
 
 @entry_point
 def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> float:
-    """Write f(q) - s of all ports into `work.change`; returns the sum of squares, 0 if all are within the tolerance."""
+    """Write f(q) - s of all ports into the last column of `work.matrix`.
+
+    Returns the sum of squares, 0 if all are within the tolerance.
+    """
     first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
-    solved, total = True, 0.0
+    solved, total, last = True, 0.0, 2 * source.size
     for p in range(source.size):
         q = work.given[p]
         for r in range(source.size):
             q += plant.network[stage, first_row + p, first_column + r] * source[r]
         work.response[p] = q
         rest = law(plant, x, reference, stage, p, work) - source[p]
-        work.change[2 * p, 0], work.change[2 * p + 1, 0] = rest.real, rest.imag
+        work.matrix[2 * p, last], work.matrix[2 * p + 1, last] = rest.real, rest.imag
         square = rest.real * rest.real + rest.imag * rest.imag
         size = source[p].real * source[p].real + source[p].imag * source[p].imag
         # Written so that a non-finite value counts as unsolved.
@@ -72,11 +75,11 @@ def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage:
             return True
         if total < before or fraction < SMALLEST_FRACTION:
             _newton_matrix(plant, stage, work)
-            if not eliminate(work.matrix, work.change):
+            if not eliminate(work.matrix):
                 return False
             before, fraction = total, 1.0
             for i in range(work.step.size):
-                work.step[i] = work.change[i, 0]
+                work.step[i] = work.matrix[i, work.step.size]
             for p in range(source.size):
                 source[p] += complex(work.step[2 * p], work.step[2 * p + 1])
         else:
