@@ -159,7 +159,6 @@ class _Rotating(NamedTuple):
 
 
 def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
-    """Machines and their controls in the steady state of a power flow."""
     n = len(system.machines)
     made = _Rotating(
         np.zeros(n, machine.MACHINE),
@@ -261,7 +260,6 @@ def _devices(
     states: _States,
     ports: _Ports,
 ) -> NDArray[Any]:
-    """Devices at rest."""
     rows = np.zeros(len(installed), devices.DEVICE)
     for d, device in enumerate(installed):
         if isinstance(device, Series):

@@ -140,6 +140,7 @@ def _port_derivatives(plant: Plant, x: Float1, reference: Float1, dx: Float1, wo
             for k in range(d.states):
                 dx[d.offset + k] = 0.0
         else:
-            devices.derivatives(d, x, u, magnitude(work.response[d.port]), dx)
+            u = devices.effective_reference(d, x, u)
+            devices.derivatives(d.kind, d, x, u, magnitude(work.response[d.port]), dx)
             if d.other > 0:
-                devices.other_derivatives(d, x, u, magnitude(work.response[d.other]), dx)
+                devices.other_derivatives(d.kind, d, x, u, magnitude(work.response[d.other]), dx)

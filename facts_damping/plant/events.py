@@ -61,7 +61,6 @@ def topology_intervals(system: System, listed: Sequence[Event]) -> list[Topology
 
 
 def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyInterval:
-    """The stage after a change."""
     event, where, before = change.event, change.where, stage.topology
     lines = [line.name for line in system.lines]
     buses = [bus.name for bus in system.buses]
@@ -92,7 +91,6 @@ def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyI
 
 
 def _fault(before: Topology, event: events.Fault | events.Clear, where: str) -> Topology:
-    """Topology after a fault appears or is cleared."""
     element = event.bus or event.line or ""
     burning = [place for place in before.faults if (place.bus, place.line) == (event.bus, event.line)]
     if isinstance(event, events.Clear):

@@ -45,10 +45,12 @@ def characteristic(
 ) -> tuple[complex, complex]:
     """Source of a load's or device's port relative to the direction of its response, and its derivative by |q|, p.u."""
     port = plant.ports[p]
-    if port.kind == DEVICE:
-        return devices.characteristic(plant.placed[port.row], x, devices.reference_of(reference, port.row), size)
-    if port.kind == OTHER_END:
-        return devices.other_characteristic(plant.placed[port.row], x, devices.reference_of(reference, port.row), size)
+    if port.kind in (DEVICE, OTHER_END):
+        device = plant.placed[port.row]
+        u = devices.effective_reference(device, x, devices.reference_of(reference, port.row))
+        if port.kind == DEVICE:
+            return devices.characteristic(device.kind, device, x, u, size)  # type: ignore[no-any-return]
+        return devices.other_characteristic(device.kind, device, x, u, size)  # type: ignore[no-any-return]
     d = plant.loads[port.row]
     active, reactive = 1.0 + work.noise[port.row, 0], 1.0 + work.noise[port.row, 1]
     if d.offset >= 0:

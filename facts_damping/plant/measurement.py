@@ -20,7 +20,6 @@ MOMENT = 1e-6  # s, time step of the angle's difference quotient for the frequen
 
 @compiled
 def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work: Work) -> None:
-    """Write the true values of machine g."""
     x, m = state.x, plant.machines[g]
     omega = x[m.offset + 1]
     voltage, current, power = stator(plant, stage, g, work)
@@ -54,7 +53,8 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
         watch.refused_stamp,
         watch.refused_order,
     )
-    facts.truth(row, state.x, state.reference[d], magnitude(response), blocked, out)
+    u = facts.effective_reference(row, state.x, state.reference[d])
+    facts.truth(row.kind, row, state.x, u, magnitude(response), blocked, out)
 
 
 @compiled

@@ -164,42 +164,10 @@ def _unknown(_d: Any, _x: Float1, _u: float, _size: float) -> tuple[complex, com
     return complex(math.nan, math.nan), 0j
 
 
-_characteristic = branching([*(kind.characteristic for kind in KINDS.values()), _unknown])
-_derivatives = branching([kind.derivatives for kind in KINDS.values()])
-_truth = branching([kind.truth for kind in KINDS.values()])
+# Compiled functions of a kind's code and the arguments of `DeviceKind`.
 _other_ends = [kind.other_end or OtherEnd(_unknown, _at_rest) for kind in KINDS.values()]
-_other_characteristic = branching([*(end.characteristic for end in _other_ends), _unknown])
-_other_derivatives = branching([end.derivatives for end in _other_ends])
-
-
-@compiled
-def characteristic(d: Any, x: Float1, u: float, size: float) -> tuple[complex, complex]:
-    """Source of a device relative to the direction of its response, and the derivative by `size`, p.u.
-
-    In series a voltage drop, in parallel a current into the network.
-    """
-    return _characteristic(d.kind, d, x, effective_reference(d, x, u), size)  # type: ignore[no-any-return]
-
-
-@compiled
-def other_characteristic(d: Any, x: Float1, u: float, size: float) -> tuple[complex, complex]:
-    """The same as `characteristic`, at the device's second bus."""
-    return _other_characteristic(d.kind, d, x, effective_reference(d, x, u), size)  # type: ignore[no-any-return]
-
-
-@compiled
-def other_derivatives(d: Any, x: Float1, u: float, size: float, dx: Float1) -> None:
-    """Write the derivatives of the states that depend on the voltage of the second bus, 1/s."""
-    _other_derivatives(d.kind, d, x, effective_reference(d, x, u), size, dx)
-
-
-@compiled
-def derivatives(d: Any, x: Float1, u: float, size: float, dx: Float1) -> None:
-    """Write the derivatives of a device's states, 1/s."""
-    _derivatives(d.kind, d, x, effective_reference(d, x, u), size, dx)
-
-
-@compiled
-def truth(d: Any, x: Float1, u: float, size: float, blocked: bool, out: Any) -> None:
-    """Write the kind's true values into a row of DEVICE_TRUTH, in addition to the port's: see `measurement`."""
-    _truth(d.kind, d, x, effective_reference(d, x, u), size, blocked, out)
+characteristic = branching([*(kind.characteristic for kind in KINDS.values()), _unknown])
+derivatives = branching([kind.derivatives for kind in KINDS.values()])
+truth = branching([kind.truth for kind in KINDS.values()])
+other_characteristic = branching([*(end.characteristic for end in _other_ends), _unknown])
+other_derivatives = branching([end.derivatives for end in _other_ends])

@@ -67,7 +67,7 @@ def reduce_network(
         _series_current(system, net, places, place.device) if place.device else net.voltage[net.at[place.bus]]
         for place in places
     ]
-    at = [net.at[_pmu_bus(system, s)] for s in system.pmus]
+    at = [net.at[bus] for bus in system.pmu_buses().values()]
     currents = [_pmu_current(system, s, net, places) for s in system.pmus]
     return np.array([*machine_rows, *port_rows, *net.voltage[at], *currents])
 
@@ -136,13 +136,6 @@ def _series_current(system: System, net: ReducedNetwork, places: Sequence[Place]
     return over(row, complex(device.rs, device.xs))
 
 
-def _pmu_bus(system: System, pmu: Pmu) -> str:
-    """The bus of a PMU."""
-    if pmu.bus is not None:
-        return pmu.bus
-    return next(m.bus for m in system.machines if m.name == pmu.machine)
-
-
 def _pmu_current(system: System, pmu: Pmu, net: ReducedNetwork, places: Sequence[Place]) -> Complex1:
     """Matrix row of a PMU's current: out of its machine, or from its bus into its branches."""
     row = np.zeros(net.voltage.shape[1], np.complex128)
@@ -152,7 +145,7 @@ def _pmu_current(system: System, pmu: Pmu, net: ReducedNetwork, places: Sequence
             row[g] = 1.0
             for p, place in enumerate(places):
                 row[len(net.norton) + len(system.infinite_buses) + p] = float(place.machine == pmu.machine)
-        row -= times(net.norton[g], net.voltage[net.at[_pmu_bus(system, pmu)]])
+        row -= times(net.norton[g], net.voltage[net.at[system.pmu_buses()[pmu.name]]])
         return row
     installed = {place.device.name: place.device for place in places if place.device}
     for branch in net.present:

@@ -15,6 +15,7 @@ from facts_damping.parameters.plant.blocks import INPUTS, MODELS, Block
 from facts_damping.plant.machines.blocks import (
     BLOCK,
     FIELD,
+    KINDS,
     LAG,
     LEAD_LAG,
     NO_LIMIT,
@@ -41,19 +42,6 @@ if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
 
 GIVES = {"governor": "Pm", "stabiliser": "Vs", "exciter": "Efd"}
-KINDS = {
-    "sum": SUM,
-    "lag": LAG,
-    "lead_lag": LEAD_LAG,
-    "washout": WASHOUT,
-    "rate": RATE,
-    "servo": SERVO,
-    "field": FIELD,
-    "second_order": SECOND_ORDER,
-    "product": PRODUCT,
-    "source": SOURCE,
-    "rectifier": RECTIFIER,
-}
 FEEDTHROUGH = {SUM, LEAD_LAG, WASHOUT, RATE, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER}  # kinds with direct feedthrough
 TOLERANCE = 1e-10  # p.u., 1/s, residual of the steady state
 
@@ -117,7 +105,7 @@ def _number(constant: Any, data: Any) -> float:
 
 def _plain(block: Block, data: Any) -> _Plain:
     """The block in the kernel's numbers; a block with zero time constant has no state."""
-    kind, c = KINDS[block.kind], [_number(one, data) for one in block.constants]
+    kind, c = KINDS.index(block.kind), [_number(one, data) for one in block.constants]
     p, states = (1.0, 0.0, 0.0, 0.0), 0
     if kind == LAG:
         p, states = (c[0], c[1], 0.0, 0.0), int(c[1] > 0.0)

@@ -26,6 +26,20 @@ ONE, NONE, VT, OMEGA, PE, PA, VREF, PREF, VS, IFD, VD, VQ, ID, IQ = range(len(SE
 ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
 
 SUM, LAG, LEAD_LAG, WASHOUT, RATE, SERVO, FIELD, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER = range(11)
+# Names of these codes.
+KINDS = (
+    "sum",
+    "lag",
+    "lead_lag",
+    "washout",
+    "rate",
+    "servo",
+    "field",
+    "second_order",
+    "product",
+    "source",
+    "rectifier",
+)
 MAX_INPUTS = 5
 NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
 STATELESS = -1
