@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from facts_damping.compiling import branching, compiled, entry_point
+from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Array, Float1, Int1
 from facts_damping.elementary import exp, log, log1p, power
 from facts_damping.ziggurat import EXPONENTIAL_R, NORMAL_R, Ziggurat, exponential_layers, normal_layers
@@ -35,20 +35,19 @@ HALF = 2**32
 
 
 @compiled
-def _next(raw: NDArray[np.uint64], at: Int1) -> np.uint64:
+def _next(raw: Raw, at: Int1) -> np.uint64:
     """The next number of the stream; zero beyond the numbers at hand, which ends any draw."""
     at[0] += 1
     return raw[at[0] - 1] if at[0] <= raw.size else np.uint64(0)  # type: ignore[no-any-return]
 
 
 @compiled
-def _double(raw: NDArray[np.uint64], at: Int1) -> float:
-    """A uniform number in [0, 1)."""
+def _double(raw: Raw, at: Int1) -> float:
     return (_next(raw, at) >> np.uint64(11)) * UNIT  # type: ignore[no-any-return]
 
 
 @compiled
-def _standard_normal(n: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
+def _standard_normal(n: Ziggurat, raw: Raw, at: Int1) -> float:
     """A normal number of mean 0 and standard deviation 1."""
     while True:
         drawn = _next(raw, at)
@@ -74,7 +73,7 @@ def _standard_normal(n: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
 
 
 @compiled
-def _standard_exponential(e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
+def _standard_exponential(e: Ziggurat, raw: Raw, at: Int1) -> float:
     """An exponential number of mean 1."""
     while True:
         drawn = _next(raw, at) >> np.uint64(3)
@@ -89,7 +88,7 @@ def _standard_exponential(e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> flo
 
 
 @compiled
-def _standard_gamma(shape: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
+def _standard_gamma(shape: float, n: Ziggurat, e: Ziggurat, raw: Raw, at: Int1) -> float:
     """A number of the gamma distribution of scale 1."""
     if shape == 0.0:
         return 0.0
@@ -122,29 +121,17 @@ def _standard_gamma(shape: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint
             return b * v
 
 
-@compiled
-def _normal_of(a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
-    return a + b * _standard_normal(n, raw, at)
+NORMAL, LOGNORMAL, EXPONENTIAL, GAMMA = range(4)
 
 
 @compiled
-def _lognormal_of(a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
-    return exp(a + b * _standard_normal(n, raw, at))  # type: ignore[no-any-return]
-
-
-@compiled
-def _exponential_of(_a: float, b: float, _n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
-    return b * _standard_exponential(e, raw, at)
-
-
-@compiled
-def _gamma_of(a: float, b: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: Int1) -> float:
-    return b * _standard_gamma(a, n, e, raw, at)
-
-
-KINDS = [_normal_of, _lognormal_of, _exponential_of, _gamma_of]
-NORMAL, LOGNORMAL, EXPONENTIAL, GAMMA = range(len(KINDS))
-_one = branching(KINDS)
+def _one(kind: int, a: float, b: float, n: Ziggurat, e: Ziggurat, raw: Raw, at: Int1) -> float:
+    if kind == EXPONENTIAL:
+        return b * _standard_exponential(e, raw, at)
+    if kind == GAMMA:
+        return b * _standard_gamma(a, n, e, raw, at)
+    number = a + b * _standard_normal(n, raw, at)
+    return exp(number) if kind == LOGNORMAL else number
 
 
 @entry_point
@@ -188,7 +175,7 @@ def uniform(generator: np.random.Generator, low: float, high: float, size: Size)
 
 
 def _drawn(generator: np.random.Generator, kind: int, a: float, b: float, size: Size) -> NDArray[np.float64]:
-    """Draws of one of `KINDS`; the generator then points behind the numbers used."""
+    """Draws of a kind; the generator then points behind the numbers used."""
     found, source = np.zeros(size), generator.bit_generator
     flat, before, raw, at = found.reshape(-1), source.state, np.zeros(0, np.uint64), np.zeros(1, np.int64)
     done = used = 0
@@ -241,7 +228,7 @@ def integers(generator: np.random.Generator, bound: int, size: Size) -> NDArray[
     return found
 
 
-def _keep_half(source: np.random.BitGenerator, raw: NDArray[np.uint64], taken: int) -> None:
+def _keep_half(source: np.random.BitGenerator, raw: Raw, taken: int) -> None:
     """Store the upper half of the last number, if unused, for the next draw of halves."""
     state: Any = source.state
     if taken % 2:
