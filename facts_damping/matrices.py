@@ -147,7 +147,7 @@ def product(first: NDArray[Any], *others: NDArray[Any]) -> NDArray[Any]:
 def solve(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
     """Solution x of a x = b for a vector or matrix b. Raises `LinAlgError` if a is singular."""
     kind, n = np.result_type(a, b, float), len(a)
-    both = np.hstack([a, b.reshape(n, -1)], dtype=kind)
+    both = np.ascontiguousarray(np.column_stack([a, b]), kind)
     if not (_eliminate_complex if kind == np.complex128 else _eliminate_real)(both):
         raise np.linalg.LinAlgError("singular matrix")
     return both[:, n:].reshape(b.shape)
