@@ -18,12 +18,12 @@ EDGE = 1e-9  # 1/s or of its magnitude: a pole this close to the stability limit
 
 
 class Matrices(NamedTuple):
-    """dx = A x + B y, u = C x + D y; y: signals, u: setpoints, p.u."""
+    """dx = A x + B u, y = C x + D u; of a controller the inputs are signals, the outputs setpoints, p.u."""
 
     A: Float2  # (states, states)
-    B: Float2  # (states, signals)
-    C: Float2  # (devices, states)
-    D: Float2  # (devices, signals)
+    B: Float2  # (states, inputs)
+    C: Float2  # (outputs, states)
+    D: Float2  # (outputs, inputs)
 
 
 def matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
@@ -47,7 +47,6 @@ def matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
 
 
 def _of_matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
-    """A, B, C and D as given."""
     parts = {name: _matrix(name, getattr(law, name)) for name in ("A", "B", "C", "D")}
     n = 0 if parts["A"] is None else len(parts["A"])
     shapes = {"A": (n, n), "B": (n, signals), "C": (devices, n), "D": (devices, signals)}

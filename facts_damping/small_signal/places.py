@@ -135,7 +135,6 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
 
 
 def _difference(pmus: Sequence[str]) -> dict[str, float]:
-    """Weights of the speed of one PMU, or of the difference of two."""
     return dict(zip(pmus, (1.0, -1.0), strict=False))
 
 

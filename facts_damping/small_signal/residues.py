@@ -61,7 +61,7 @@ class Residues(NamedTuple):
         C int_0^T exp(A t) dt B + D, with the washouts' states in A; time counts from the end of dead times.
         """
         rows, columns = [self.signals.index(s) for s in signals], [self.devices.index(d) for d in devices]
-        A, B, C, D = _with_washouts(self.model, rows)
+        A, B, C, D = with_washouts(self.model, rows)
         _, held = held_for(A, B, frames / self.frame_rate)
         return (product(C, held) + D)[:, columns]
 
@@ -100,7 +100,7 @@ def residues(
     return Residues(*known, frame_rate, model, list(built.state_names), v)
 
 
-def _with_washouts(model: linearisation.LinearModel, signals: Sequence[int]) -> tuple[Float2, ...]:
+def with_washouts(model: linearisation.LinearModel, signals: Sequence[int]) -> tuple[Float2, Float2, Float2, Float2]:
     """A, B, C, D to some signals, with a state for each washout: T dx_w/dt = y - x_w, and y - x_w instead of y."""
     A, B, C, D = model.A, model.B, model.C[signals], model.D[signals]
     rows = np.flatnonzero(model.washout[signals] > 0.0)
