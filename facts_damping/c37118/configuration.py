@@ -140,7 +140,6 @@ def _indices(parts: int) -> list[int]:
 
 
 def _joined(bodies: list[bytes]) -> bytes:
-    """Join the parts of a configuration 3 in their order."""
     indices = [_Reader(body).take("H", "CONT_IDX")[0] for body in bodies]
     wanted = _indices(len(bodies))
     if indices != wanted:
@@ -184,7 +183,6 @@ def _scaled(pmu: PmuConfiguration, phasor: Phasor) -> tuple[float, float]:
 
 
 def _count(value: float, minimum: int, field: str) -> int:
-    """An integer of 24 bits."""
     whole, maximum = round(value), minimum + (1 << 24) - 1
     if not minimum <= whole <= maximum:
         raise FrameError(f"{field}: {value:g} counts; allowed: {minimum} to {maximum} (6.4)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -39,7 +40,8 @@ def places(c: Configuration, grid: Sequence[Pmu], wanted: Mapping[str, Channels]
 
     Raises `InputError` if a PMU has no channel of a requested name.
     """
-    phasors, analogs = _before([len(p.phasors) for p in c.pmus]), _before([len(p.analogs) for p in c.pmus])
+    phasors = [0, *accumulate(len(p.phasors) for p in c.pmus)]
+    analogs = [0, *accumulate(len(p.analogs) for p in c.pmus)]
     rows = []
     for s, pmu in enumerate(grid):
         asked = wanted.get(pmu.name, Channels())
@@ -59,12 +61,7 @@ def places(c: Configuration, grid: Sequence[Pmu], wanted: Mapping[str, Channels]
     )
 
 
-def _before(counts: Sequence[int]) -> list[int]:
-    return [sum(counts[:i]) for i in range(len(counts))]
-
-
 def _pmu(c: Configuration, named: str | int) -> int | None:
-    """Index of a PMU by its name or IDCODE."""
     return next((i for i, configured in enumerate(c.pmus) if named in (configured.name, configured.idcode)), None)
 
 

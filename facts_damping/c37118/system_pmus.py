@@ -7,7 +7,7 @@ power and the rotor's speed deviation, which only an ideal PMU has. Quantities n
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from facts_damping.signals import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
     from facts_damping.compiling.structs import Float2, Int1
 
@@ -93,19 +91,10 @@ def _whole(name: str, largest: float) -> float:
 
 def to_data(pmus: Sequence[Pmu], values: Float2, status: Int1) -> Data:
     """Simultaneous measurements of PMUs, (PMUs, CHANNELS), in the units of a stream."""
-    volts, amperes, power = _bases(pmus)
+    volts, amperes, power = np.array([(pmu.volts, pmu.amperes, pmu.base_mva * 1e3) for pmu in pmus]).reshape(-1, 3).T
     first = np.column_stack([values[:, MAGNITUDE] * volts, values[:, ANGLE]])
     second = np.column_stack([values[:, CURRENT] * amperes, values[:, CURRENT_ANGLE]])
     analogs = np.column_stack([values[:, ACTIVE] * power, values[:, REACTIVE] * power, values[:, SPEED] / PPM])
     phasors = np.stack([first, second], axis=1).reshape(-1, 2)
     none = np.zeros(0, np.int64)
     return Data(status, phasors, values[:, FREQUENCY], values[:, ROCOF], analogs.ravel(), none)
-
-
-def _bases(pmus: Sequence[Pmu]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """V, A and kW of 1 p.u., each (PMUs,)."""
-    return (
-        np.array([s.volts for s in pmus]),
-        np.array([s.amperes for s in pmus]),
-        np.array([s.base_mva * 1e3 for s in pmus]),
-    )

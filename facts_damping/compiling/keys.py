@@ -48,7 +48,6 @@ def _compiler() -> str:
 
 
 def _code(code: types.CodeType, docstring: str | None) -> str:
-    """A function's instructions and constants."""
     constants = list(code.co_consts)
     if docstring is not None and constants and constants[0] == docstring:
         constants[0] = None
@@ -102,12 +101,10 @@ def _used(function: Any) -> list[tuple[str, Any]]:
 
 
 def _signature(entry: EntryPoint) -> str:
-    """Name and types of an entry point."""
     return f"{entry.symbol}{[described(kind) for kind in entry.kinds]}{entry.result}"
 
 
 def _structs(cls: Any) -> Iterator[str]:
-    """Fields of a struct."""
     for name, (kind, at) in layout(cls).items():
         yield f"{cls.__module__}.{cls.__qualname__}.{name} {at} {described(kind)}"
 

@@ -146,11 +146,9 @@ class Struct:
                 one._split()  # noqa: SLF001 (another of its kind)
 
     def _many(self) -> int:
-        """The number of rows."""
         return next(len(value) for value in self if isinstance(value, np.ndarray))
 
     def _row(self, i: int) -> Struct:
-        """A row, as views of the arrays."""
         own: Any = self._each
         parts = ((value[i] if isinstance(value, np.ndarray) else value.each[i]) for value in self)
         return own(*parts)  # type: ignore[no-any-return]

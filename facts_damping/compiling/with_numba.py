@@ -123,7 +123,6 @@ def _word(builder: Any, block: Any, at: int, kind: Any) -> Any:
 
 
 def _field(context: Any, builder: Any, block: Any, kind: Any, at: int) -> Any:
-    """A field of a block, as a value."""
     own = type_of(kind)
     if not isinstance(kind, Array):
         if kind is bool:
@@ -376,7 +375,6 @@ def object_code(entry: EntryPoint) -> bytes:
 
 
 def _write_c_function(context: Any, module: Any, description: Any, entry: EntryPoint) -> None:
-    """Write the C function that wraps Numba's function."""
     own, c_type = _signature_of(entry), _c_type(context, entry)
     function = ir.Function(module, c_type, entry.symbol)
     builder = ir.IRBuilder(function.append_basic_block())

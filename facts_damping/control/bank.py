@@ -214,18 +214,8 @@ def pull(known: PlantPrior, s: NDArray[Any]) -> Float1:
     return np.array([1.0, 1.0, *found[2:]])
 
 
-@compiled
-def _limit(made: Bank, state: BankState, c: int, tick: int) -> None:
-    """Limit the setpoints, with zero for a non-finite one, then apply the controller's faults."""
-    for d in range(made.device.shape[1]):
-        limit, value = made.actuators.limit[c, d], state.unlimited[c, d]
-        value = min(max(value, -limit), limit) if math.isfinite(value) else 0.0
-        state.outputs[c, d] = misbehave(made.faults, c, tick, d, value, state.outputs[c, d], limit)
-
-
 @entry_point
 def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
-    """A neuro-fuzzy controller's step."""
     net, s = shape_of(made.shape[c]), made.settings[c]
     own, kept, actuators = state.learner.each[c], state.memory.each[c], made.actuators.each[c]
     for i in range(net.inputs // 2):
@@ -244,7 +234,6 @@ def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: in
 
 @compiled
 def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
-    """A step of an observer with state feedback."""
     frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
     state_space.step(
         made.optimal.each[c],
@@ -262,9 +251,14 @@ def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
 
 @compiled
 def _issue(made: Bank, state: BankState, c: int, tick: int, arrival: int, out: NDArray[Any], first: int) -> int:
-    """Write the limited setpoints of controller c to `out` from index `first` on; returns the index after the last."""
-    _limit(made, state, c, tick)
+    """Write the setpoints of controller c to `out` from index `first` on; returns the index after the last.
+
+    They are limited, with zero for a non-finite one; then the controller's faults apply.
+    """
     for d in range(made.device.shape[1]):
+        limit, value = made.actuators.limit[c, d], state.unlimited[c, d]
+        value = min(max(value, -limit), limit) if math.isfinite(value) else 0.0
+        state.outputs[c, d] = misbehave(made.faults, c, tick, d, value, state.outputs[c, d], limit)
         if made.device[c, d] != UNSET:
             row = out[first]
             row.tick = tick

@@ -144,12 +144,7 @@ def _start(
 
 # For controllers that use a model of the plant and its delay.
 LOOP_DELAY = Parameter(
-    -1.0,
-    "s",
-    -1.0,
-    10.0,
-    "delay from measurement to actuation; -1: of PMUs, the link's mean, dead time",
-    live=False,
+    -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: of PMUs, the link's mean, dead time", live=False
 )
 
 # For `compensation` (control/compensation.py); without it they have no effect.

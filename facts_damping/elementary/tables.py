@@ -38,7 +38,6 @@ def _arctangent(a: int, b: int, places: int, sign: int = -1) -> int:
 
 
 def _logarithm(a: int, b: int, places: int) -> int:
-    """Ln(a/b)."""
     return 2 * _arctangent(a - b, a + b, places, 1)
 
 

@@ -230,7 +230,6 @@ def _first_before(way: Any, end_ns: int) -> int:
 
 @compiled
 def _count_delivered(way: Any, channel: int, slot: int) -> None:
-    """Count a delivered entry and its delay."""
     delay = way.arrival_ns[slot] - way.sent_ns[slot]
     s = way.statistics[channel]
     s.delivered += 1

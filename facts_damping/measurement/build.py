@@ -18,13 +18,7 @@ if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float3
     from facts_damping.parameters.measurement import Clock, Measurement, Noise
 
-KINDS = {
-    "stuck": pmu_model.STUCK,
-    "spike": pmu_model.SPIKE,
-    "wrong_sign": pmu_model.WRONG_SIGN,
-    "swapped_phases": pmu_model.SWAPPED_PHASES,
-    "invalid": pmu_model.INVALID,
-}
+KINDS = ("stuck", "spike", "wrong_sign", "swapped_phases", "invalid")  # in order of their codes in `pmu_model`
 STREAM = 2  # stream of a run's random numbers; its links use 0 and 1
 
 
@@ -76,7 +70,7 @@ def make_pmus(
         row["lost_ns"] = LOST if clock.lost is None else to_ns(clock.lost)
     bad = np.zeros(len(measurement.bad_data), pmu_model.BAD)
     for row, one in zip(bad, measurement.bad_data, strict=True):
-        row["kind"], row["from_ns"] = KINDS[one.kind], to_ns(one.start)
+        row["kind"], row["from_ns"] = KINDS.index(one.kind), to_ns(one.start)
         row["until_ns"] = LOST if one.duration is None else to_ns(one.start) + to_ns(one.duration)
         row["probability"], row["size"] = one.probability, one.size
     known = [[one.pmus is None or s in one.pmus for s in pmus] for one in measurement.bad_data]

@@ -85,25 +85,6 @@ def morlet(
 
 
 @compiled
-def legendre(
-    theta: Float1, x: Float1, _firing: float, _terms: Float1, slope: Float1, by_input: Float1
-) -> tuple[float, float, float]:
-    """tanh(sum_id w_id L_d(x_i)), (3.21)."""
-    by_input[:] = 0.0
-    return _legendre(theta, x, slope, by_input), 1.0, 0.0
-
-
-@compiled
-def legendre_wavelet(
-    theta: Float1, _x: Float1, firing: float, _terms: Float1, slope: Float1, by_input: Float1
-) -> tuple[float, float, float]:
-    """sum_db rho_db phi_db(F), (3.22), (3.24)."""
-    by_input[:] = 0.0
-    value, by_firing = _legendre_wavelets(theta, firing, slope)
-    return value, 1.0, by_firing
-
-
-@compiled
 def harmonics(x: float, wave: Float2) -> None:
     """Write 1, sin x, cos x, sin 2x, cos 2x and their derivatives to the rows of `wave`."""
     sine, cosine = sin(x), cos(x)
@@ -194,8 +175,11 @@ def polynomial(d: int, x: float) -> tuple[float, float]:
 
 
 @compiled
-def _legendre(theta: Float1, x: Float1, slope: Float1, by_input: Float1) -> float:
-    """tanh(sum_id w_id L_d(x_i)), inputs clipped to [-1, 1]."""
+def legendre(
+    theta: Float1, x: Float1, _firing: float, _terms: Float1, slope: Float1, by_input: Float1
+) -> tuple[float, float, float]:
+    """tanh(sum_id w_id L_d(x_i)), (3.21), inputs clipped to [-1, 1]."""
+    by_input[:] = 0.0
     xi = 0.0
     for i in range(x.size):
         at = min(max(x[i], -1.0), 1.0)
@@ -211,7 +195,7 @@ def _legendre(theta: Float1, x: Float1, slope: Float1, by_input: Float1) -> floa
         slope[k] *= damp
     for i in range(x.size):
         by_input[i] *= damp
-    return value  # type: ignore[no-any-return]
+    return value, 1.0, 0.0
 
 
 @compiled
@@ -230,12 +214,15 @@ def basis(term: int, firing: float) -> tuple[float, float]:
 
 
 @compiled
-def _legendre_wavelets(theta: Float1, firing: float, slope: Float1) -> tuple[float, float]:
-    """sum_db rho_db phi_db(F), and its derivative with respect to the rule's firing strength F."""
+def legendre_wavelet(
+    theta: Float1, _x: Float1, firing: float, _terms: Float1, slope: Float1, by_input: Float1
+) -> tuple[float, float, float]:
+    """sum_db rho_db phi_db(F), (3.22), (3.24)."""
+    by_input[:] = 0.0
     value = by_firing = 0.0
     for term in range(WAVELETS):
         phi, by_f = basis(term, firing)
         slope[term] = phi
         value += theta[term] * phi
         by_firing += theta[term] * by_f
-    return value, by_firing
+    return value, 1.0, by_firing

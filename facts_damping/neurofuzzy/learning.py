@@ -62,7 +62,6 @@ class Learners(Learner, each=Learner):
     shape: Int2  # (networks, fields of Network)
 
     def _row(self, i: int) -> Learner:
-        """The i-th learner, as views of its own size."""
         net = Network(*self.shape[i].tolist())
         own = [value[i] for value in self if isinstance(value, np.ndarray)]
         sized = [value[: net.size] for value in own[:6]]
@@ -127,10 +126,11 @@ def _rates(net: Network, own: Learner, rule: Rule, curvature: Float1) -> None:
             for f in range(own.theta.size):
                 own.squares[o, own.group[f]] += own.passed.by_theta[o, f] ** 2
             continue
-        total = _square(0.0, own.passed.by_theta[o], 0, antecedents)
+        slopes = own.passed.by_theta[o]
+        total = dot(0.0, slopes[:antecedents], slopes[:antecedents])
         for j in range(net.rules):
             at = antecedents + (j * net.outputs + o) * net.width
-            total = _square(total, own.passed.by_theta[o], at, at + net.width)
+            total = dot(total, slopes[at : at + net.width], slopes[at : at + net.width])
         own.squares[o, 0] = total
     for g in range(own.rate.shape[1]):
         root = 0.0
@@ -163,7 +163,7 @@ def learn(net: Network, own: Learner, rule: Rule, error: Float1, curvature: Floa
             by = own.rate[o, 0] * error[o]  # one rate for all groups
             for f in range(net.width):
                 change[f] = by * slope[f] + rule.momentum * change[f]
-    total = _square(0.0, own.change, 0, own.change.size)
+    total = dot(0.0, own.change, own.change)
     fraction = 1.0
     if rule.clip > 0.0 and total > rule.clip * rule.clip:
         fraction = rule.clip / math.sqrt(total)
@@ -174,12 +174,6 @@ def learn(net: Network, own: Learner, rule: Rule, error: Float1, curvature: Floa
             at = antecedents + (j * net.outputs + o) * net.width
             end = at + net.width
             own.moved[o] = dot(own.moved[o], own.passed.by_theta[o, at:end], own.change[at:end])
-
-
-@compiled
-def _square(start: float, a: Float1, first: int, end: int) -> float:
-    """`start` plus the squared norm of entries `first` to before `end`."""
-    return dot(start, a[first:end], a[first:end])
 
 
 @compiled

@@ -11,7 +11,7 @@ import socket
 import time
 from contextlib import suppress
 from ipaddress import ip_address
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from facts_damping.c37118 import frame
 from facts_damping.c37118.configuration import TIME_BASE, Configuration
@@ -36,19 +36,6 @@ class Lost(str):
     """Why there is no connection."""
 
     __slots__ = ()
-
-
-class _Wire(Protocol):
-    """Carries bytes to and from a server."""
-
-    async def receive(self) -> bytes:
-        """The next bytes; empty if the server has closed."""
-
-    def send(self, data: bytes) -> None:
-        """Send bytes to the server."""
-
-    def close(self) -> None:
-        """Close the connection."""
 
 
 class Client:
@@ -80,7 +67,7 @@ class Client:
                     wire.close()
             await asyncio.sleep(AGAIN_S)
 
-    async def _connect(self) -> _Wire:
+    async def _connect(self) -> _Tcp | _Udp:
         """Connect to the server. Raises OSError."""
         opening = asyncio.ensure_future(_open(self.server))
         try:
@@ -90,7 +77,7 @@ class Client:
         finally:
             opening.cancel()
 
-    async def _serve(self, wire: _Wire) -> str:
+    async def _serve(self, wire: _Tcp | _Udp) -> str:
         """Serve one connection; returns the reason of its end."""
         receiver, old = Receiver(self.server.idcode), self.receiver
         receiver.lost_bytes, receiver.refused = old.lost_bytes, old.refused
@@ -112,7 +99,7 @@ class Client:
         finally:
             coming.cancel()
 
-    def _take(self, wire: _Wire, received: bytes) -> None:
+    def _take(self, wire: _Tcp | _Udp, received: bytes) -> None:
         """Process received bytes; turns data on once the configuration is known."""
         self._heard_s, receiver = time.monotonic(), self.receiver
         for one in receiver.take([received]) if self.server.kind == "udp" else receiver.feed(received):
@@ -122,7 +109,7 @@ class Client:
             if not isinstance(one, str):
                 self._tell(one)
 
-    def _ask(self, wire: _Wire, now: float) -> None:
+    def _ask(self, wire: _Tcp | _Udp, now: float) -> None:
         """Request the configuration from time to time; switches to the other kind if there is no answer."""
         if now - self._asked_s < ANSWER_S:
             return
@@ -131,7 +118,7 @@ class Client:
         self._asked_s, self._answered = now, False
         self._command(wire, ASKED[self._kind])
 
-    def _command(self, wire: _Wire, name: str) -> None:
+    def _command(self, wire: _Tcp | _Udp, name: str) -> None:
         if not self.server.spontaneous:
             second, part = divmod(time.time_ns() * TIME_BASE // NANOSECONDS, TIME_BASE)
             wire.send(frame.command(self.server.idcode, name, second, part))
@@ -182,8 +169,7 @@ class _Udp(asyncio.DatagramProtocol):
             self._transport.close()
 
 
-async def _open(server: Server) -> _Wire:
-    """Connect to a server. Raises OSError."""
+async def _open(server: Server) -> _Tcp | _Udp:
     if server.kind == "tcp":
         return _Tcp(*await asyncio.open_connection(server.host, server.port))
     way: dict[str, Any] = {"remote_addr": (server.host, server.port)}

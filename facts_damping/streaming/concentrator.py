@@ -65,7 +65,6 @@ class Concentrator:
         return [self._instant(one) for one in self.alignment.take(sys.maxsize)]
 
     def _instant(self, one: AlignedFrame) -> Instant:
-        """Convert to an instant of a stream."""
         second, number = divmod(self._first + one.instant, self._rate)
         unsynchronised = one.there & ((one.status & UNSYNCHRONISED) > 0)
         for_s = np.where(unsynchronised, one.instant / self._rate - self._lost_ns / NANOSECONDS, 0.0).clip(0.0)

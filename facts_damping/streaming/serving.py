@@ -88,7 +88,6 @@ async def _address(text: str, own: str) -> Address:
 
 
 def _names(server: Server) -> str:
-    """Text: stream and PMUs."""
     return f"IDCODE {server.stream.idcode}, {some_of([pmu.name for pmu in server.stream.configuration.pmus])}"
 
 

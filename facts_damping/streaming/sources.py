@@ -106,12 +106,10 @@ class Sources:
         return made
 
     def _await(self) -> None:
-        """Await the PMUs of the connected servers."""
         self.following.alignment.awaited[:] = False
         self.following.alignment.awaited[self._of(i for i in range(len(self.servers)) if i not in self._down)] = True
 
     def _of(self, servers: Iterable[int]) -> NDArray[np.intp]:
-        """Indices of the PMUs of some servers."""
         found = [self._places[i] for i in servers]
         return np.sort(np.concatenate([np.zeros(0, np.intp), *(one.pmus for one in found if one is not None)]))
 
@@ -137,7 +135,6 @@ class Sources:
         return entries(start_ns, tick.said.values, np.where(tick.said.there, measured, LOST), tick.said.status)
 
     def _names(self, places: NDArray[np.intp]) -> str:
-        """Names of PMUs, as text."""
         return some_of([self.grid[s].name for s in places.tolist()])
 
     def unknown(self) -> bool:

@@ -152,7 +152,6 @@ def _spend(made: Supervisors, state: SupervisorState, s: int, since: float) -> N
 
 @compiled
 def _commanded(made: Supervisors, s: int) -> int:
-    """Number of devices that a supervisor commands."""
     found = 0
     for d in range(made.devices.shape[1]):
         found += made.devices[s, d].place != UNSET

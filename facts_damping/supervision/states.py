@@ -143,17 +143,11 @@ def judge(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> Non
             row.over_ns[m] = end_ns
         if _due(made, state, s, m) and watched.follows > worst:
             worst, cause = watched.follows, m
-    if row.state == ARMED and worst == FALL_BACK and reserve_is_there(made, state, s, end_ns):
+    waits = made.thresholds[s, monitors.LOCAL].limit
+    recent = row.reserve_ns != UNSET and (end_ns - row.reserve_ns) * 1e-9 <= waits  # setpoint of a fallback
+    if row.state == ARMED and worst == FALL_BACK and recent:
         change(state, s, FALLBACK, cause, end_ns, own.fall_back_ramp)
     elif (row.state == ARMED and worst >= FALL_BACK) or (row.state == FALLBACK and worst == TRIP):
         change(state, s, TRIPPED, cause, end_ns, own.trip_ramp)
     elif row.state == FALLBACK and (end_ns - max(row.sound_ns, row.begun_ns)) * 1e-9 >= own.recovery:
         change(state, s, ARMED, row.cause, end_ns, own.fall_back_ramp)
-
-
-@compiled
-def reserve_is_there(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> bool:
-    """Whether there is a fallback with a recent setpoint."""
-    row = state.rows[s]
-    waits = made.thresholds[s, monitors.LOCAL].limit
-    return bool(row.reserve_ns != UNSET and (end_ns - row.reserve_ns) * 1e-9 <= waits)
