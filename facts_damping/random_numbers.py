@@ -50,10 +50,10 @@ def _double(raw: Raw, at: Int1) -> float:
 def _standard_normal(n: Ziggurat, raw: Raw, at: Int1) -> float:
     """A normal number of mean 0 and standard deviation 1."""
     while True:
-        drawn = _next(raw, at)
-        layer = np.int64(drawn & np.uint64(0xFF))
-        negative = (drawn >> np.uint64(8)) & np.uint64(1) != np.uint64(0)
-        bits = (drawn >> np.uint64(9)) & np.uint64(2**52 - 1)
+        word = _next(raw, at)
+        layer = np.int64(word & np.uint64(0xFF))
+        negative = (word >> np.uint64(8)) & np.uint64(1) != np.uint64(0)
+        bits = (word >> np.uint64(9)) & np.uint64(2**52 - 1)
         x = bits * n.width[layer]
         if negative:
             x = -x
@@ -76,8 +76,8 @@ def _standard_normal(n: Ziggurat, raw: Raw, at: Int1) -> float:
 def _standard_exponential(e: Ziggurat, raw: Raw, at: Int1) -> float:
     """An exponential number of mean 1."""
     while True:
-        drawn = _next(raw, at) >> np.uint64(3)
-        layer, bits = np.int64(drawn & np.uint64(0xFF)), drawn >> np.uint64(8)
+        word = _next(raw, at) >> np.uint64(3)
+        layer, bits = np.int64(word & np.uint64(0xFF)), word >> np.uint64(8)
         x = bits * e.width[layer]
         if bits < e.inside[layer]:
             return x  # type: ignore[no-any-return]
@@ -228,9 +228,9 @@ def integers(generator: np.random.Generator, bound: int, size: Size) -> NDArray[
     return found
 
 
-def _keep_half(source: np.random.BitGenerator, raw: Raw, taken: int) -> None:
+def _keep_half(source: np.random.BitGenerator, raw: Raw, used: int) -> None:
     """Store the upper half of the last number, if unused, for the next draw of halves."""
     state: Any = source.state
-    if taken % 2:
-        state["has_uint32"], state["uinteger"] = 1, int(raw[taken // 2]) >> 32
+    if used % 2:
+        state["has_uint32"], state["uinteger"] = 1, int(raw[used // 2]) >> 32
         source.state = state

@@ -85,7 +85,7 @@ def _channel(pmu: Pmu, quantity: str, asked: Channels, configured: PmuConfigurat
     return names.index(channel.channel), (-unit if channel.reverse else unit) / pmu.one(quantity)
 
 
-def told(found: Places, data: Data) -> tuple[Float2, Int1, Bool1]:
+def values_of(found: Places, data: Data) -> tuple[Float2, Int1, Bool1]:
     """Values of the PMUs in a frame (PMUs, CHANNELS), status bits, and whether a PMU is absent.
 
     Powers that are not sent are computed from the phasors: P + jQ = V I*.

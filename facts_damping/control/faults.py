@@ -43,8 +43,8 @@ def faults(given: Sequence[Sequence[ControllerFault]], frame_rate: int, seed: in
             row["first"] = math.ceil(one.start * frame_rate)
             over = np.inf if one.duration is None else math.ceil((one.start + one.duration) * frame_rate)
             row["end"] = min(over, np.iinfo(np.int64).max)
-    drawn = random_numbers.standard_normal(np.random.default_rng((seed, 4)), (len(given), CHANCES if maximum else 0))
-    return Faults(rows, drawn)
+    chance = random_numbers.standard_normal(np.random.default_rng((seed, 4)), (len(given), CHANCES if maximum else 0))
+    return Faults(rows, chance)
 
 
 @compiled

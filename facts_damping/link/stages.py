@@ -154,14 +154,14 @@ def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Gen
 
     For `flip` 1 + number of the inverted bit, counted over all values of an entry; 0: none.
     """
-    drawn = MODELS[stage.model].draw
+    sample = MODELS[stage.model].draw
     if stage.model == "flip":
-        turned = random_numbers.random(random, size) < stage.probability
+        inverted = random_numbers.random(random, size) < stage.probability
         bit = random_numbers.integers(random, BITS * MAX_VALUES, size)
-        return np.asarray(np.where(turned, 1 + bit, 0), np.int64)
-    if drawn is None:
+        return np.asarray(np.where(inverted, 1 + bit, 0), np.int64)
+    if sample is None:
         return np.asarray(random_numbers.random(random, size) < stage.probability, np.int64)
-    delay = drawn(stage, size, channels, random)
+    delay = sample(stage, size, channels, random)
     lost = np.isnan(delay)
     times = np.rint(np.clip(np.where(lost, 0.0, delay), 0.0, LONGEST_S) * NANOSECONDS)
     return np.where(lost, LOST, times.astype(np.int64))

@@ -234,12 +234,12 @@ def report(
     """
     if m.filtered:
         take_sample(state, phasors)
-    told = tick - m.delay
-    at_ns = told * NANOSECONDS // m.frame_rate
+    reported = tick - m.delay
+    at_ns = reported * NANOSECONDS // m.frame_rate
     for s in range(frame.shape[0]):
         own = frame[s]
         measured_ns[s], status[s] = at_ns, 0
-        if told < 0:
+        if reported < 0:
             own[:] = math.nan
             measured_ns[s] = LOST
             continue
@@ -250,7 +250,7 @@ def report(
             if at_ns >= m.errors[s].lost_ns:
                 error += m.errors[s].drift * (at_ns - m.errors[s].lost_ns) * 1e-9
                 status[s] = UNSYNCHRONISED
-            _spoil(m, told, at_ns, s, error, own)
+            _spoil(m, reported, at_ns, s, error, own)
             measured_ns[s] += math.floor(error * 1e9 + 0.5)
             if measured_ns[s] < 0:  # like frames before the start
                 own[:] = math.nan
@@ -259,6 +259,6 @@ def report(
         if m.filtered or not m.exact:
             _power(own)
         if not m.exact:
-            _hold(m, state, told, at_ns, s, own)
+            _hold(m, state, reported, at_ns, s, own)
         if not (math.isfinite(own[VM]) and math.isfinite(own[IM])):
             status[s] |= DATA_ERROR

@@ -73,9 +73,9 @@ def initial_watch(devices: int) -> NDArray[Any]:
 
 def initial_clock_state(devices: int) -> NDArray[Any]:
     """Initial state of `late_by_clock` for a number of devices."""
-    heard = np.zeros(devices, LAST_ACCEPTED)
-    heard["accepted_ns"] = NEVER
-    return heard
+    last = np.zeros(devices, LAST_ACCEPTED)
+    last["accepted_ns"] = NEVER
+    return last
 
 
 @compiled
@@ -122,14 +122,14 @@ def release(watch: Any) -> None:
     watch.released, watch.good = 1, 0
 
 
-def late_by_clock(watch: NDArray[Any], heard: NDArray[Any], now_s: float, timeout_s: float) -> list[int]:
+def late_by_clock(watch: NDArray[Any], last: NDArray[Any], now_s: float, timeout_s: float) -> list[int]:
     """The devices to be released: their watchdogs have accepted nothing for a time-out of the wall clock as well.
 
-    `heard`: one row per device, updated; `now_s`: wall time, s. Called once per tick, in real time.
+    `last`: one row per device, updated; `now_s`: wall time, s. Called once per tick, in real time.
     """
-    heard["at_s"][watch["accepted_ns"] != heard["accepted_ns"]] = now_s
-    heard["accepted_ns"] = watch["accepted_ns"]
-    late = (heard["accepted_ns"] != NEVER) & (now_s - heard["at_s"] > timeout_s) & (watch["released"] == 0)
+    last["at_s"][watch["accepted_ns"] != last["accepted_ns"]] = now_s
+    last["accepted_ns"] = watch["accepted_ns"]
+    late = (last["accepted_ns"] != NEVER) & (now_s - last["at_s"] > timeout_s) & (watch["released"] == 0)
     return [int(device) for device in np.flatnonzero(late)]
 
 

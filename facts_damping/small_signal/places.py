@@ -84,13 +84,13 @@ def places(system: System) -> list[Place]:
     """
     own = [Place(d, d.place, True) for d in system.devices]
     in_series = {d.line for d in system.devices if isinstance(d, Series)}
-    taken = {row.bus for row in system.infinite_buses} | {m.bus for m in system.machines}
-    taken |= {d.bus for d in system.devices if isinstance(d, Parallel)}
+    occupied = {row.bus for row in system.infinite_buses} | {m.bus for m in system.machines}
+    occupied |= {d.bus for d in system.devices if isinstance(d, Parallel)}
     names = {d.name for d in system.devices}
     name = next(n for n in (NEW, *(f"{NEW}_{i}" for i in range(2, 100))) if n not in names)
     lines = [line for line in system.lines if line.name not in in_series]
     series = [Place(Sssc(name=name, line=line.name, kind="sssc"), line.name, False) for line in lines]
-    buses = [bus.name for bus in system.buses if bus.name not in taken]
+    buses = [bus.name for bus in system.buses if bus.name not in occupied]
     parallel = [Place(Statcom(name=name, bus=bus, kind="statcom", **STATCOM), bus, False) for bus in buses]
     return [*own, *series, *parallel]
 
@@ -110,11 +110,11 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
     the active power of each line. Existing signals are not duplicated.
     """
     pmus = {s.machine: s.name for s in system.pmus if s.machine is not None}
-    taken = {s.name for s in system.pmus}
+    used = {s.name for s in system.pmus}
     more: list[Pmu] = []
     for m in system.machines:
         if m.name not in pmus:
-            pmus[m.name] = _free(m.name, taken)
+            pmus[m.name] = _free(m.name, used)
             more.append(Pmu(name=pmus[m.name], machine=m.name))
     weights = {"_".join(["w", *names]): _difference([pmus[name] for name in names]) for names in _opposed(modes)}
     means = _mean_speeds(system, pmus)
@@ -127,7 +127,7 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
     measured = _measured_flows(system)
     for line in system.lines:
         if line.name not in measured:
-            own_name = _free(f"P_{line.name}", taken)
+            own_name = _free(f"P_{line.name}", used)
             more.append(Pmu(name=own_name, bus=line.from_bus, branches=[line.name]))
             flow = Signal(channel=FLOW, weights={own_name: 1.0}, deviation=True)
             new[_free(f"p_{line.name}", named)] = flow
@@ -153,11 +153,11 @@ def only(system: System, signals: Sequence[str], own: System) -> System:
     return system.model_copy(update={"signals": kept, "pmus": pmus})
 
 
-def _free(name: str, taken: set[str]) -> str:
-    """An unused name, which is then added to `taken`."""
-    while name in taken:
+def _free(name: str, used: set[str]) -> str:
+    """An unused name, which is then added to `used`."""
+    while name in used:
         name += "_"
-    taken.add(name)
+    used.add(name)
     return name
 
 

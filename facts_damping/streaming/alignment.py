@@ -32,7 +32,7 @@ class AlignedFrame(NamedTuple):
     values: Float2  # (PMUs, CHANNELS); NaN: no value
     status: Int1  # (PMUs,)
     there: Bool1  # (PMUs,): has values
-    heard: Bool1  # (PMUs,): has reported, be it values or absence
+    reported: Bool1  # (PMUs,): has reported, be it values or absence
 
 
 class Alignment:
@@ -47,18 +47,18 @@ class Alignment:
         self._open: dict[int, AlignedFrame] = {}
         self._given: int | None = None  # the newest instant emitted or over
 
-    def put(self, instant: int, said: PmuReport) -> bool:
+    def put(self, instant: int, report: PmuReport) -> bool:
         """Add a report of an instant. Returns whether it was in time."""
         if self._given is not None and instant <= self._given:
-            self.late += len(said.where)
+            self.late += len(report.where)
             return False
         if instant not in self._open:
             n = len(self.awaited)
             empty = np.full((n, len(CHANNELS)), np.nan), np.zeros(n, np.int64), np.zeros(n, bool), np.zeros(n, bool)
             self._open[instant] = AlignedFrame(instant, *empty)
-        one, where = self._open[instant], said.where
-        one.values[where], one.status[where], one.heard[where] = said.values, said.status, True
-        one.there[where] = True if said.absent is None else ~said.absent
+        one, where = self._open[instant], report.where
+        one.values[where], one.status[where], one.reported[where] = report.values, report.status, True
+        one.there[where] = True if report.absent is None else ~report.absent
         return True
 
     def take(self, over: int | None = None) -> Iterator[AlignedFrame]:
@@ -66,7 +66,7 @@ class Alignment:
         for instant in sorted(self._open):
             one = self._open[instant]
             follows = self._given is None or instant == self._given + 1
-            whole = follows and one.heard[self.awaited].all()
+            whole = follows and one.reported[self.awaited].all()
             if not whole and (over is None or instant > over):
                 break
             self._given = instant

@@ -64,7 +64,7 @@ class Sources:
         found = self._places[i]
         if found is None:
             return
-        values, status, absent = mapping.told(found, what.data)
+        values, status, absent = mapping.values_of(found, what.data)
         if what.quality & stat.FAULT == stat.FAULT:
             status |= UNSYNCHRONISED
         rate = self._case.run.frame_rate
@@ -128,11 +128,11 @@ class Sources:
 
     def rows(self, tick: Tick, start_ns: int) -> NDArray[Any]:
         """Entries of a tick (DELIVERY), for PMUs with values."""
-        self._seen = np.zeros(len(self.grid), bool) if tick.said is None else tick.said.there
-        if tick.said is None:
+        self._seen = np.zeros(len(self.grid), bool) if tick.frame is None else tick.frame.there
+        if tick.frame is None:
             return np.zeros(0, DELIVERY)
         measured = tick_ns(tick.number - self.following.ahead, self._case.run.frame_rate)
-        return entries(start_ns, tick.said.values, np.where(tick.said.there, measured, LOST), tick.said.status)
+        return entries(start_ns, tick.frame.values, np.where(tick.frame.there, measured, LOST), tick.frame.status)
 
     def _names(self, places: NDArray[np.intp]) -> str:
         return some_of([self.grid[s].name for s in places.tolist()])

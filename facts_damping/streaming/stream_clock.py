@@ -26,7 +26,7 @@ class Tick(NamedTuple):
     """A tick that is over."""
 
     number: int
-    said: AlignedFrame | None  # None: nothing arrived
+    frame: AlignedFrame | None  # None: nothing arrived
 
 
 class Following:
@@ -41,12 +41,12 @@ class Following:
         self._min_s = -math.inf  # earliest plausible value of `_due_s`
         self._off_s = math.inf  # since when all instants have been out of range
 
-    def put(self, instant: int, said: PmuReport, now_s: float) -> None:
+    def put(self, instant: int, report: PmuReport, now_s: float) -> None:
         """Add a report of an instant."""
         if self.first is None:
             self._begin(instant, now_s)
         begun_s = now_s - self.tick(instant) / self._rate
-        if begun_s < self._min_s or not self.alignment.put(instant, said):
+        if begun_s < self._min_s or not self.alignment.put(instant, report):
             self._off_s = min(self._off_s, now_s)
             if now_s - self._off_s > OFF_S:
                 self.moved += 1

@@ -60,13 +60,13 @@ def supervise(
         probe.write_regressors(made, state, s, tick, state.commanded[s, row.probed].output)
     if row.state not in (ARMED, FALLBACK):
         first = emit_zero(made, state, s, tick, end_ns - 1, out, first)
-    _take_frames(made, state, s, tick, delivered, count, answered)
+    _process_frames(made, state, s, tick, delivered, count, answered)
     _judge(made, state, s, tick, end_ns, devices, lapses)
     return first
 
 
 @entry_point
-def _take_frames(
+def _process_frames(
     made: Supervisors, state: SupervisorState, s: int, tick: int, delivered: Deliveries, count: int, answered: bool
 ) -> None:
     """Process the frames of a tick, one arrival time after another, as the controller does."""
@@ -109,16 +109,16 @@ def _judge(
 @entry_point
 def write_status(made: Supervisors, state: SupervisorState, s: int, tick: int, out: Supervisions, at: int) -> bool:
     """Write a supervisor's status after a tick to `out[at]`; returns False if it has failed."""
-    told = out[at]
+    report = out[at]
     row, own = state.rows[s], made.settings[s]
     if row.tick != tick:
         return False
-    told.tick, told.controller, told.state = row.tick, own.controller, row.state
-    told.cause, told.refused, told.fraction = row.cause, row.refused, fraction(row, row.now_ns)
+    report.tick, report.controller, report.state = row.tick, own.controller, row.state
+    report.cause, report.refused, report.fraction = row.cause, row.refused, fraction(row, row.now_ns)
     for m in range(row.values.size):
-        told.values[m] = row.values[m]
-    told.probe_gain = told.probe_phase = told.probe_coherence = math.nan
-    told.added_damping = told.phase_margin = told.gain_margin = math.nan
+        report.values[m] = row.values[m]
+    report.probe_gain = report.probe_phase = report.probe_coherence = math.nan
+    report.added_damping = report.phase_margin = report.gain_margin = math.nan
     added, worst = 0j, -1.0
     for d in range(made.devices.shape[1]):
         found = state.commanded[s, d]
@@ -128,11 +128,11 @@ def write_status(made: Supervisors, state: SupervisorState, s: int, tick: int, o
         added += found.added
         if apart > worst:
             worst = apart
-            told.probe_gain, told.probe_phase, told.probe_coherence = found.gain, found.phase, found.coherence
+            report.probe_gain, report.probe_phase, report.probe_coherence = found.gain, found.phase, found.coherence
     if worst >= 0.0:
-        told.added_damping = -added.real
-        told.phase_margin = math.pi / 2.0 - abs(phase(-added)) if magnitude(added) > 0.0 else math.nan
-        told.gain_margin = -own.sigma / added.real if added.real * own.sigma < 0.0 else math.nan
+        report.added_damping = -added.real
+        report.phase_margin = math.pi / 2.0 - abs(phase(-added)) if magnitude(added) > 0.0 else math.nan
+        report.gain_margin = -own.sigma / added.real if added.real * own.sigma < 0.0 else math.nan
     return True
 
 

@@ -38,7 +38,7 @@ def test_there_and_back(given: tuple[bool, ...], kind: str) -> None:
     words, values = np.array([0, 0x2000, 0xC000]), measured()
     sent = data.encode(data.layout(c), system_pmus.to_data(GRID, values, words))
     where = mapping.places(told, GRID, {})
-    found, states, absent = mapping.told(where, data.decode(data.layout(told), sent))
+    found, states, absent = mapping.values_of(where, data.decode(data.layout(told), sent))
     np.testing.assert_array_equal(where.pmus, [0, 1, 2])
     np.testing.assert_array_equal(states, [0, 0x2000, 0x8000])
     assert not absent.any()

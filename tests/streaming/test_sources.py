@@ -156,7 +156,7 @@ def test_hostile_servers_end_nothing() -> None:
     """Of mutated frames each is refused, read, or of no use; none ends the client, and ticks stay few."""
     served, rng, receiver, found = stream([0, 1, 2]), np.random.default_rng(3), Receiver(), sources(SOUTH)
     good = [one for kind in (2, 3) for one in session.answers(served, f"send_configuration_{kind}", 1, 0)]
-    good += [session.told(served, instant([0, 1, 2], k)) for k in range(6)]
+    good += [session.data_frame(served, instant([0, 1, 2], k)) for k in range(6)]
     ticks = 0
     for i in range(MUTATED):
         now_s = i / 600

@@ -132,10 +132,10 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     magnitude, angle = np.ones(len(names)), np.zeros(len(names))
     for machine in system.machines:
         scheduled[index[machine.bus]] += (machine.P or 0.0) / system.base_power
-    taken = np.zeros(len(names), np.complex128)
+    of_devices = np.zeros(len(names), np.complex128)
     for bus, power in draws:
-        taken[index[bus]] += power
-    scheduled -= taken
+        of_devices[index[bus]] += power
+    scheduled -= of_devices
     fixed: list[Machine | InfiniteBus] = [*system.infinite_buses, *(m for m in system.machines if m.slack)]
     held: list[Machine | InfiniteBus] = [*system.infinite_buses, *system.machines]
     for source in fixed:
@@ -160,7 +160,7 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
             f"system {system.name}: power flow does not converge: mismatch {residual:.3g} p.u. after "
             f"{MAX_ITERATIONS} iterations; allowed: {TOLERANCE:g}"
         )
-    drawn = demand(system, names, magnitudes(voltage))[0] + taken
+    drawn = demand(system, names, magnitudes(voltage))[0] + of_devices
     net = times(voltage, np.conj(product(matrix, voltage))) + drawn
     generation = {
         name: fraction for i in kept for name, fraction in _shared(held, names[i], complex(net[i]), system.base_power)
