@@ -223,14 +223,10 @@ def integers(generator: np.random.Generator, bound: int, size: Size) -> NDArray[
         raw = np.concatenate([raw, source.random_raw((flat.size - done) // 2 + 64)])
         done += _bounded(bound, raw, at, flat[done:])
     source.state = before
-    source.random_raw((int(at[0]) + 1) // 2, output=False)
-    _keep_half(source, raw, int(at[0]))
-    return found
-
-
-def _keep_half(source: np.random.BitGenerator, raw: Raw, used: int) -> None:
-    """Store the upper half of the last number, if unused, for the next draw of halves."""
-    state: Any = source.state
-    if used % 2:
+    used = int(at[0])
+    source.random_raw((used + 1) // 2, output=False)
+    if used % 2:  # the upper half of the last number is for the next draw of halves
+        state: Any = source.state
         state["has_uint32"], state["uinteger"] = 1, int(raw[used // 2]) >> 32
         source.state = state
+    return found

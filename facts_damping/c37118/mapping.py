@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from facts_damping.c37118.configuration import Configuration, PmuConfiguration
     from facts_damping.c37118.data import Data
     from facts_damping.c37118.system_pmus import Pmu
-    from facts_damping.compiling.structs import Bool1, Float1, Float2, Int1, Int2
+    from facts_damping.compiling.structs import Bool1, Float2, Int1, Int2
 
 NAMES = dict(zip(UNITS, (*system_pmus.PHASORS, *system_pmus.ANALOGS), strict=True))  # channel names of our servers
 VOLTAGE, CURRENT, ACTIVE, REACTIVE, SPEED = range(len(UNITS))
@@ -45,7 +45,8 @@ def places(c: Configuration, grid: Sequence[Pmu], wanted: Mapping[str, Channels]
     rows = []
     for s, pmu in enumerate(grid):
         asked = wanted.get(pmu.name, Channels())
-        p = _pmu(c, pmu.name if asked.pmu is None else asked.pmu)
+        named = pmu.name if asked.pmu is None else asked.pmu
+        p = next((i for i, sent in enumerate(c.pmus) if named in (sent.name, sent.idcode)), None)
         if p is None:
             continue
         where, scale = zip(*(_channel(pmu, quantity, asked, c.pmus[p]) for quantity in UNITS), strict=True)
@@ -59,10 +60,6 @@ def places(c: Configuration, grid: Sequence[Pmu], wanted: Mapping[str, Channels]
         np.array(found[2], np.int64).reshape(shape),
         np.array(found[3], float).reshape(shape),
     )
-
-
-def _pmu(c: Configuration, named: str | int) -> int | None:
-    return next((i for i, configured in enumerate(c.pmus) if named in (configured.name, configured.idcode)), None)
 
 
 def _channel(pmu: Pmu, quantity: str, asked: Channels, configured: PmuConfiguration) -> tuple[int, float]:
@@ -98,7 +95,8 @@ def values_of(found: Places, data: Data) -> tuple[Float2, Int1, Bool1]:
         (system_pmus.CURRENT, system_pmus.CURRENT_ANGLE, amperes, CURRENT),
     ):
         values[:, magnitude] = sent[:, 0] * np.abs(found.scale[:, of])
-        values[:, angle] = np.where(found.scale[:, of] < 0.0, _opposite(sent[:, 1]), sent[:, 1])
+        opposite = np.where(sent[:, 1] > 0.0, sent[:, 1] - np.pi, sent[:, 1] + np.pi)
+        values[:, angle] = np.where(found.scale[:, of] < 0.0, opposite, sent[:, 1])
     power = values[:, system_pmus.MAGNITUDE] * values[:, system_pmus.CURRENT]
     between = values[:, system_pmus.ANGLE] - values[:, system_pmus.CURRENT_ANGLE]
     for column, of, own in (
@@ -112,8 +110,3 @@ def values_of(found: Places, data: Data) -> tuple[Float2, Int1, Bool1]:
     values[:, system_pmus.ROCOF] = data.rocof[found.blocks]
     words = data.status[found.blocks]
     return values, stat.status(words), stat.absent(words, values)
-
-
-def _opposite(angle: Float1) -> Float1:
-    """An angle plus half a turn, within -pi to pi."""
-    return np.where(angle > 0.0, angle - np.pi, angle + np.pi)

@@ -60,33 +60,20 @@ def configuration(
     first_idcode: int = 1,
 ) -> Configuration:
     """The stream of PMUs; formats as in `PmuConfiguration`; ranges: largest voltage and current in integers, p.u."""
-    return Configuration(
-        tuple(
-            PmuConfiguration(
-                pmu.name,
-                first_idcode + i,
-                (
-                    Phasor(PHASORS[0], current=False, scale=_scale(ranges[0] * pmu.volts)),
-                    Phasor(PHASORS[1], current=True, scale=_scale(ranges[1] * pmu.amperes)),
-                ),
-                tuple(Analog(name, 1, _whole(name, ranges[1] * pmu.base_mva * 1e3)) for name in ANALOGS),
-                nominal_hz=nominal_hz,
-                site=site or Site(),
-                **formats,  # type: ignore[arg-type]
-            )
-            for i, pmu in enumerate(pmus)
-        ),
-        rate,
-    )
+    made = []
+    for i, pmu in enumerate(pmus):
+        voltage, current = _scale(ranges[0] * pmu.volts), _scale(ranges[1] * pmu.amperes)
+        phasors = Phasor(PHASORS[0], scale=voltage), Phasor(PHASORS[1], current=True, scale=current)
+        power = float(math.ceil(ranges[1] * pmu.base_mva * 1e3 / COUNTS))
+        analogs = tuple(Analog(name, 1, scale) for name, scale in zip(ANALOGS, (power, power, 1.0), strict=True))
+        own = pmu.name, first_idcode + i, phasors, analogs
+        made.append(PmuConfiguration(*own, nominal_hz=nominal_hz, site=site or Site(), **formats))  # type: ignore[arg-type]
+    return Configuration(tuple(made), rate)
 
 
 def _scale(largest: float) -> float:
     """V or A per count, in whole steps of PHUNIT, exact in 32 bits as in configuration 3."""
     return float(np.float32(math.ceil(largest / COUNTS / UNIT) * UNIT))
-
-
-def _whole(name: str, largest: float) -> float:
-    return 1.0 if name == ANALOGS[2] else float(math.ceil(largest / COUNTS))
 
 
 def to_data(pmus: Sequence[Pmu], values: Float2, status: Int1) -> Data:

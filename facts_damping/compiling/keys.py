@@ -15,15 +15,12 @@ import types
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from facts_damping.compiling.kernels import EntryPoint, Kernel, Primitive
 from facts_damping.compiling.structs import Struct, described, layout
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 PACKAGE = "facts_damping"
 LOAD_GLOBAL, SHIFT = dis.opmap["LOAD_GLOBAL"], int(sys.version_info >= (3, 11))  # the argument has an index and a flag
@@ -104,11 +101,6 @@ def _signature(entry: EntryPoint) -> str:
     return f"{entry.symbol}{[described(kind) for kind in entry.kinds]}{entry.result}"
 
 
-def _structs(cls: Any) -> Iterator[str]:
-    for name, (kind, at) in layout(cls).items():
-        yield f"{cls.__module__}.{cls.__qualname__}.{name} {at} {described(kind)}"
-
-
 class _Walk:
     """Everything reachable from an entry point: texts of the key, and called entry points."""
 
@@ -155,7 +147,8 @@ class _Walk:
         )
         if own is not None and id(own) not in self._seen:
             self._seen.add(id(own))
-            self.texts += _structs(own)
+            for name, (inner, at) in layout(own).items():
+                self.texts.append(f"{own.__module__}.{own.__qualname__}.{name} {at} {described(inner)}")
             for inner, _ in layout(own).values():
                 self._struct(inner)
 

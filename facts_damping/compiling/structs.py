@@ -137,16 +137,13 @@ class Struct:
     def _split(self) -> None:
         """Make the rows `each`: views of every field along the first axis."""
         if self._each is not None and self.complete:
-            rows = Table([self._row(i) for i in range(self._many())])
-            self.__dict__["each"] = rows
+            many = next(len(value) for value in self if isinstance(value, np.ndarray))
+            self.__dict__["each"] = rows = Table([self._row(i) for i in range(many)])
             own: Any = type(self)
             self.block[layout(own)["each"][1]] = rows.pointer
         for owner in self.owners:
             if (one := owner()) is not None:
                 one._split()  # noqa: SLF001 (another of its kind)
-
-    def _many(self) -> int:
-        return next(len(value) for value in self if isinstance(value, np.ndarray))
 
     def _row(self, i: int) -> Struct:
         own: Any = self._each

@@ -47,18 +47,16 @@ def between(ids: Identifiers, state: IdentifierState, n: int, now: int, frames: 
 
 @compiled
 def fill(into: Float1, ids: Identifiers, state: IdentifierState, n: int, now: int, elapsed: int) -> None:
-    """Mean setpoint of each device in force over the `elapsed` ns before `now`; 1 = the device's limit."""
+    """Mean setpoint of each device in force over the `elapsed` ns before `now`; 1 = the device's limit.
+
+    It is sampled at the middle of each frame.
+    """
+    frames = ids.horizon[n]
     for d in range(into.size):
-        into[d] = _mean(ids, state, n, d, now, elapsed) / ids.limit[n, d]
-
-
-@compiled
-def _mean(ids: Identifiers, state: IdentifierState, n: int, d: int, now: int, elapsed: int) -> float:
-    """Mean setpoint of device d over the `elapsed` ns before `now`, sampled at the middle of each frame, p.u."""
-    frames, total = ids.horizon[n], 0.0
-    for j in range(frames):
-        total += _given(state, n, d, now - (2 * j + 1) * elapsed // (2 * frames) - ids.loop_delay_ns[n])
-    return total / frames  # type: ignore[no-any-return]
+        total = 0.0
+        for j in range(frames):
+            total += _given(state, n, d, now - (2 * j + 1) * elapsed // (2 * frames) - ids.loop_delay_ns[n])
+        into[d] = total / frames / ids.limit[n, d]
 
 
 @compiled

@@ -34,10 +34,6 @@ CHANCE = (DRAWN, DUPLICATE, FLIP)  # stages that need draws
 BITS, MAX_VALUES = 64, len(CHANNELS)  # bits of a value; most values of an entry
 
 
-def _none(_stage: Any, so_far: float) -> float:
-    return so_far
-
-
 # Functions that draw a delay for each entry of each channel, (draws, copies, channels), s; NaN: the entry is lost.
 
 
@@ -117,7 +113,9 @@ class StageKind(NamedTuple):
 
     code: int
     draw: Callable[[Any, Shape, Sequence[str], np.random.Generator], NDArray[np.float64]] | None = None
-    mean: Callable[[Any, float], float] = _none  # (stage, mean delay before it, s) to mean delay after it, s
+    mean: Callable[[Any, float], float] = lambda _stage, so_far: (
+        so_far
+    )  # (stage, mean delay before it, s) to mean delay after it, s
     time: str = ""  # name of its field that is a time
     number: str = ""  # name of its other numeric field
 

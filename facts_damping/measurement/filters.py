@@ -68,14 +68,10 @@ def reference_filter(measurement: Measurement, nominal: float, frame_rate: int) 
         reference, length = _m_class(nominal, frame_rate)
         t = step * np.arange(math.floor(length / 2.0 / step + 1e-9) + 1)
         window = [0.54 + 0.46 * cos(2.0 * math.pi * at / length) for at in t.tolist()]
-        weights = np.array([_sinc(4.0 * reference * at) for at in t.tolist()]) * np.array(window)
+        turned = [math.pi * (4.0 * reference * at) for at in t.tolist()]
+        weights = np.array([sin(x) / x if x != 0.0 else 1.0 for x in turned]) * np.array(window)
     weights = weights / (weights[0] + 2.0 * weights[1:].sum())
     return Filter(np.asarray(weights, np.float64), per_frame, -(-len(weights) // per_frame))
-
-
-def _sinc(x: float) -> float:
-    """sin(pi x) / (pi x)."""
-    return sin(math.pi * x) / (math.pi * x) if x != 0.0 else 1.0
 
 
 def _m_class(nominal: float, frame_rate: int) -> tuple[float, float]:

@@ -194,13 +194,6 @@ def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: Float1
 
 
 @compiled
-def _power(frame: Float1) -> None:
-    """Compute P + j Q = V I* from the reported phasors."""
-    size, angle = frame[VM] * frame[IM], frame[VA] - frame[IA]
-    frame[P], frame[Q] = size * cos(angle), size * sin(angle)
-
-
-@compiled
 def _copy(values: Float1, into: Float1) -> None:
     for j in range(values.size):
         into[j] = values[j]
@@ -257,7 +250,8 @@ def report(
                 measured_ns[s] = LOST
                 continue
         if m.filtered or not m.exact:
-            _power(own)
+            size, angle = own[VM] * own[IM], own[VA] - own[IA]  # P + j Q = V I* of the reported phasors
+            own[P], own[Q] = size * cos(angle), size * sin(angle)
         if not m.exact:
             _hold(m, state, reported, at_ns, s, own)
         if not (math.isfinite(own[VM]) and math.isfinite(own[IM])):

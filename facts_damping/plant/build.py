@@ -16,7 +16,7 @@ from facts_damping.plant import load_noise
 from facts_damping.plant.converters import devices
 from facts_damping.plant.converters.dead_time import line
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
-from facts_damping.plant.events import TopologyInterval, topology_intervals
+from facts_damping.plant.events import topology_intervals
 from facts_damping.plant.grid import load
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 from facts_damping.plant.grid.reduction import Place, reduce_network
@@ -80,6 +80,8 @@ def build(
         placed["watchdog"] = watchdog
     norton = rotating.rows["admittance"]
     pmus = [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.pmus]
+    online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
+    scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=to_ns(system.step),
@@ -95,8 +97,8 @@ def build(
         devices=placed[: len(installed)],
         infinite=np.array([flow.voltage[flow.names.index(i.bus)] for i in system.infinite_buses], np.complex128),
         stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
-        mechanical_power=np.array([_mechanical_power(system, rotating.power, s) for s in steps]),
-        online=np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps]),
+        mechanical_power=np.where(online > 0.0, rotating.power * np.array(scales), 0.0),
+        online=online,
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
         load_noise=load_noise.table(drawn, loads),
         network=np.array([reduce_network(system, ports.places, norton, s.topology, magnitude) for s in steps]),
@@ -271,14 +273,6 @@ def _devices(
         rows[d]["port"] = ports.add(DEVICE, d, places[0], start.minimum, start.maximum)
         for place in places[1:]:
             rows[d]["other"] = ports.add(OTHER_END, d, place)
-        names = devices.states_of(device)
+        names = [*devices.KINDS[device.kind].states, *(["reference"] if device.response_time > 0.0 else [])]
         states.add(device.name, names, [*start.states, *([0.0] * (len(names) - len(start.states)))])
     return rows
-
-
-def _mechanical_power(system: System, power: Float1, stage: TopologyInterval) -> list[float]:
-    """Mechanical powers in a stage, p.u. of the ratings; 0 for a tripped machine."""
-    return [
-        0.0 if m.name in stage.topology.machines_out else power[g] * stage.mechanical_scale.get(m.name, 1.0)
-        for g, m in enumerate(system.machines)
-    ]

@@ -30,15 +30,6 @@ def _field_current(m: Any, x: Float1, current: complex, saturation: float, emf: 
 
 
 @compiled
-def _sense(c: Any, omega: float, asked: float, seen: complex, current: complex, ifd: float, s: Float1) -> None:
-    """Write the inputs of blocks into `s`, p.u. of the rating; `seen`: terminal voltage in the rotor's frame."""
-    s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, magnitude(seen), omega, ifd
-    s[VD], s[VQ], s[ID], s[IQ] = seen.real, seen.imag, current.real, current.imag
-    s[PE] = (seen * current.conjugate()).real
-    s[VREF], s[PREF] = c.Vref, asked + c.power_offset
-
-
-@compiled
 def _given(plant: Plant, first: int, end: int, gives: int, x: Float1, dx: Float1, work: Work) -> float:
     """The output of a block control; writes the derivatives of its states, 1/s."""
     blocks.outputs(plant.blocks, first, end, AT, x, work.signals)
@@ -71,7 +62,11 @@ def move(
     if plant.blocks.size > 0:
         c = plant.controls[g]
         ifd = _field_current(m, x, current, saturation, work.emf[g])
-        _sense(c, omega, asked, voltage * work.rotation[g].conjugate(), current, ifd, s)
+        seen = voltage * work.rotation[g].conjugate()  # in the rotor's frame
+        s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, magnitude(seen), omega, ifd
+        s[VD], s[VQ], s[ID], s[IQ] = seen.real, seen.imag, current.real, current.imag
+        s[PE] = (seen * current.conjugate()).real
+        s[VREF], s[PREF] = c.Vref, asked + c.power_offset
         if c.governor_end > c.governor_first:
             driven = _given(plant, c.governor_first, c.governor_end, c.governor_gives, x, dx, work)
         s[PA] = driven - s[PE]

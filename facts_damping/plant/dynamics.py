@@ -135,7 +135,8 @@ def _port_derivatives(plant: Plant, x: Float1, reference: Float1, dx: Float1, wo
     for i in range(plant.placed.size):
         d = plant.placed[i]
         u = devices.reference_of(reference, i)
-        devices.lag_derivative(d, x, u, dx)
+        if d.response_time > 0.0:  # its lag also moves while the device is blocked
+            dx[d.lag] = (u - x[d.lag]) / d.response_time
         if work.blocked[d.port]:
             for k in range(d.states):
                 dx[d.offset + k] = 0.0

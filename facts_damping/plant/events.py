@@ -97,8 +97,9 @@ def _fault(before: Topology, event: events.Fault | events.Clear, where: str) -> 
         if not burning:
             places = ", ".join(place.bus or place.line or "" for place in before.faults)
             raise InputError(f"{where}: '{element}' given, where no fault burns; allowed: {places or 'none'}")
-        return before.without_fault(event.bus, event.line)
+        return replace(before, faults={place: z for place, z in before.faults.items() if place not in burning})
     if burning:
         raise InputError(f"{where}: '{element}' given, where a fault burns already; allowed: one fault an element")
     location = event.location if event.line is not None else 0.0
-    return before.with_fault(FaultPlace(event.bus, event.line, location), complex(event.r, event.x))
+    place = FaultPlace(event.bus, event.line, location)
+    return replace(before, faults={**before.faults, place: complex(event.r, event.x)})

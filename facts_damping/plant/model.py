@@ -136,18 +136,14 @@ def copy(state: PlantState) -> PlantState:
 
 
 @compiled
-def interval_at(plant: Plant, time_ns: int) -> int:
-    """Index of the stage at a time; an event acts from its own instant on."""
+def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
+    """Index of the stage at a time; an event acts from its own instant on.
+
+    If the stage begins there, the last solution is no start for the new network.
+    """
     stage = 0
     while stage + 1 < len(plant.stage_start_ns) and plant.stage_start_ns[stage + 1] <= time_ns:
         stage += 1
-    return stage
-
-
-@compiled
-def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
-    """Index of the stage at a time; if it begins there, the last solution is no start for the new network."""
-    stage = interval_at(plant, time_ns)
     if plant.stage_start_ns[stage] == time_ns:
         state.source[:] = 0.0
     return stage

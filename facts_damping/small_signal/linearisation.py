@@ -236,8 +236,13 @@ def mode(
     listed = {names[k]: float(fraction[k]) for k in np.argsort(-fraction) if fraction[k] >= NEGLIGIBLE}
     size = abs(eigenvalue)
     ratio = float(-eigenvalue.real / size) if size > 0 else 0.0
-    shape = _shape(names, right)
-    label = _label(_swing_fraction(names, fraction), shape, system)
+    speeds = {
+        name.removesuffix(".omega"): complex(v) for name, v in zip(names, right, strict=True) if name.endswith(".omega")
+    }
+    maximum = max(speeds.values(), key=abs, default=0j)
+    shape = {name: value / maximum if maximum else value for name, value in speeds.items()}  # the largest is one
+    swing = sum(s for name, s in zip(names, fraction, strict=True) if name.endswith((".delta", ".omega")))
+    label = _label(float(swing), shape, system)
     return Eigenmode(eigenvalue, float(eigenvalue.imag / (2 * np.pi)), ratio, listed, label, shape, [])
 
 
@@ -247,20 +252,6 @@ def unlike(one: Eigenmode, other: Eigenmode) -> float:
     size = np.vdot(a, a).real * np.vdot(b, b).real
     alike = abs(np.vdot(a, b)) ** 2 / size if size > 0.0 else 0.0
     return float(min(1.0, abs(one.eigenvalue - other.eigenvalue) / abs(one.eigenvalue) + 1.0 - alike))
-
-
-def _shape(names: Sequence[str], vector: NDArray[Any]) -> dict[str, complex]:
-    """Speeds of all machines in an eigenvector, scaled so that the largest is one."""
-    speeds = {
-        name.removesuffix(".omega"): complex(vector[k]) for k, name in enumerate(names) if name.endswith(".omega")
-    }
-    maximum = max(speeds.values(), key=abs, default=0j)
-    return {name: value / maximum if maximum else value for name, value in speeds.items()}
-
-
-def _swing_fraction(names: Sequence[str], fraction: Float1) -> float:
-    """Sum of the participations of rotor angles and speeds in a mode."""
-    return float(sum(s for name, s in zip(names, fraction, strict=True) if name.endswith((".delta", ".omega"))))
 
 
 def _label(swing: float, shape: dict[str, complex], system: System | None) -> str:

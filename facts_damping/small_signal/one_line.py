@@ -102,7 +102,13 @@ def draw(
     named = _machines(axes, system, at)
     if mode is not None:
         _arrows(axes, system, at, mode)
-    marks = [*named, *_devices(axes, system, installed, at), *_pmus(axes, where)]
+    marks = [
+        *named,
+        *_devices(axes, system, installed, at),
+    ]
+    for place in where.values():
+        axes.annotate("▲", tuple(place), (-9, 4), textcoords="offset points", fontsize=6, color="#D55E00", zorder=6)
+    marks += [_mark("^", "#D55E00", "PMU")] if where else []
     marks += _loops(axes, system, loops, where, at)
     axes.legend(handles=marks, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False)
     axes.set_aspect("equal")
@@ -183,12 +189,6 @@ def _devices(axes: Axes, system: System, installed: Sequence[str], at: Places) -
         state = "" if d.name in installed else ", not installed"
         marks.append(_mark(shape, "black", f"{d.name} ({d.kind}{state})", mfc=face))
     return marks
-
-
-def _pmus(axes: Axes, where: Places) -> list[Any]:
-    for place in where.values():
-        axes.annotate("▲", tuple(place), (-9, 4), textcoords="offset points", fontsize=6, color="#D55E00", zorder=6)
-    return [_mark("^", "#D55E00", "PMU")] if where else []
 
 
 def _loops(axes: Axes, system: System, loops: Sequence[Loop], where: Places, at: Places) -> list[Any]:

@@ -116,7 +116,10 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
         if m.name not in pmus:
             pmus[m.name] = _free(m.name, used)
             more.append(Pmu(name=pmus[m.name], machine=m.name))
-    weights = {"_".join(["w", *names]): _difference([pmus[name] for name in names]) for names in _opposed(modes)}
+    weights = {
+        "_".join(["w", *names]): dict(zip([pmus[name] for name in names], (1.0, -1.0), strict=False))
+        for names in _opposed(modes)
+    }
     means = _mean_speeds(system, pmus)
     for a, b in combinations(means, 2) if len(means) <= MAX_AREAS else ():
         weights[f"w_{a}_{b}"] = {**means[a], **{pmu: -w for pmu, w in means[b].items()}}
@@ -132,10 +135,6 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
             flow = Signal(channel=FLOW, weights={own_name: 1.0}, deviation=True)
             new[_free(f"p_{line.name}", named)] = flow
     return system.model_copy(update={"pmus": [*system.pmus, *more], "signals": {**system.signals, **new}})
-
-
-def _difference(pmus: Sequence[str]) -> dict[str, float]:
-    return dict(zip(pmus, (1.0, -1.0), strict=False))
 
 
 def _measured_flows(system: System) -> set[str]:

@@ -113,11 +113,6 @@ def install(row: Any, device: Device, site: Site) -> Start:
     return start
 
 
-def states_of(device: Device) -> list[str]:
-    """Names of a device's states: its kind's, then the reference after its response time."""
-    return [*KINDS[device.kind].states, *(["reference"] if device.response_time > 0.0 else [])]
-
-
 @compiled
 def first_order_lag(z: float, reference: float, ramp: float, T: float, t: float) -> float:
     """Output of a lag after t s, p.u., for an input that starts at `reference` with slope `ramp`, p.u./s.
@@ -137,13 +132,6 @@ def reference_of(reference: Float1, d: int) -> float:
 def effective_reference(d: Any, x: Float1, u: float) -> float:
     """Effective input of a device, p.u.: its reference u, after its response time if it has one."""
     return x[d.lag] if d.response_time > 0.0 else u
-
-
-@compiled
-def lag_derivative(d: Any, x: Float1, u: float, dx: Float1) -> None:
-    """Write the derivative of the lag of a device's reference u, 1/s; it also moves while the device is blocked."""
-    if d.response_time > 0.0:
-        dx[d.lag] = (u - x[d.lag]) / d.response_time
 
 
 def losses_of(device: Series, magnitude: float) -> float:

@@ -7,7 +7,7 @@ admittance matrix is built anew.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,15 +44,6 @@ class Topology:
     faults: Mapping[FaultPlace, complex] = field(default_factory=dict)  # place: impedance, p.u.; 0 = bolted
     load_scale: Mapping[str, float] = field(default_factory=dict)
     machines_out: frozenset[str] = frozenset()
-
-    def with_fault(self, place: FaultPlace, impedance: complex) -> Topology:
-        """The topology with an additional fault."""
-        return replace(self, faults={**self.faults, place: impedance})
-
-    def without_fault(self, bus: str | None, line: str | None) -> Topology:
-        """The topology without the faults at the bus or on the line."""
-        kept = {place: z for place, z in self.faults.items() if (place.bus, place.line) != (bus, line)}
-        return replace(self, faults=kept)
 
 
 @dataclass(frozen=True)
