@@ -20,10 +20,9 @@ from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.c37118.system_pmus import Pmu
 from facts_damping.parameters.streams import server as address
 from facts_damping.signals import CHANNELS
-from facts_damping.streaming.alignment import PmuReport
 from facts_damping.streaming.client import Client
 from facts_damping.streaming.server import Server
-from facts_damping.streaming.stream_clock import Following
+from facts_damping.streaming.stream_clock import Following, PmuReport
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,7 +14,6 @@ from facts_damping.parameters.plant.devices import Series, Transmission
 from facts_damping.phasors import magnitudes, over, times
 from facts_damping.plant import load_noise
 from facts_damping.plant.converters import devices
-from facts_damping.plant.converters.dead_time import line
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
 from facts_damping.plant.events import topology_intervals
 from facts_damping.plant.grid import load
@@ -22,7 +21,7 @@ from facts_damping.plant.grid.power_flow import PowerFlow, solve
 from facts_damping.plant.grid.reduction import Place, reduce_network
 from facts_damping.plant.machines import block_controls, blocks, excitation, governor, machine, stabiliser
 from facts_damping.plant.model import Plant, PlantState
-from facts_damping.plant.watchdog import initial_watch
+from facts_damping.plant.watchdog import initial_watch, line
 from facts_damping.signals import to_ns
 
 if TYPE_CHECKING:

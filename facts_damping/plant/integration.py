@@ -9,12 +9,11 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.plant.converters.dead_time import arrive, send
 from facts_damping.plant.converters.devices import first_order_lag
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
-from facts_damping.plant.watchdog import NEVER, accepts, due_ns, release
+from facts_damping.plant.watchdog import NEVER, accepts, arrive, due_ns, release, send
 from facts_damping.signals import Setpoints
 
 if TYPE_CHECKING:

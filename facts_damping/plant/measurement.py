@@ -8,9 +8,8 @@ from typing import Any
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2
 from facts_damping.elementary import atan2, magnitude, phase
-from facts_damping.plant import controls
 from facts_damping.plant.converters import devices as facts
-from facts_damping.plant.dynamics import derivatives, row_times, saturated, solve_network, stator
+from facts_damping.plant.dynamics import derivatives, move_controls, row_times, saturated, solve_network, stator
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
 from facts_damping.signals import SPEED_BAND, DeviceTruths, MachineTruths
@@ -24,7 +23,7 @@ def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work
     omega = x[m.offset + 1]
     voltage, current, power = stator(plant, stage, g, work)
     saturation = saturated(m, work.emf[g])
-    efd, driven = controls.move(plant, x, stage, g, voltage, current, saturation, work.slopes[4], work)
+    efd, driven = move_controls(plant, x, stage, g, voltage, current, saturation, work.slopes[4], work)
     out.rotor_angle = x[m.offset]
     out.speed_deviation = omega
     out.electrical_power = power * m.ratio

@@ -20,7 +20,6 @@ from facts_damping.compiling.structs import (
     Int1,
     Struct,
 )
-from facts_damping.plant.converters.dead_time import UNDER_WAY
 from facts_damping.plant.converters.devices import DEVICE
 from facts_damping.plant.converters.site import PORT
 from facts_damping.plant.grid.load import LOAD
@@ -29,7 +28,7 @@ from facts_damping.plant.machines.excitation import EXCITER
 from facts_damping.plant.machines.governor import GOVERNOR
 from facts_damping.plant.machines.machine import MACHINE
 from facts_damping.plant.machines.stabiliser import STABILISER
-from facts_damping.plant.watchdog import WATCH
+from facts_damping.plant.watchdog import UNDER_WAY, WATCH
 
 
 class Plant(Struct):
@@ -78,7 +77,7 @@ class PlantState(Struct):
     target: Float1
     watch: Annotated[NDArray[Any], Array(WATCH, 1)]  # watchdog.WATCH
     source: Complex1
-    under_way: Annotated[NDArray[Any], Array(UNDER_WAY, 2)]  # dead_time.UNDER_WAY, (devices, room)
+    under_way: Annotated[NDArray[Any], Array(UNDER_WAY, 2)]  # watchdog.UNDER_WAY, (devices, room)
     waiting: Int1  # (devices,), number of setpoints in `under_way`
 
 

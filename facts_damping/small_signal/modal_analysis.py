@@ -8,7 +8,7 @@ import numpy as np
 
 from facts_damping.plant.build import Built, build
 from facts_damping.small_signal import linearisation
-from facts_damping.small_signal.relative_gains import FREQUENCIES_HZ, Interaction, interactions
+from facts_damping.small_signal.residues import FREQUENCIES_HZ, Interaction, interactions
 from facts_damping.terminal import table
 
 if TYPE_CHECKING:

@@ -1,8 +1,12 @@
-"""Response of the signals to the devices' setpoints in the linearised plant: initial values for adaptation."""
+"""Response of the signals to the devices' setpoints in the linearised plant: initial values for adaptation.
+
+Two devices interact as their relative gain arrays tell (Bristol 1966).
+"""
 
 from __future__ import annotations
 
 import math
+from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,6 +18,8 @@ from facts_damping.small_signal.zero_order_hold import held_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
     from facts_damping.compiling.structs import Complex1, Complex2, Float2
     from facts_damping.measurement.filters import Filter
@@ -111,3 +117,38 @@ def with_washouts(model: linearisation.LinearModel, signals: Sequence[int]) -> t
     pick[rows, np.arange(len(rows))] = 1.0
     wide = np.block([[A, np.zeros((len(A), len(rows)))], [rate * C[rows], -rate * np.eye(len(rows))]])
     return wide, np.vstack([B, rate * D[rows]]), np.hstack([C, -pick]), D
+
+
+ALIKE = 1e9  # largest condition of the gains; signals that are nearly proportional have no array
+FREQUENCIES_HZ = (0.1, 0.3, 1.0, 1.5, 3.0)  # in addition to the frequency of the mode
+
+
+class Interaction(NamedTuple):
+    """Gains from both devices to two signals at a frequency, and their relative gain array."""
+
+    frequency_hz: float
+    signals: tuple[str, str]
+    gain: Complex2  # (signals, devices), normalised: signals by their swing, devices by their limits
+    relative: NDArray[np.complex128]  # G x (G^-1)^T, element by element; independent of units
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value of the gain."""
+        return float(np.linalg.cond(self.gain))
+
+
+def interactions(built: Built, system: System, devices: Sequence[str]) -> list[Interaction]:
+    """Interactions for each pair of signals, first at the least damped mode; empty unless two devices see a mode."""
+    plant = residues(built, system, devices, 1) if len(devices) == 2 else None
+    if plant is None:
+        return []
+    limits = np.array([system.device(name).setpoint_max for name in devices])
+    found = []
+    for hertz in (plant.frequency_hz, *FREQUENCIES_HZ):
+        gain = plant.model.response(2j * np.pi * hertz) * limits / np.abs(plant.mode_shape)[:, None]
+        for a, b in combinations(range(len(plant.signals)), 2):
+            own = gain[[a, b]]
+            if np.linalg.cond(own) < ALIKE:
+                pair = (plant.signals[a], plant.signals[b])
+                found.append(Interaction(hertz, pair, own, own * np.linalg.inv(own).T))
+    return found

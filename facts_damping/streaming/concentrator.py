@@ -13,7 +13,7 @@ from facts_damping.c37118.session import Instant
 from facts_damping.c37118.system_pmus import Pmu
 from facts_damping.measurement.pmu_model import UNSYNCHRONISED
 from facts_damping.signals import NANOSECONDS
-from facts_damping.streaming.alignment import Alignment, PmuReport
+from facts_damping.streaming.stream_clock import Alignment, PmuReport
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.measurement import Measurement
-    from facts_damping.streaming.alignment import AlignedFrame
+    from facts_damping.streaming.stream_clock import AlignedFrame
 
 WAIT_S = 1.0  # s, longest wait of a delivered instant for the slowest PMU
 

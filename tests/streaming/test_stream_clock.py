@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.signals import CHANNELS
-from facts_damping.streaming.alignment import AlignedFrame, Alignment, PmuReport
-from facts_damping.streaming.stream_clock import Following
+from facts_damping.streaming.stream_clock import AlignedFrame, Alignment, Following, PmuReport
 
 if TYPE_CHECKING:
     from facts_damping.streaming.stream_clock import Tick
