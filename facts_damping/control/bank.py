@@ -21,18 +21,7 @@ from facts_damping.control.faults import Faults, corrupt, faults, misbehave, sil
 from facts_damping.control.inputs import UNSET, Inputs, LatestSamples, compute_signals, ingest, inputs
 from facts_damping.control.neuro_fuzzy import AllActuators, Memories, memories
 from facts_damping.control.state_space import Observers, StateSpace, state_spaces
-from facts_damping.control.table import (
-    CALLED,
-    DIRECT,
-    GIVEN,
-    LAW,
-    LAWS,
-    SETTINGS,
-    STATE_SPACE,
-    Parameter,
-    Value,
-    kind_of,
-)
+from facts_damping.control.table import kind_of
 from facts_damping.elementary import cos
 from facts_damping.neurofuzzy.learning import Learners, learners
 from facts_damping.neurofuzzy.network import Network, network, shape_of
@@ -48,7 +37,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.pmus import Signal
     from facts_damping.parameters.run import Controller
 
-law_of = branching(LAWS)  # arguments: a code, then those of a law
+law_of = branching(table.LAWS)  # arguments: a code, then those of a law
 RULES = 2  # of every network (thesis, chapter 3)
 
 
@@ -58,7 +47,7 @@ class Bank(Struct):
     code: Int1
     law: Int1  # (controllers,): index in LAWS, if the kind has a law
     settings: Annotated[
-        NDArray[Any], Array(SETTINGS, 2)
+        NDArray[Any], Array(table.SETTINGS, 2)
     ]  # (controllers, most signals or devices) of SETTINGS: a row per signal or device
     mode_shape: Float2  # (controllers, most signals), relative to the first signal at the mode; 1: unknown
     inputs: Inputs
@@ -116,8 +105,8 @@ def bank(
     compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, max_signals)
     made = Bank(
         code=np.array([k.code(c.scheme) for c, k in zip(controllers, kinds, strict=True)], np.int64),
-        law=np.array([LAWS.index(k.law) if k.law else 0 for k in kinds], np.int64),
-        settings=np.zeros((n, max(max_signals, max_devices)), SETTINGS),
+        law=np.array([table.LAWS.index(k.law) if k.law else 0 for k in kinds], np.int64),
+        settings=np.zeros((n, max(max_signals, max_devices)), table.SETTINGS),
         mode_shape=np.ones((n, max_signals)),
         inputs=given,
         compensators=compensation,
@@ -163,7 +152,7 @@ def settings(controller: Controller, rows: NDArray[Any], swing: Float1) -> NDArr
     return rows
 
 
-def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing: Float1) -> None:
+def put(rows: NDArray[Any], name: str, parameter: table.Parameter, value: table.Value, swing: Float1) -> None:
     """Write a parameter's value to SETTINGS records.
 
     A single value holds for every device. For a parameter of signals it holds for the first signal, and `swing`, the
@@ -224,7 +213,7 @@ def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: in
             estimate = state.jacobian[c, i, d] * made.actuators.limit[c, d] / s[i].scale
             if s[0].sign_guard > 0.0 and estimate * sign < 0.0:
                 estimate = 0.0
-            kept.jacobian[i, d] = sign if made.code[c] == DIRECT else estimate
+            kept.jacobian[i, d] = sign if made.code[c] == table.DIRECT else estimate
     frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
     stale = s[0].stale > 0.0 and age_ns * 1e-9 > s[0].stale
     neuro_fuzzy.step(
@@ -297,8 +286,8 @@ def act(
         return first
     corrupt(made.faults, c, tick, state.learner.theta[c])
     i, last = 0, UNSET
-    called = made.code[c] == CALLED
-    once = made.code[c] == GIVEN or (called and state.calls.once[c])
+    called = made.code[c] == table.CALLED
+    once = made.code[c] == table.GIVEN or (called and state.calls.once[c])
     while i < count:
         arrival = delivered[i].arrival_ns
         i = ingest(state.held, c, delivered, i, count)
@@ -311,7 +300,7 @@ def act(
         if once:
             last = arrival
             continue
-        if made.code[c] == LAW:
+        if made.code[c] == table.LAW:
             for d in range(made.device.shape[1]):
                 if made.device[c, d] != UNSET:
                     state.unlimited[c, d] = law_of(
@@ -321,7 +310,7 @@ def act(
                         state.compensated.signal[c, 0],
                         since * 1e-9,
                     )
-        elif made.code[c] == STATE_SPACE:
+        elif made.code[c] == table.STATE_SPACE:
             _optimal(made, state, c, since)
         elif called:
             if not call(made.inputs, state.held, state.calls, c, arrival):

@@ -13,7 +13,7 @@ from facts_damping.parameters.plant.devices import Parallel, Transmission
 from facts_damping.phasors import magnitudes, over, polar, times
 from facts_damping.plant.converters.devices import consumed_power, losses_of
 from facts_damping.plant.grid import load as loads
-from facts_damping.plant.grid.network import Topology, admittance, branches, bus_names, device_section, series_devices
+from facts_damping.plant.grid import network
 from facts_damping.plant.grid.sparse import DENSE, as_needed, filled, joined, solve_network
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     link carries its power whether installed or not. Since the first two depend on |I| and |V|, the power flow is
     repeated until they converge.
     """
-    series = series_devices(system)
+    series = network.series_devices(system)
     parallel = [
         d for d in system.devices if isinstance(d, Transmission) or (isinstance(d, Parallel) and d.name in installed)
     ]
@@ -121,11 +121,13 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     without a machine; equations P_i + j Q_i = V_i conj(sum_j Y_ij V_j) (Kundur 1994, 6.4). A series FACTS device is
     the resistance of its transformer. Raises `InputError` if Newton's method does not converge.
     """
-    names = bus_names(system, Topology())
+    names = network.bus_names(system, network.Topology())
     index = {name: i for i, name in enumerate(names)}
-    series = {d.name: d.rs + losses[d.name] for d in series_devices(system)}
-    present = branches(system, Topology())
-    matrix = admittance(names, present + [device_section(d, series[d.name]) for d in series_devices(system)])
+    series = {d.name: d.rs + losses[d.name] for d in network.series_devices(system)}
+    present = network.branches(system, network.Topology())
+    matrix = network.admittance(
+        names, present + [network.device_section(d, series[d.name]) for d in network.series_devices(system)]
+    )
     for shunt in system.shunts:
         matrix[index[shunt.bus], index[shunt.bus]] += complex(shunt.P, shunt.Q) / system.base_power
     scheduled = np.zeros(len(names), np.complex128)
@@ -169,7 +171,7 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     for i in kept:
         injection[i] += net[i]
     currents = {}
-    for d in series_devices(system):
+    for d in network.series_devices(system):
         first, second = d.ends
         currents[d.name] = float(magnitudes(voltage[index[first]] - voltage[index[second]])) / series[d.name]
     return PowerFlow(names, voltage, injection, generation, currents, residual)

@@ -9,17 +9,7 @@ import numpy as np
 from facts_damping.errors import InputError
 from facts_damping.matrices import parts, product
 from facts_damping.phasors import over, times
-from facts_damping.plant.grid.network import (
-    Branch,
-    Topology,
-    admittance,
-    branches,
-    bus_names,
-    device_section,
-    grounded,
-    series_devices,
-    shunts,
-)
+from facts_damping.plant.grid import network
 from facts_damping.plant.grid.sparse import as_needed, solve_network
 
 if TYPE_CHECKING:
@@ -48,13 +38,13 @@ class ReducedNetwork(NamedTuple):
     """A stage's network without sources: index of each bus, all branches, voltages for unit inputs."""
 
     at: dict[str, int]
-    present: list[Branch]
+    present: list[network.Branch]
     norton: Complex1  # (machines,), admittances, 0 if out of service
     voltage: Complex2  # (buses, inputs), p.u.
 
 
 def reduce_network(
-    system: System, places: Sequence[Place], norton: Complex1, topology: Topology, voltage: dict[str, float]
+    system: System, places: Sequence[Place], norton: Complex1, topology: network.Topology, voltage: dict[str, float]
 ) -> Complex2:
     """Outputs of the network for unit inputs, (machines + ports + 2 PMUs, machines + infinite + ports), p.u.
 
@@ -73,16 +63,19 @@ def reduce_network(
 
 
 def _solve(
-    system: System, places: Sequence[Place], norton: Complex1, topology: Topology, voltage: dict[str, float]
+    system: System, places: Sequence[Place], norton: Complex1, topology: network.Topology, voltage: dict[str, float]
 ) -> ReducedNetwork:
     """Voltages of all buses for unit inputs."""
-    names = bus_names(system, topology)
+    names = network.bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
     installed = {place.device.name: place.device for place in places if place.device}
-    present = branches(system, topology)
-    present += [device_section(d, complex(d.rs, d.xs) if d.name in installed else d.rs) for d in series_devices(system)]
-    matrix = admittance(names, present)
-    for bus, shunt in shunts(system, topology, voltage).items():
+    present = network.branches(system, topology)
+    present += [
+        network.device_section(d, complex(d.rs, d.xs) if d.name in installed else d.rs)
+        for d in network.series_devices(system)
+    ]
+    matrix = network.admittance(names, present)
+    for bus, shunt in network.shunts(system, topology, voltage).items():
         matrix[index[bus], index[bus]] += shunt
     online = np.array([m.name not in topology.machines_out for m in system.machines])
     norton = norton * online
@@ -100,7 +93,7 @@ def _solve(
             first, second = place.device.ends
             behind = complex(over(1.0, complex(place.device.rs, place.device.xs)))
             sources[index[first], column], sources[index[second], column] = behind, -behind
-    dead = grounded(topology)
+    dead = network.grounded(topology)
     fixed = {index[name] for name in (*dead, *(i.bus for i in system.infinite_buses))}
     matrix[np.diag_indices(len(names))] += floating(matrix, fixed) * STRAY
     given = np.zeros_like(sources)
