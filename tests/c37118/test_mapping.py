@@ -84,7 +84,7 @@ def test_a_voltage_and_a_current_of_the_same_name_are_two() -> None:
 
 
 @pytest.mark.parametrize(
-    ("asked", "said"),
+    ("asked", "message"),
     [
         (
             {"pmu": "SOUTH 1", "current": "I1"},
@@ -97,6 +97,6 @@ def test_a_voltage_and_a_current_of_the_same_name_are_two() -> None:
         ({"pmu": 9, "speed": "RPM"}, "PMU A: speed: 'RPM' given; allowed: what PMU NORTH 2 sends: MW, dw"),
     ],
 )
-def test_a_channel_that_is_not_sent_is_named(asked: dict[str, object], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_channel_that_is_not_sent_is_named(asked: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         mapping.places(THEIRS, GRID, {"A": Channels.model_validate(asked)})

@@ -47,8 +47,8 @@ def same(one: object, other: Instant) -> bool:
 @pytest.mark.parametrize("kind", ["configuration_1", "configuration_2", "configuration_3"])
 def test_a_command_is_answered(kind: str) -> None:
     served = session.stream(9, WIDE, "three PMUs")
-    told = Receiver().take(session.answers(served, f"send_{kind}", 5, 0))
-    assert told == ([] if kind == "configuration_1" else [WIDE])  # 1 says what could be sent
+    received = Receiver().take(session.answers(served, f"send_{kind}", 5, 0))
+    assert received == ([] if kind == "configuration_1" else [WIDE])  # 1 says what could be sent
     assert Receiver().take(session.answers(served, "send_header", 5, 0)) == ["three PMUs"]
     assert session.answers(served, "turn_on", 5, 0) == []
 
