@@ -12,8 +12,8 @@ from facts_damping.analysis.measures import measure_weights
 from facts_damping.case import loading
 from facts_damping.case.changes import as_sets, change
 from facts_damping.compiling.structs import Table
+from facts_damping.control.called import sensed
 from facts_damping.control.inputs import inputs
-from facts_damping.control.sensing import sensed
 from facts_damping.environment.many import Episodes, step_many
 from facts_damping.environment.observation import AgentInputs
 from facts_damping.errors import InputError

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled
 from facts_damping.compiling.structs import Struct
+from facts_damping.control.called import Sensed, sense
 from facts_damping.control.inputs import Inputs, LatestSamples
-from facts_damping.control.sensing import Sensed, sense
 
 if TYPE_CHECKING:
     import numpy as np

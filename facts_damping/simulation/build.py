@@ -15,7 +15,7 @@ from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.identifier import identifiers
 from facts_damping.control.identifier_model import Identified, Identifiers, IdentifierState
 from facts_damping.control.inputs import TURN, UNSET
-from facts_damping.control.plant_prior import PlantPrior
+from facts_damping.control.neuro_fuzzy import PlantPrior
 from facts_damping.control.table import kind_of
 from facts_damping.elementary import exp_complex
 from facts_damping.errors import InputError

@@ -20,9 +20,8 @@ from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.replayed_changes import ReplayedChanges
 from facts_damping.simulation.restarts import Restarts
-from facts_damping.supervision.controller_health import controller_health
 from facts_damping.supervision.model import SUPERVISOR
-from facts_damping.supervision.step import supervise, write_status
+from facts_damping.supervision.step import controller_health, supervise, write_status
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -33,9 +33,8 @@ from facts_damping.signals import (
     Setpoints,
 )
 from facts_damping.simulation.measured_plant import advance_with_pmus, measure_with_pmus, tick_ns
-from facts_damping.supervision.controller_health import read_health
 from facts_damping.supervision.model import Supervisors, SupervisorState
-from facts_damping.supervision.step import supervise, write_status
+from facts_damping.supervision.step import read_health, supervise, write_status
 
 if TYPE_CHECKING:
     import numpy as np

@@ -67,7 +67,9 @@ async def begin(made: Sequence[Server], asked: Serving) -> list[str]:
     for i, server in enumerate(made):
         at = (asked.host, asked.port + i if asked.port else 0)
         await server.begin(at, at, targets)
-        lines.append(f"serving {_names(server)}: {asked.host}, TCP {server.ports[0]}, UDP {server.ports[1]}")
+        stream = server.stream
+        names = f"IDCODE {stream.idcode}, {some_of([pmu.name for pmu in stream.configuration.pmus])}"
+        lines.append(f"serving {names}: {asked.host}, TCP {server.ports[0]}, UDP {server.ports[1]}")
     return lines
 
 
@@ -85,11 +87,6 @@ async def _address(text: str, own: str) -> Address:
     if own.startswith("127.") and not (there.is_loopback or there.is_multicast):
         raise InputError(f"to: '{text}' given with host {own}; allowed: this computer, groups; or another host")
     return str(found[0]), int(port)
-
-
-def _names(server: Server) -> str:
-    """Text: stream and PMUs."""
-    return f"IDCODE {server.stream.idcode}, {some_of([pmu.name for pmu in server.stream.configuration.pmus])}"
 
 
 def counted(made: Sequence[Server]) -> list[dict[str, Any]]:

@@ -25,7 +25,7 @@ def through(sets: list[str], formats: str | None, link: int | None = None) -> tu
     (server,) = serving.servers(case, Serving("", 0, [], 1, formats, each=False), lambda: (0, 0))
     concentrator, receiver = Concentrator(case, EPOCH, None if link is None else 1.0), Receiver(1)
     receiver.take(session.answers(server.stream, "send_configuration_3", 0, 0))
-    sent = [session.told(server.stream, one) for _, one in recorded.instants(record, concentrator, link)]
+    sent = [session.data_frame(server.stream, one) for _, one in recorded.instants(record, concentrator, link)]
     return record, [one for one in receiver.take(sent) if isinstance(one, Instant)]
 
 
@@ -42,7 +42,7 @@ def test_integers_are_those_that_pmus_of_integers_report() -> None:
     where = mapping.places(server.stream.configuration, grid_pmus(case), {})
     assert len(found) == 179
     for one in found:
-        values, status, absent = mapping.told(where, one.data)
+        values, status, absent = mapping.values_of(where, one.data)
         k = number(one) + 1  # the tick in which it was reported
         wanted = record.frames[k]
         step = case.measurement.voltage_range / 65535, case.measurement.current_range / 65535
@@ -69,7 +69,7 @@ def test_behind_a_link_frames_are_aligned_again() -> None:
     assert len(np.unique(rows["tick"][numbers == 30])) > 1  # they arrived in several ticks
     gone = 0
     for one in found[:-1]:
-        values, _, absent = mapping.told(where, one.data)
+        values, _, absent = mapping.values_of(where, one.data)
         own = rows[numbers == number(one)]
         assert sorted(set(own["pmu"].tolist())) == np.flatnonzero(~absent).tolist()
         gone += int(absent.sum())
@@ -95,10 +95,10 @@ def test_who_is_absent_is_absent_in_any_format(formats: str | None) -> None:
     (one,) = Concentrator(case, EPOCH).take(0, row)
     receiver = Receiver(1)
     receiver.take(session.answers(server.stream, "send_configuration_2", 0, 0))
-    (got,) = receiver.take([session.told(server.stream, one)])
+    (got,) = receiver.take([session.data_frame(server.stream, one)])
     assert isinstance(got, Instant)
     where = mapping.places(server.stream.configuration, grid_pmus(case), {})
-    values, _, absent = mapping.told(where, got.data)
+    values, _, absent = mapping.values_of(where, got.data)
     assert absent.tolist() == [True, True, True, False, True]
     assert np.isnan(values[0]).all()
 

@@ -109,7 +109,7 @@ def test_what_has_not_been_measured_is_absent_and_stamps_are_those_of_the_instan
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--format", "polar,doubles"], "format: 'doubles' given; allowed: polar, float_phasors"),
         (["--to", "here"], "to: 'here' given; allowed: HOST:PORT"),
@@ -119,6 +119,6 @@ def test_what_has_not_been_measured_is_absent_and_stamps_are_those_of_the_instan
     ],
 )
 def test_bad_options_are_one_line(
-    recording: Path, options: list[str], said: str, capsys: pytest.CaptureFixture[str]
+    recording: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert_one_line(2, ["pmu-serve", str(recording), *options], said, capsys)
+    assert_one_line(2, ["pmu-serve", str(recording), *options], message, capsys)
