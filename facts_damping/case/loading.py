@@ -12,14 +12,14 @@ from facts_damping.case.links import beside, check_felt, read_links, signed, wit
 from facts_damping.case.measurement import read_measurement
 from facts_damping.case.model import Case
 from facts_damping.case.supervision import check_fallbacks, read_supervision
-from facts_damping.errors import InputError, check_known
+from facts_damping.errors import check_known
 from facts_damping.input_files import naming_no_files
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.parameters.files import check_kind, each_path, find, read_sets, read_table, set_field
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.run import Run, Scenario
-from facts_damping.parameters.validation import check, origin
+from facts_damping.parameters.validation import FieldError, check, check_field, worded
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -105,16 +105,21 @@ def changed_case(
 
 def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> Case:
     """A case from the content of a run file."""
-    run = check(Run, content, source, sets)
-    system = _system(run.system, "system", source, sets)
-    model = _model(run, system, source, sets)
+    with worded(source, sets):
+        return _made(content, sets or {})
+
+
+def _made(content: Any, sets: dict[str, str]) -> Case:
+    run = check_field(Run, content, "")
+    system = _system(run.system, "system")
+    model = _model(run, system)
     if isinstance(run.scenario, str):
         path = find("scenarios", run.scenario, f"{system.name}/")
         scenario = check(Scenario, read_table(path), str(path))
     else:
-        scenario = check(Scenario, {"name": "inline", "events": run.scenario}, source, sets, "scenario")
-    measurement = read_measurement(run.measurement, source, sets)
-    link, links, used = read_links(run, source, sets)
+        scenario = check_field(Scenario, {"name": "inline", "events": run.scenario}, "scenario")
+    measurement = read_measurement(run.measurement)
+    link, links, used = read_links(run)
     for i, field in enumerate(["link", *(f"controllers.{c}.link" for c in range(len(run.controllers)))]):
         check_felt(link if i == 0 else links[used[i - 1]], field, measurement, sets)
     links = [beside(signed(one) if run.security else one, measurement) for one in links]
@@ -127,8 +132,6 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
             f"controllers.{i}",
             system,
             links[used[i]],
-            source,
-            sets,
             run.frame_rate,
             latency,
             measurement.filter,
@@ -136,11 +139,11 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
         )
         for i, c in enumerate(run.controllers)
     ]
-    supervision = read_supervision(run, source, sets)
+    supervision = read_supervision(run)
     case = Case(run, rows, placed, scenario, measurement, link, links, used, supervision, model)
-    check_case(case, source, sets)
-    check_fallbacks(case, source, sets)
-    check_events(case, scenario_file, source, sets)
+    check_case(case)
+    check_fallbacks(case)
+    check_events(case, scenario_file)
     return case
 
 
@@ -150,29 +153,27 @@ def recorded_case(content: Any, source: str) -> Case:
         return make_case(content, source)
 
 
-def _system(given: str | dict[str, Any], field: str, source: str, sets: dict[str, str] | None) -> System:
+def _system(given: str | dict[str, Any], field: str) -> System:
     """A system by name, path, or inline content of the run's field."""
     if isinstance(given, str):
         path = find("systems", given)
         return check(System, read_table(path), str(path))
-    return check(System, given, source, sets, field)
+    return check_field(System, given, field)
 
 
-def _model(run: Run, system: System, source: str, sets: dict[str, str] | None) -> System | None:
+def _model(run: Run, system: System) -> System | None:
     """The system for controller design, if not the plant; it gets the plant's devices and signals."""
     if run.model is None:
         return None
-    model = _system(run.model, "model", source, sets)
+    model = _system(run.model, "model")
     for field, own, other in (
         ("devices", [d.name for d in model.devices], [d.name for d in system.devices]),
         ("pmus", [s.name for s in model.pmus], [s.name for s in system.pmus]),
         ("signals", list(model.signals), list(system.signals)),
     ):
         if own != other:
-            raise InputError(
-                f"{origin('model', source, sets)}: {field} {', '.join(own) or 'none'} given; allowed: those of the "
-                f"system, {', '.join(other) or 'none'}"
-            )
+            allowed = f"those of the system, {', '.join(other) or 'none'}"
+            raise FieldError("model", f"{field} {', '.join(own) or 'none'} given; allowed: {allowed}")
     return place(model)
 
 

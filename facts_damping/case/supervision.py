@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.errors import InputError, check_known
 from facts_damping.monitor_table import MONITORS
 from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.supervision import Supervision
-from facts_damping.parameters.validation import check, origin
+from facts_damping.parameters.validation import FieldError, check_field, check_known, worded
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
@@ -19,33 +18,36 @@ if TYPE_CHECKING:
 FOLDER = "supervision"  # folder below config
 
 
-def read_supervision(run: Run, source: str, sets: dict[str, str] | None = None) -> Supervision | None:
+def read_supervision(run: Run) -> Supervision | None:
     """A run's supervision by name, path or inline; None if it has none."""
     given = run.supervision
     if given is None:
         if run.arm_at is not None:
-            raise InputError(f"{origin('arm_at', source, sets)}: {run.arm_at:g} given; allowed: with `supervision`")
+            raise FieldError("arm_at", f"{run.arm_at:g} given; allowed: with `supervision`")
         return None
     if isinstance(given, str):
         path = find(FOLDER, given)
-        found, where = check(Supervision, read_table(path), str(path)), f"{path}: "
+        with worded(str(path)):
+            found = check_field(Supervision, read_table(path), "")
+            _check_monitors(found, "monitors")
     else:
-        found, where = check(Supervision, given, source, sets, FOLDER), ""
-    for name, own in found.monitors.items():
-        field = where + f"monitors.{name}" if where else origin(f"{FOLDER}.monitors.{name}", source, sets)
-        check_known(field, name, list(MONITORS))
-        row = MONITORS[name]
-        if own is not None and own.limit is not None and not row.low <= own.limit <= row.high:
-            allowed = f"{row.low:g} to {row.high:g} {row.unit}"
-            raise InputError(f"{field}.limit: {own.limit:g} given; allowed: {allowed}")
+        found = check_field(Supervision, given, FOLDER)
+        _check_monitors(found, f"{FOLDER}.monitors")
     start = found.probe.start
     if found.arming.probe and run.arm_at is not None and not (start is not None and start < run.arm_at):
         begins = "none" if start is None else f"{start:g}"
-        raise InputError(
-            f"{origin('arm_at', source, sets)}: {run.arm_at:g} given, but supervision.arming.probe asks for a probe "
-            f"before, and supervision.probe.start is {begins}; allowed: arm_at after a probe"
-        )
+        why = f"supervision.arming.probe asks for a probe before, and supervision.probe.start is {begins}"
+        raise FieldError("arm_at", f"{run.arm_at:g} given, but {why}; allowed: arm_at after a probe")
     return found
+
+
+def _check_monitors(supervision: Supervision, field: str) -> None:
+    for name, threshold in supervision.monitors.items():
+        check_known(f"{field}.{name}", name, list(MONITORS))
+        row, limit = MONITORS[name], None if threshold is None else threshold.limit
+        if limit is not None and not row.low <= limit <= row.high:
+            allowed = f"{row.low:g} to {row.high:g} {row.unit}"
+            raise FieldError(f"{field}.{name}", f"{limit:g} given; allowed: {allowed}", ".limit")
 
 
 def reserves(run: Run) -> dict[int, int]:
@@ -70,34 +72,30 @@ def unsupervised(case: Case) -> Case:
     )
 
 
-def check_fallbacks(case: Case, source: str, sets: dict[str, str] | None) -> None:
+def check_fallbacks(case: Case) -> None:
     """Check that a fallback replaces one controller, has its devices, and uses only signals measured at them."""
     rows = case.run.controllers
     for i, one in enumerate(rows):
         if one.fallback_of is None:
             continue
-
-        def where(field: str, i: int = i) -> str:
-            return origin(f"controllers.{i}.{field}", source, sets)
-
-        given = f"{where('fallback_of')}: {one.fallback_of} given"
+        here, given = f"controllers.{i}", f"{one.fallback_of} given"
         others = [c for c, other in enumerate(rows) if other.fallback_of is None]
         if case.supervision is None:
-            raise InputError(f"{given}; allowed: with `supervision`")
+            raise FieldError(f"{here}.fallback_of", f"{given}; allowed: with `supervision`")
         if one.fallback_of not in others:
-            raise InputError(f"{given}; allowed: the place of a controller, {', '.join(map(str, others)) or 'none'}")
+            allowed = f"the place of a controller, {', '.join(map(str, others)) or 'none'}"
+            raise FieldError(f"{here}.fallback_of", f"{given}; allowed: {allowed}")
         if reserves(case.run)[one.fallback_of] != i:
-            raise InputError(f"{given} twice; allowed: one fallback a controller")
+            raise FieldError(f"{here}.fallback_of", f"{given} twice; allowed: one fallback a controller")
         if one.devices != rows[one.fallback_of].devices:
             own, devices = ", ".join(one.devices), ", ".join(rows[one.fallback_of].devices)
-            raise InputError(f"{where('devices')}: {own} given; allowed: those of its controller, {devices}")
+            raise FieldError(f"{here}.devices", f"{own} given; allowed: those of its controller, {devices}")
         local = local_signals(case.system, one.devices)
         for signal in one.signals:
             if signal not in local:
-                raise InputError(
-                    f"{where('signals')}: '{signal}' given, which is not measured at {' or '.join(one.devices)}; "
-                    f"allowed for a fallback: {', '.join(local) or 'none, as no pmu is there'}"
-                )
+                given = f"'{signal}' given, which is not measured at {' or '.join(one.devices)}"
+                allowed = ", ".join(local) or "none, as no pmu is there"
+                raise FieldError(f"{here}.signals", f"{given}; allowed for a fallback: {allowed}")
 
 
 def local_signals(system: System, devices: list[str]) -> list[str]:

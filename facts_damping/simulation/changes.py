@@ -21,6 +21,7 @@ from facts_damping.input_files import naming_no_files
 from facts_damping.link.transfer import Links, changed, replaced
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.files import read_value
+from facts_damping.parameters.validation import worded
 from facts_damping.plant.watchdog import initial_watch, let_go, rearm
 from facts_damping.signals import NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_plant, build_pmus, commands, grid_events, ways
@@ -69,8 +70,8 @@ def with_link(case: Case, index: int, given: Any) -> Case:
 
     Raises `InputError` if it is not a link, or does not fit the run.
     """
-    with naming_no_files("a change of a run"):
-        link = read_link(read_value(given, SOURCE) if isinstance(given, str) else given, "link", SOURCE, None)
+    with naming_no_files("a change of a run"), worded(SOURCE):
+        link = read_link(read_value(given, SOURCE) if isinstance(given, str) else given, "link")
     own = next((c for c, used in enumerate(case.used_links) if used == index and case.run.controllers[c].link), None)
     content = case.document()
     (content if own is None else content["controllers"][own])["link"] = link.model_dump()
