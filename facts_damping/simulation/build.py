@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
 from facts_damping.plant.load_noise import draw as draw_noise
 from facts_damping.plant.watchdog import settings as watchdog_settings
-from facts_damping.signals import CHANNELS
+from facts_damping.signals import CHANNELS, GridEvent
 from facts_damping.small_signal import own_linear
 from facts_damping.small_signal.residues import Residues, residues
 from facts_damping.supervision.model import Supervisors, SupervisorState, Watched, supervisors
@@ -317,20 +317,13 @@ def _identified(case: Case, i: int, made: Bank, known: PlantPrior) -> Identified
     )
 
 
-def grid_events(case: Case) -> list[dict[str, Any]]:
-    """All grid events in order of time, as published: time_ns, kind, element, value, location."""
+def grid_events(case: Case) -> list[GridEvent]:
+    """All grid events in order of time, as published."""
     found = []
     for change in timeline(case.scenario.events):
         row = change.event.model_dump()
         element = next(row[key] for key in ("line", "bus", "load", "machine") if row.get(key) is not None)
         on_line = row["kind"] == "fault" and row.get("line") is not None
-        found.append(
-            {
-                "time_ns": change.time_ns,
-                "kind": row["kind"],
-                "element": element,
-                "value": row.get("change", float("nan")),
-                "location": row["location"] if on_line else float("nan"),
-            }
-        )
+        location = row["location"] if on_line else math.nan
+        found.append(GridEvent(change.time_ns, row["kind"], element, row.get("change", math.nan), location))
     return found

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from facts_damping.measurement.pmu_model import Pmus
     from facts_damping.parameters.link import Link
     from facts_damping.plant.build import Built
-    from facts_damping.signals import Record, RunChange
+    from facts_damping.signals import GridEvent, Record, RunChange
     from facts_damping.simulation.tick import Loop
     from facts_damping.supervision.model import Supervisors, SupervisorState
 
@@ -106,10 +106,10 @@ def measured_otherwise(case: Case, path: str, value: float, before: Pmus) -> tup
     return build_pmus(now, before=before)[0], now
 
 
-def pending(case: Case, events: Sequence[dict[str, Any]], at_ns: int) -> list[dict[str, Any]]:
+def pending(case: Case, events: Sequence[GridEvent], at_ns: int) -> list[GridEvent]:
     """Grid events not yet published at a time: those of `events` before it, and all of the case from then on."""
-    late = [event for event in events if event["time_ns"] < at_ns]
-    return late + [event for event in grid_events(case) if event["time_ns"] >= at_ns]
+    late = [event for event in events if event.time_ns < at_ns]
+    return late + [event for event in grid_events(case) if event.time_ns >= at_ns]
 
 
 def reset_plant(case: Case, at_ns: int) -> tuple[Built, Case]:
@@ -193,7 +193,7 @@ def rerun(case: Case, changes: Sequence[RunChange]) -> Record:
     loop, now, events = build_loop(case), case, grid_events(case)
     if any(change.kind in ("link", "parameter") for change in changes):  # copies of entries, stamps of their own
         loop = loop._replace(signals=signals_for(case, stamps=len(case.system.pmus), up=2, down=2))
-    told: list[dict[str, Any]] = []
+    passed: list[GridEvent] = []
     acting, restarts = by_tick(changes), Restarts(loop.control.bank, loop.control.bank_state)
     for tick in range(case.ticks):
         at = tick_ns(tick, loop.pmus.frame_rate)
@@ -201,8 +201,8 @@ def rerun(case: Case, changes: Sequence[RunChange]) -> Record:
         for change in acting.get(tick, ()):
             loop, now = apply(loop, now, case, change)
             events = pending(now, events, at)
-        while events and events[0]["time_ns"] <= at:
-            told.append(events.pop(0))
+        while events and events[0].time_ns <= at:
+            passed.append(events.pop(0))
         if not step(loop, tick):
             break
-    return replace(record(case, loop), events=told, changes=list(changes))
+    return replace(record(case, loop), events=passed, changes=list(changes))

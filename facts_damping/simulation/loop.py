@@ -189,6 +189,6 @@ def record(case: Case, loop: Loop) -> Record:
         supervised=kept.supervised[:passed],
         supervision=kept.supervision[:told],
         links=len(case.links),
-        events=[event for event in grid_events(case) if event["time_ns"] <= kept.time_ns[ticks - 1]],
+        events=[event for event in grid_events(case) if event.time_ns <= kept.time_ns[ticks - 1]],
         versions=versions(),
     )
