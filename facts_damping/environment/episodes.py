@@ -31,13 +31,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 AGENT = "agent"  # its controller name
-KEPT = (
-    "devices",
-    "signals",
-    "link",
-    "namespace",
-    "fallback_of",
-)  # fields taken from the replaced controller
+KEPT = ("devices", "signals", "link", "namespace", "fallback_of")  # fields taken from the replaced controller
 MAX_SEED = 2**31
 
 

@@ -164,10 +164,7 @@ _EXCITERS = {
         "exciter",
         "simplified excitation system",
         "TATB TB K TE EMIN EMAX",
-        (
-            _REDUCTION,
-            Block("Efd", "lag", "VB", ("K", "TE"), "EMIN", "EMAX"),
-        ),
+        (_REDUCTION, Block("Efd", "lag", "VB", ("K", "TE"), "EMIN", "EMAX")),
     ),
     "SCRX": Model(
         "exciter",

@@ -276,12 +276,7 @@ def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDA
     b, c_, d = model.B[:, sent], model.C[given], model.D[np.ix_(given, sent)]
     within = np.linalg.inv(np.eye(len(sent)) - D @ d)  # algebraic loop of setpoints and signals
     seen = d @ within
-    return np.block(
-        [
-            [model.A + b @ within @ D @ c_, b @ within @ C],
-            [B @ (c_ + seen @ D @ c_), A + B @ seen @ C],
-        ]
-    )
+    return np.block([[model.A + b @ within @ D @ c_, b @ within @ C], [B @ (c_ + seen @ D @ c_), A + B @ seen @ C]])
 
 
 def _series(first: Matrices, second: Matrices) -> Matrices:

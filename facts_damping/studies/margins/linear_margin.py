@@ -10,13 +10,7 @@ from scipy.optimize import brentq, linear_sum_assignment
 
 from facts_damping.case.supervision import unsupervised
 from facts_damping.small_signal import linearisation
-from facts_damping.studies.margins.linear_closed_loop import (
-    approximate,
-    delayed_loop,
-    eigen,
-    link_delays,
-    sampled,
-)
+from facts_damping.studies.margins.linear_closed_loop import approximate, delayed_loop, eigen, link_delays, sampled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
