@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.api.cases import case_of
+from facts_damping.api.cases import case_of, short_traceback
 from facts_damping.api.results import Result, of
-from facts_damping.api.short_traceback import short_traceback
 from facts_damping.case.names import label
 from facts_damping.errors import InputError
 from facts_damping.signals import NANOSECONDS

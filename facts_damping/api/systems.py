@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.api.short_traceback import short_traceback
+from facts_damping.api.cases import short_traceback
 from facts_damping.case import loading
 from facts_damping.small_signal import linear_plant as linear
 from facts_damping.small_signal import modal_analysis

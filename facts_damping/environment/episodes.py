@@ -14,8 +14,7 @@ from facts_damping.case.changes import as_sets, change
 from facts_damping.compiling.structs import Table
 from facts_damping.control.inputs import inputs
 from facts_damping.control.sensing import sensed
-from facts_damping.environment.many import Episodes, step_many
-from facts_damping.environment.observation import AgentInputs
+from facts_damping.environment.many import AgentInputs, Episodes, step_many
 from facts_damping.errors import InputError
 from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS

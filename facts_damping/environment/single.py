@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from facts_damping.environment.episodes import Episode, Source, weights_of
-from facts_damping.environment.observation import MAX_AGE, MAX_SIGNAL
+from facts_damping.environment.many import MAX_AGE, MAX_SIGNAL
 from facts_damping.environment.reward import IndexReward, Reward
 from facts_damping.environment.window import each_scale
 from facts_damping.errors import InputError
