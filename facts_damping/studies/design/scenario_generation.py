@@ -38,13 +38,12 @@ def training_cases(
     buses = [p.at for p in places if isinstance(p.device, Parallel)][:TRIED]
     lines = [p.at for p in places if isinstance(p.device, Series) and p.device.line is not None and p.at != taken.at]
     kinds = {"fault": [fault(bus) for bus in buses], "line_out": [trip(line) for line in lines[:TRIED]]}
-    found: dict[str, dict[str, Any]] = {}
-    done = 0
+    found, done = dict[str, dict[str, Any]](), 0
     for name, scenarios in kinds.items():
         for scenario in scenarios:
             progress(done, len(buses) + TRIED)
             done += 1
-            if _survived(run, scenario["events"]):
+            if _keeps_synchronism(run, scenario["events"]):
                 found[name] = {"name": name, **scenario}
                 break
     progress(1, 1)
@@ -54,11 +53,8 @@ def training_cases(
 def fault(bus: str) -> dict[str, Any]:
     """A self-clearing bolted fault at a bus."""
     events = [{"time": AT_S, "kind": "fault", "bus": bus, "duration": CLEARED_S}]
-    return {
-        "description": f"a bolted fault at {bus} for {1e3 * CLEARED_S:.0f} ms",
-        "duration": DURATION_S,
-        "events": events,
-    }
+    text = f"a bolted fault at {bus} for {1e3 * CLEARED_S:.0f} ms"
+    return {"description": text, "duration": DURATION_S, "events": events}
 
 
 def trip(line: str) -> dict[str, Any]:
@@ -67,12 +63,11 @@ def trip(line: str) -> dict[str, Any]:
         {"time": AT_S, "kind": "fault", "line": line, "location": 0.5},
         {"time": AT_S + CLEARED_S, "kind": "line_out", "line": line},
     ]
-    told = f"a bolted fault on {line}, cleared after {1e3 * CLEARED_S:.0f} ms by its trip; it stays out"
-    return {"description": told, "duration": DURATION_S, "events": events}
+    text = f"a bolted fault on {line}, cleared after {1e3 * CLEARED_S:.0f} ms by its trip; it stays out"
+    return {"description": text, "duration": DURATION_S, "events": events}
 
 
-def _survived(run: dict[str, Any], events: list[dict[str, Any]]) -> bool:
-    """Whether the machines stay in synchronism without control."""
+def _keeps_synchronism(run: dict[str, Any], events: list[dict[str, Any]]) -> bool:
     try:
         case = make_case({**run, "scenario": events, "controllers": [], "duration": DURATION_S}, "design")
         return bool(loop.run(case).in_synchronism.all())
