@@ -63,8 +63,8 @@ def draw(plan: Plan, folder: Path, jobs: int) -> list[Path]:
 
 def _one(base: Base, folder: Path, what: tuple[str, Point]) -> Path | None:
     kind, point = what
-    told = "_".join([kind, *(str(value) for value in point.columns.values())])
-    path = folder / f"{re.sub('[^A-Za-z0-9.+-]+', '_', told)}.png"
+    name = "_".join([kind, *(str(value) for value in point.columns.values())])
+    path = folder / f"{re.sub('[^A-Za-z0-9.+-]+', '_', name)}.png"
     try:
         DRAWN[kind](base, point.changes, path)
     except FactsDampingError:  # the row of this run has the reason
@@ -106,9 +106,8 @@ def _learning(rates: Any, lyapunov: Any, record: Record) -> None:
             time_s, colour = record.time_s[rows["tick"]], COLOURS[2 * identifier + output % 2]
             rates.plot(time_s, np.maximum(rows["rate"], MINIMUM), color=colour, lw=1.0, label=f"{who}, output {output}")
         rows = own[(own["output"] == 0) & (own["group"] == 0)]
-        lyapunov.plot(
-            record.time_s[rows["tick"]], np.maximum(rows["lyapunov"], MINIMUM), color=COLOURS[2 * identifier], label=who
-        )
+        time_s, values = record.time_s[rows["tick"]], np.maximum(rows["lyapunov"], MINIMUM)
+        lyapunov.plot(time_s, values, color=COLOURS[2 * identifier], label=who)
     rates.set(xlabel="time [s]", ylabel="learning rate", yscale="log")
     lyapunov.set(xlabel="time [s]", ylabel="Lyapunov function [-]", yscale="log")
     for axis in (rates, lyapunov):
@@ -126,10 +125,7 @@ class Portrait(NamedTuple):
 
 def portrait(case: Case) -> Portrait:
     """Run a neuro-fuzzy controller and keep its learnt parameters, also two seconds after the first event."""
-    net, first = (
-        controller_network(case.controllers[0]),
-        min([event.time for event in case.scenario.events], default=0.0),
-    )
+    net, first = controller_network(case.controllers[0]), min([e.time for e in case.scenario.events], default=0.0)
     built = loop.build_loop(case)
     theta = built.control.bank_state.learner.theta[0, : net.size]
     before = theta.copy()
@@ -137,12 +133,9 @@ def portrait(case: Case) -> Portrait:
     part = replace(case, run=case.run.model_copy(update={"duration": first + MIDST_S}))
     midst = loop.build_loop(part)
     loop.finish(part, midst)
-    moments = {
-        "before": before,
-        f"{MIDST_S:g} s after the event": midst.control.bank_state.learner.theta[0, : net.size],
-    }
-    reach = case.controllers[0].number("range")
-    return Portrait(record, net, {**moments, "after": theta}, reach)
+    later = midst.control.bank_state.learner.theta[0, : net.size]
+    moments = {"before": before, f"{MIDST_S:g} s after the event": later, "after": theta}
+    return Portrait(record, net, moments, case.controllers[0].number("range"))
 
 
 def surface(
@@ -187,13 +180,8 @@ def _response(axes: Axes, record: Record, name: str, baselines: dict[str, Record
     shown = list(differences)[-1]
     for label, (colour, width) in BASELINES.items():
         if label in baselines:
-            axes.plot(
-                baselines[label].time_s,
-                1e3 * speed_differences(baselines[label])[shown],
-                color=colour,
-                lw=width,
-                label=label,
-            )
+            difference = 1e3 * speed_differences(baselines[label])[shown]
+            axes.plot(baselines[label].time_s, difference, color=colour, lw=width, label=label)
     axes.plot(record.time_s, 1e3 * differences[shown], color=COLOURS[1], lw=1.5, label=name)
     span = 1.6e3 * float(np.max(np.abs(differences[shown])))
     axes.set(xlabel="time [s]", ylabel=f"{shown} [1e-3 p.u.]", xlim=(0, record.time_s[-1]), ylim=(-span, span))
