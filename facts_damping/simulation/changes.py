@@ -59,12 +59,6 @@ def with_event(case: Case, text: str, at_ns: int) -> Case:
     return replace(case, scenario=case.scenario.model_copy(update={"events": listed}))
 
 
-def with_reset(case: Case, at_ns: int) -> Case:
-    """The case with its scenario shifted to start at a time; `case`: as at the start of the run."""
-    events = [event.model_copy(update={"time": event.time + at_ns / NANOSECONDS}) for event in case.scenario.events]
-    return replace(case, scenario=case.scenario.model_copy(update={"events": events}))
-
-
 def with_link(case: Case, index: int, given: Any) -> Case:
     """The case with link `index` replaced; `given`: name, YAML text or parsed YAML.
 
@@ -114,7 +108,8 @@ def pending(case: Case, events: Sequence[GridEvent], at_ns: int) -> list[GridEve
 
 def reset_plant(case: Case, at_ns: int) -> tuple[Built, Case]:
     """The plant at equilibrium at a time, and the case with its scenario shifted to it; `case`: as at the start."""
-    again = with_reset(case, at_ns)
+    events = [event.model_copy(update={"time": event.time + at_ns / NANOSECONDS}) for event in case.scenario.events]
+    again = replace(case, scenario=case.scenario.model_copy(update={"events": events}))
     return build_plant(again), again
 
 
@@ -123,8 +118,7 @@ def apply(loop: Loop, now: Case, start: Case, change: RunChange) -> tuple[Loop, 
 
     `now`: the case so far; `start`: the case as at the start of the run.
     """
-    at, what, value = tick_ns(change.tick, loop.pmus.frame_rate), change.kind, change.value
-    index = change.index
+    at, what, value, index = tick_ns(change.tick, loop.pmus.frame_rate), change.kind, change.value, change.index
     change_watch(now.run.devices, loop.plant_state.watch, change, at)
     if change.role == "supervisor":  # first: its `reset` is not that of the plant
         ask(loop.control.supervisors, loop.control.supervisor_state, change)
@@ -194,11 +188,11 @@ def rerun(case: Case, changes: Sequence[RunChange]) -> Record:
     if any(change.kind in ("link", "parameter") for change in changes):  # copies of entries, stamps of their own
         loop = loop._replace(signals=signals_for(case, stamps=len(case.system.pmus), up=2, down=2))
     passed: list[GridEvent] = []
-    acting, restarts = by_tick(changes), Restarts(loop.control.bank, loop.control.bank_state)
+    at_ticks, restarts = by_tick(changes), Restarts(loop.control.bank, loop.control.bank_state)
     for tick in range(case.ticks):
         at = tick_ns(tick, loop.pmus.frame_rate)
         restarts.begin(tick)
-        for change in acting.get(tick, ()):
+        for change in at_ticks.get(tick, ()):
             loop, now = apply(loop, now, case, change)
             events = pending(now, events, at)
         while events and events[0].time_ns <= at:

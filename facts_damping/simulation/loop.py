@@ -74,11 +74,9 @@ def build_loop(
     work = workspace(built.plant, built.state)
     applied = np.zeros(links.down.out.size, SETPOINT)
     spoofed = bool((links.up.chain.rows["model"] == SPOOF).any())
-    stamps = (
-        len(case.system.pmus) if spoofed or clocks_differ(case.measurement, [s.name for s in case.system.pmus]) else 1
-    )
+    differ = spoofed or clocks_differ(case.measurement, [s.name for s in case.system.pmus])
     up, down = (way.packets.now_ns.shape[1] for way in (links.up, links.down))
-    signals = signals_for(case, stamps, up, down)
+    signals = signals_for(case, len(case.system.pmus) if differ else 1, up, down)
     pmus, pmu_state = build_pmus(case)
     programs = connect(case, control.bank_state, outside=outside)
     return Loop(built.plant, built.state, work, pmus, pmu_state, links, control, applied, signals, programs)
@@ -165,7 +163,7 @@ def record(case: Case, loop: Loop) -> Record:
     refused = int(loop.links.up.ring[:, RING_NO_ROOM].sum() + loop.links.down.ring[:, RING_NO_ROOM].sum())
     if refused:
         raise RunError(f"link: {refused} entries found no room under way; its delays are not what was allowed for")
-    ticks, delivered, issued, applied, estimates, learning, passed, told = (int(n) for n in kept.used)
+    ticks, delivered, issued, applied, estimates, learning, passed, statuses = (int(n) for n in kept.used)
     if delivered > kept.delivered.size or issued > kept.issued.size or applied > kept.applied.size:
         raise RunError(f"loop: {delivered} entries, {issued} setpoints, {applied} applied: more than there is room for")
     return Record(
@@ -187,7 +185,7 @@ def record(case: Case, loop: Loop) -> Record:
         estimates=kept.estimates[:estimates],
         learning=kept.learning[:learning],
         supervised=kept.supervised[:passed],
-        supervision=kept.supervision[:told],
+        supervision=kept.supervision[:statuses],
         links=len(case.links),
         events=[event for event in grid_events(case) if event.time_ns <= kept.time_ns[ticks - 1]],
         versions=versions(),
