@@ -40,16 +40,10 @@ def plain(value: Any) -> Any:
         return plain(value.tolist())
     if isinstance(value, np.generic):
         return value.item()
-    if isinstance(value, type):
-        return class_name(value)
+    if isinstance(value, type):  # as `policy` has it: by its module, where others find it there; else by its file
+        file = getattr(sys.modules.get("__main__"), "__file__", None) if value.__module__ == "__main__" else None
+        return f"{file or value.__module__}:{value.__qualname__}"
     return str(value) if isinstance(value, PathLike) else value
-
-
-def class_name(given: type[Any]) -> str:
-    """A class as `policy` has it: by its module, where others find it there; else by its file."""
-    main = sys.modules.get("__main__")
-    file = getattr(main, "__file__", None) if given.__module__ == "__main__" else None
-    return f"{file or given.__module__}:{given.__qualname__}"
 
 
 def short_traceback(function: Callable[P, R]) -> Callable[P, R]:

@@ -20,9 +20,8 @@ def modes(system: str, devices: list[str] | None = None) -> Modal:
     `system`: name under config/systems, or a path; `devices`: that are installed, none: those of a run that it has.
     """
     found = loading.load_system(system)
-    return modal_analysis.analyse(
-        found, loading.installed(found, None if devices is None else ",".join(devices) or "none")
-    )
+    names = None if devices is None else ",".join(devices) or "none"
+    return modal_analysis.analyse(found, loading.installed(found, names))
 
 
 @short_traceback
