@@ -71,7 +71,6 @@ def _table(path: Path, where: str) -> Series | dict[str, Series]:
 
 
 def _number(cell: str, name: str, k: int, where: str) -> float | None:
-    """Delay of a cell, s; None if empty."""
     text = cell.strip()
     try:
         return float(text) if text else None

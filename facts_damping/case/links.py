@@ -57,11 +57,6 @@ def mean_delays(controller: Controller, system: System, link: Link) -> tuple[flo
     return max(whole, default=0.0), max(down, default=0.0)
 
 
-def with_own(controller: Controller, link: Link) -> Controller:
-    """A controller with its own link inline, if it has one."""
-    return controller if controller.link is None else controller.model_copy(update={"link": link.model_dump()})
-
-
 def read_link(given: str | dict[str, Any], field: str) -> Link:
     """A link by name, path, or inline content of the run's field."""
     if isinstance(given, str):
@@ -77,14 +72,12 @@ def signed(link: Link) -> Link:
     """A link with signed messages: a message altered on the way is refused, so it counts as lost."""
 
     def refused(stage: Any) -> Any:
-        return Bernoulli(**shared(stage), loss=stage.probability) if stage.model == "flip" else stage
+        if stage.model != "flip":
+            return stage
+        shared = {name: getattr(stage, name) for name in ("stage", "channels", "start", "duration")}
+        return Bernoulli(**shared, loss=stage.probability)
 
     return link.model_copy(update={way: [refused(stage) for stage in getattr(link, way)] for way in ("up", "down")})
-
-
-def shared(stage: StageModel) -> dict[str, Any]:
-    """Fields of a stage that all stages have."""
-    return {name: getattr(stage, name) for name in ("stage", "channels", "start", "duration")}
 
 
 def beside(link: Link, measurement: Measurement) -> Link:

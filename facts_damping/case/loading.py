@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.case.changes import PROFILE, STANDARD, as_sets, change, off, take_profile
 from facts_damping.case.checks import check_case, check_events
 from facts_damping.case.controllers import filled
-from facts_damping.case.links import beside, check_felt, read_links, signed, with_own
+from facts_damping.case.links import beside, check_felt, read_links, signed
 from facts_damping.case.measurement import read_measurement
 from facts_damping.case.model import Case
 from facts_damping.case.supervision import check_fallbacks, read_supervision
@@ -126,21 +126,13 @@ def _made(content: Any, sets: dict[str, str]) -> Case:
     scenario_file = str(path) if isinstance(run.scenario, str) else ""
     placed = place(_dispatched(system, scenario, scenario_file))
     latency = reference_filter(measurement, system.frequency, run.frame_rate).delay / run.frame_rate
-    rows = [
-        filled(
-            with_own(c, links[used[i]]),
-            f"controllers.{i}",
-            system,
-            links[used[i]],
-            run.frame_rate,
-            latency,
-            measurement.filter,
-            run.tuning,
-        )
-        for i, c in enumerate(run.controllers)
-    ]
+    controllers, settings = [], (run.frame_rate, latency, measurement.filter, run.tuning)
+    for i, controller in enumerate(run.controllers):
+        if controller.link is not None:
+            controller = controller.model_copy(update={"link": links[used[i]].model_dump()})  # noqa: PLW2901
+        controllers.append(filled(controller, f"controllers.{i}", system, links[used[i]], *settings))
     supervision = read_supervision(run)
-    case = Case(run, rows, placed, scenario, measurement, link, links, used, supervision, model)
+    case = Case(run, controllers, placed, scenario, measurement, link, links, used, supervision, model)
     check_case(case)
     check_fallbacks(case)
     check_events(case, scenario_file)
@@ -162,7 +154,7 @@ def _system(given: str | dict[str, Any], field: str) -> System:
 
 
 def _model(run: Run, system: System) -> System | None:
-    """The system for controller design, if not the plant; it gets the plant's devices and signals."""
+    """The system for controller design, if not the plant."""
     if run.model is None:
         return None
     model = _system(run.model, "model")
@@ -178,7 +170,6 @@ def _model(run: Run, system: System) -> System | None:
 
 
 def _dispatched(system: System, scenario: Scenario, where: str) -> System:
-    """The system with the active powers of a scenario's dispatch."""
     scheduled = [m.name for m in system.machines if not m.slack]
     for name in scenario.dispatch:
         check_known(f"{where}: dispatch", name, scheduled)

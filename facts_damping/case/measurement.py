@@ -14,14 +14,13 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
 
-FOLDER = "measurement"  # folder below config
 FIXED = ("start", "duration", "lost", "voltage_range", "current_range")  # fields that cannot change during a run
 
 
 def read_measurement(given: str | dict[str, Any]) -> Measurement:
     """How PMUs measure: by name, path, or inline content of the run's field."""
     if isinstance(given, str):
-        path = find(FOLDER, given)
+        path = find("measurement", given)
         return check(Measurement, read_table(path), str(path))
     return check_field(Measurement, given, "measurement")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from facts_damping.monitor_table import MONITORS
 from facts_damping.parameters.files import find, read_table
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Run
 
-FOLDER = "supervision"  # folder below config
-
 
 def read_supervision(run: Run) -> Supervision | None:
     """A run's supervision by name, path or inline; None if it has none."""
@@ -26,13 +24,13 @@ def read_supervision(run: Run) -> Supervision | None:
             raise FieldError("arm_at", f"{run.arm_at:g} given; allowed: with `supervision`")
         return None
     if isinstance(given, str):
-        path = find(FOLDER, given)
+        path = find("supervision", given)
         with worded(str(path)):
             found = check_field(Supervision, read_table(path), "")
             _check_monitors(found, "monitors")
     else:
-        found = check_field(Supervision, given, FOLDER)
-        _check_monitors(found, f"{FOLDER}.monitors")
+        found = check_field(Supervision, given, "supervision")
+        _check_monitors(found, "supervision.monitors")
     start = found.probe.start
     if found.arming.probe and run.arm_at is not None and not (start is not None and start < run.arm_at):
         begins = "none" if start is None else f"{start:g}"
@@ -100,15 +98,11 @@ def check_fallbacks(case: Case) -> None:
 
 def local_signals(system: System, devices: list[str]) -> list[str]:
     """Signals whose PMUs are all at a bus of one of the devices or measure the flow through a device."""
-    buses = {bus for name in devices for bus in _buses(system, name)}
+    ends = ("bus", "from_bus", "to_bus")
+    buses = {getattr(system.device(name), end, None) for name in devices for end in ends} - {None}
     where = system.pmu_buses()
     at = {s.name for s in system.pmus if where[s.name] in buses or set(s.branches) & set(devices)}
     return [name for name, signal in system.signals.items() if set(signal.weights) <= at]
-
-
-def _buses(system: System, device: str) -> list[str]:
-    own: Any = system.device(device)
-    return [bus for name in ("bus", "from_bus", "to_bus") if (bus := getattr(own, name, None)) is not None]
 
 
 def ends(system: System) -> list[tuple[int, int]]:
