@@ -147,8 +147,8 @@ def _wanted(model: type[ParameterModel], location: tuple[int | str, ...]) -> str
     found = [f"{word} {getattr(m, key):g}" for m in limits for key, word in words.items() if hasattr(m, key)]
     extra = _extra(model, location)
     unit = "" if extra.get("unit", "-") == "-" else str(extra["unit"])
-    told = [*([f"in {unit}"] if unit else []), *found, *([f"usual {extra['usual']:g}"] if "usual" in extra else [])]
-    return ", ".join(told) or "a value of this field"
+    usual = [f"usual {extra['usual']:g}"] if "usual" in extra else []
+    return ", ".join([*([f"in {unit}"] if unit else []), *found, *usual]) or "a value of this field"
 
 
 def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None = None, under: str = "") -> M:
