@@ -119,7 +119,6 @@ def with_weights(controller: Controller, weights: Path | Weights) -> Controller:
 
 
 def _weights(controller: Controller, scheme: str | None, values: dict[str, Value], field: str) -> Weights | None:
-    """Initial weights of the controller, read if they name a file."""
     if controller.weights is None:
         return None
     found = controller.weights

@@ -41,7 +41,6 @@ def with_law(controller: Controller, field: str, frame_rate: int) -> Controller:
 
 
 def _read(path: Path, field: str) -> dict[str, Any]:
-    """Content of a file as a YAML file would give it."""
     if not is_file(path):
         raise FieldError(field, f"{path}: no such file; allowed: a law in a .yaml, .npz or .mat file")
     if path.suffix in (".yaml", ".yml"):

@@ -85,7 +85,6 @@ def _tables(system: System) -> dict[str, list[Row]]:
 
 
 def _plain(power: complex, base: float) -> complex:
-    """A power with round-off removed."""
     return power if abs(power) > NOTHING * base else 0j
 
 

@@ -69,7 +69,6 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         return self._windows.copy(), {}
 
     def _begin(self, i: int, options: dict[str, Any] | None = None) -> Episode:
-        """Begin an episode and take over its arrays."""
         one, _ = self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])
         self._all = None  # rebuilt from the present episodes
         self._ticks[i], self._last[i], self._lost[i] = one.tick, one.case.ticks - 1, one.lost

@@ -135,7 +135,6 @@ def _field(model: type[ParameterModel], location: tuple[int | str, ...]) -> Any:
 
 
 def _extra(model: type[ParameterModel], location: tuple[int | str, ...]) -> dict[str, Any]:
-    """Unit and usual value of a field, as far as it has them."""
     extra = getattr(_field(model, location), "json_schema_extra", None)
     return extra if isinstance(extra, dict) else {}
 

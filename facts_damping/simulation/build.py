@@ -274,7 +274,6 @@ def _compensated(case: Case, i: int, plant: Residues | None) -> float:
 
 
 def _no_smith(mode: complex | None) -> str:
-    """Reason why a Smith predictor is refused."""
     if mode is None:
         return "the plant has no electromechanical mode"
     of = f"{mode.real:+.3f} +- {mode.imag:.3f}j 1/s ({mode.imag / TURN:.2f} Hz) without controllers"

@@ -116,7 +116,6 @@ class FmuController:
 
 
 def _unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
-    """The unpacked folder of an FMU and its description. Raises `InputError` if it is not an FMU."""
     library("fmpy", "fmi", "FMPy", where)
     if not is_file(path):
         raise InputError(f"{where}: {path}: no such file; allowed: an FMU")

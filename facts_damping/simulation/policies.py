@@ -151,7 +151,6 @@ def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any], bool
 
 
 def _step_of(made: Any, name: str, where: str) -> Callable[..., Any]:
-    """The `step` of an instance. Raises `InputError` if it does not accept the arguments."""
     step: Callable[..., Any] | None = getattr(made, "step", None)
     allowed = f"step(self, {', '.join(STEP)})"
     if not callable(step):
@@ -166,7 +165,6 @@ def _step_of(made: Any, name: str, where: str) -> Callable[..., Any]:
 
 
 def _checked(u: Any, devices: list[str]) -> NDArray[np.float64]:
-    """The setpoints that a step returned, as an array. Raises `ValueError` if they are invalid."""
     found = np.asarray(u, np.float64)
     if found.shape != (len(devices),) and not (found.ndim == 0 and len(devices) == 1):
         raise ValueError(f"u of shape {found.shape} given; allowed: ({len(devices)},), one a device")

@@ -79,9 +79,8 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str], *, po
 def check_has_run(record: Record, source: str) -> None:
     """Raise `InputError` if a record does not hold its run's configuration, as with `ros2 bag record`."""
     if not record.configuration:
-        raise InputError(
-            f"{source}: holds no run; allowed: --run with the run it is of{'; '.join(['', *record.notes])}"
-        )
+        notes = "; ".join(["", *record.notes])
+        raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{notes}")
 
 
 def _refuse_code(content: dict[str, Any], changes: set[str], source: str) -> None:

@@ -128,7 +128,6 @@ class NodeReplay:
         return Played(**(whole | {name: self._changed.published(role, whole[name]) for name, role in ROLES.items()}))
 
     def _act(self, c: int, at: int, tick: int) -> None:
-        """Run a controller on the delivered entries, with new estimates."""
         control, rows = self._control, self._delivered[self._case.used_links[c]][at]
         for newer in self._messages.new("controller", c, "estimate", tick, tick - 1):
             if (c, newer) in self._estimates and not self._changed.silent("identifier", c, newer):

@@ -106,7 +106,6 @@ def _check_ends(field: str, from_bus: str, to_bus: str, buses: set[str]) -> None
 
 
 def _check_devices(system: System, buses: set[str]) -> None:
-    """Devices stand at buses or in lines that are there, in series one a place."""
     lines = {line.name for line in system.lines}
     devices: dict[tuple[str, ...], str] = {}  # by place
     for device in system.devices:
@@ -129,7 +128,6 @@ def _check_devices(system: System, buses: set[str]) -> None:
 
 
 def _check_machines(system: System) -> None:
-    """Controls belong to machines that are there; one machine balances the power flow, or infinite buses do."""
     machines = {m.name for m in system.machines}
     for field in ("exciters", "stabilisers", "governors"):
         _unique(field, [row.machine for row in getattr(system, field)])
@@ -152,7 +150,6 @@ def _check_machines(system: System) -> None:
 
 
 def _check_measurements(system: System, buses: set[str]) -> None:
-    """PMUs, signals and measures name what is there."""
     machines = {m.name for m in system.machines}
     pmus = _unique("pmus", [s.name for s in system.pmus])
     joined: list[Line | Transformer] = [*system.lines, *system.transformers]

@@ -153,9 +153,9 @@ def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
 
 def healthy(made: Plan, drawn: Draw) -> Draw:
     """A draw without its fault, which is applied to the nodes of a graph instead."""
-    drawn_too: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
+    kept: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
     chosen = _chosen(made.campaign.base_runs[drawn.base_run], drawn.chosen)
-    return drawn._replace(changes={**made.set, **chosen, **drawn_too})
+    return drawn._replace(changes={**made.set, **chosen, **kept})
 
 
 def case_of(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:

@@ -186,7 +186,6 @@ def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[E
 def _pair(
     task: Task, tried: Tried, index: int, signal: int, name: str, modes: Sequence[Eigenmode], target: int
 ) -> Pair:
-    """A pair with its lead-lag and the effect of this on the other modes."""
     residues = tried.residue[:, signal]
     at = modes[target].eigenvalue
     law = lead_lag.lead_lag(complex(residues[target]), at, task.delay, FRAME_RATE)

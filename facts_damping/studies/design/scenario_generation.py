@@ -26,17 +26,17 @@ TRIED = 6  # candidates of each kind
 
 
 def training_cases(
-    run: dict[str, Any], tried: Sequence[Tried], taken: Place, mode: int, progress: Callable[[int, int], None]
+    run: dict[str, Any], tried: Sequence[Tried], own: Place, mode: int, progress: Callable[[int, int], None]
 ) -> dict[str, dict[str, Any]]:
     """The content of scenario files by name: `fault` and `line_out`, as far as they were found.
 
-    `run`: content of a run of the system. `taken`: place of its device, whose line does not trip. `mode`: index of the
+    `run`: content of a run of the system. `own`: place of its device, whose line does not trip. `mode`: index of the
     mode in the places' strengths.
     """
     order = np.argsort([-t.strength[mode] for t in tried])  # NaN last
     places = [tried[i].place for i in order.tolist() if not tried[i].why_not]
     buses = [p.at for p in places if isinstance(p.device, Parallel)][:TRIED]
-    lines = [p.at for p in places if isinstance(p.device, Series) and p.device.line is not None and p.at != taken.at]
+    lines = [p.at for p in places if isinstance(p.device, Series) and p.device.line is not None and p.at != own.at]
     kinds = {"fault": [fault(bus) for bus in buses], "line_out": [trip(line) for line in lines[:TRIED]]}
     found, done = dict[str, dict[str, Any]](), 0
     for name, scenarios in kinds.items():

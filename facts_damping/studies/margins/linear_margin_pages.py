@@ -107,7 +107,6 @@ def _cell(mode: linearisation.Eigenmode | None) -> str:
 
 
 def _runs(found: Margin, beside: Beside) -> Iterator[str]:
-    """Lines about the nonlinear runs."""
     near = "not near the linear margin" if beside.pulse is None else _ms(beside.pulse)
     yield f"time domain, a pulse of 0.01 %              {near}"
     for one in beside.scenario:

@@ -105,11 +105,11 @@ def draws(
         plain = {name: value for name, value in base.set.items() if name in ("profile", "link")}
         plain |= {name: given[name] for name in ("system", "scenario")}
         found.append(_draw(make(base._replace(set=plain, content={}), {}), reference))
-    drawn = {name for axis in made.study.sweep for name in drawn_columns(axis)}
+    random = {name for axis in made.study.sweep for name in drawn_columns(axis)}
     for point in made.points:
         if len(found) >= number:
             break
-        group = tuple(value for name, value in point.columns.items() if name not in drawn)
+        group = tuple(value for name, value in point.columns.items() if name not in random)
         try:
             found.append(_draw(make(base, point.changes), reference, group))
         except FactsDampingError:

@@ -197,7 +197,6 @@ def _warn_of_small_budget(task: SearchTask, climbed: Sequence[Rung], counts: Seq
 
 
 def _check_start(task: SearchTask, asked: Sequence[Structure]) -> None:
-    """Raise `InputError` if the source of starting points has none for any structure."""
     if task.start == "hypercube":
         if task.deviation is not None:
             allowed = "with tuned, or a run"

@@ -33,15 +33,15 @@ def draw_margins(margins: Rows, across: str) -> Figure:
     labels = [label(dict(zip(names, one, strict=True)), names) for one in reversed(ranked(margins, names))]
     size = (4.6 + 3.4 * len(columns), 1.1 + len(lines) * (0.7 + 0.27 * len(labels)))
     figure = Figure(figsize=size, layout="constrained")
-    drawn: Any = figure.subplots(len(lines), len(columns), sharey=True, sharex=True, squeeze=False)
-    for (scenario, rows), panels in zip(lines.items(), drawn, strict=True):
+    grid: Any = figure.subplots(len(lines), len(columns), sharey=True, sharex=True, squeeze=False)
+    for (scenario, rows), panels in zip(lines.items(), grid, strict=True):
         for axes, column in zip(panels, columns, strict=True):
             own = [row for row in rows if row[across] == column]
             for row in own:
                 (_bar if row["criterion"] == first else _diamond)(axes, labels.index(row["label"]), row)
             _dress(axes, ", ".join(part for part in (scenario, cell(column)) if part), own)
-    drawn[0][0].set_yticks(range(len(labels)), labels)
-    for axes in drawn[-1]:
+    grid[0][0].set_yticks(range(len(labels)), labels)
+    for axes in grid[-1]:
         axes.set_xlabel(margins[0]["field"])
     title = f"Least {margins[0]['field']} at which a run {WORDS[first]}"
     if not all(row["monotonic"] for row in margins if row["criterion"] == first):

@@ -55,10 +55,10 @@ def draw(plan: Plan, folder: Path, jobs: int) -> list[Path]:
         return []
     progress = Progress("pictures", "pictures")
     try:
-        drawn = run_all(partial(_one, plan.base, folder), todo, jobs, progress)
+        paths = run_all(partial(_one, plan.base, folder), todo, jobs, progress)
     finally:
         progress.close()
-    return [path for path in drawn if path is not None]
+    return [path for path in paths if path is not None]
 
 
 def _one(base: Base, folder: Path, what: tuple[str, Point]) -> Path | None:

@@ -148,7 +148,6 @@ def rows(found: Sequence[PointState]) -> list[dict[str, Any]]:
 
 
 def _seen(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
-    """The rows of each point, by the value of the margin's field."""
     found: list[PointState] = [{} for _ in made.points]
     for key, row in rows.items():
         point, _, value = key.partition(" ")
@@ -173,7 +172,6 @@ def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
 
 
 def _ends(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
-    """Runs at the ends of all brackets that still need a repetition with half the step."""
     criteria = made.study.margin.criteria if made.study.margin else []
     return [
         _task(made, i, value)._replace(check_step=True)
@@ -250,8 +248,8 @@ def across(made: Plan) -> str:
 
 def _place(made: Plan) -> list[str]:
     """Columns that identify a run, without its seed and random values."""
-    drawn = {"seed", *(name for axis in made.study.sweep for name in axes.drawn_columns(axis))}
-    return [name for name in dict.fromkeys([*IDENTITY, *made.points[0].columns, "horizon_s"]) if name not in drawn]
+    random = {"seed", *(name for axis in made.study.sweep for name in axes.drawn_columns(axis))}
+    return [name for name in dict.fromkeys([*IDENTITY, *made.points[0].columns, "horizon_s"]) if name not in random]
 
 
 def found_fractions(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:

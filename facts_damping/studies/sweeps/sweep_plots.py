@@ -107,7 +107,6 @@ def _panels(rows: Rows, titles: Sequence[str], label: str) -> tuple[Figure, dict
 
 
 def _legend(figure: Figure) -> None:
-    """One legend for all panels, at the right."""
     entries = {}
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
@@ -209,9 +208,9 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
     across = min(MAX_ACROSS, len(kept))
     down = -(-len(kept) // across)
     figure = Figure(figsize=(1.6 + 3.6 * across, 0.6 + 3.2 * down), layout="constrained")
-    drawn: Any = figure.subplots(down, across, squeeze=False).ravel()
+    grid: Any = figure.subplots(down, across, squeeze=False).ravel()
     marked = False
-    for axes, (title, some) in zip(drawn, kept, strict=False):
+    for axes, (title, some) in zip(grid, kept, strict=False):
         columns, wide = binned(np.array([row[x] for row in some], float))
         lines, high = binned(np.array([row[y] for row in some], float))
         failed = np.array([FAILED[criterion](row) for row in some])
@@ -225,10 +224,10 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
             axes.text(at[j], up[i], MARK, color=colour, ha="center", va="center", fontsize="large")
         marked |= bool(changed.any())
         axes.set(title=title, xlabel=x, ylabel=y)
-    for axes in drawn[len(kept) :]:
+    for axes in grid[len(kept) :]:
         axes.set_visible(False)
     text = _fraction_label(rows, criterion) + (f"\n{MARK} some do otherwise with half the step" if marked else "")
-    figure.colorbar(image, ax=list(drawn), label=text, shrink=0.8)
+    figure.colorbar(image, ax=list(grid), label=text, shrink=0.8)
     return figure
 
 
@@ -251,19 +250,19 @@ def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
     For swept numbers, at the least value of each. None if no latency varies.
     """
     names = LATENCIES[1:]
-    told = [r for r in rows if r["latency_max_ms"] is not None and r["latency_max_ms"] - r["latency_p0_ms"] > SPREAD_MS]
-    if not told:
+    kept = [r for r in rows if r["latency_max_ms"] is not None and r["latency_max_ms"] - r["latency_p0_ms"] > SPREAD_MS]
+    if not kept:
         return None
     title = []
     for name in numeric(rows, swept):
         if len({row[name] for row in rows}) <= MAX_DISTINCT:
-            minimum = min(row[name] for row in told)
-            told = [row for row in told if row[name] == minimum]
+            minimum = min(row[name] for row in kept)
+            kept = [row for row in kept if row[name] == minimum]
             title.append(f"{name} = {minimum:g}")
     figure = Figure(figsize=(7.5, 3.8), layout="constrained")
     axes = figure.subplots()
-    apart = groups(told, swept, ())
-    apart = apart if len(apart) <= MAX_TOGETHER else groups(told, swept, numeric(told, swept))
+    apart = groups(kept, swept, ())
+    apart = apart if len(apart) <= MAX_TOGETHER else groups(kept, swept, numeric(kept, swept))
     for (name, some), style in zip(apart.items(), styles(), strict=False):
         quantiles = np.array([[row[name] for name in names] for row in some], float)
         at = np.unique(quantiles)
