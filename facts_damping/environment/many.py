@@ -100,15 +100,7 @@ def step_many(all_of: Episodes, first: int, stride: int) -> None:
         kept, links = loop.signals, loop.links
         all_of.ticks[e], all_of.time_ns[e] = tick, kept.time_ns[tick]
         all_of.lost[e] = not kept.in_synchronism[tick]
-        link = links.used[agent]
-        observe(
-            all_of.eyes[e],
-            links.up.out[link],
-            links.up.ring[link, RING_DELIVERED],
-            tick_ns(tick + 1, loop.pmus.frame_rate),
-            all_of.windows[e],
-            all_of.scale,
-            all_of.weights[e],
-            kept.machines[tick],
-            all_of.deviations[e],
-        )
+        eyes, link, end_ns = all_of.eyes[e], links.used[agent], tick_ns(tick + 1, loop.pmus.frame_rate)
+        rows, count = links.up.out[link], links.up.ring[link, RING_DELIVERED]
+        window, weights, deviations = all_of.windows[e], all_of.weights[e], all_of.deviations[e]
+        observe(eyes, rows, count, end_ns, window, all_of.scale, weights, kept.machines[tick], deviations)

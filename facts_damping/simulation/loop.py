@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from facts_damping.small_signal.residues import Residues
 
+BY_TICK = ("time_ns", "frames", "measured_ns", "status", "machines", "devices", "in_synchronism")
+TABLES = ("delivered", "issued", "applied", "estimates", "learning", "supervised", "supervision")
 TICKS_AT_ONCE = 3600  # between such blocks other threads can run
 
 
@@ -163,29 +165,20 @@ def record(case: Case, loop: Loop) -> Record:
     refused = int(loop.links.up.ring[:, RING_NO_ROOM].sum() + loop.links.down.ring[:, RING_NO_ROOM].sum())
     if refused:
         raise RunError(f"link: {refused} entries found no room under way; its delays are not what was allowed for")
-    ticks, delivered, issued, applied, estimates, learning, passed, statuses = (int(n) for n in kept.used)
-    if delivered > kept.delivered.size or issued > kept.issued.size or applied > kept.applied.size:
+    ticks, *counts = (int(n) for n in kept.used)
+    used = dict(zip(TABLES, counts, strict=True))
+    if any(used[name] > len(getattr(kept, name)) for name in TABLES[:3]):
+        delivered, issued, applied = counts[:3]
         raise RunError(f"loop: {delivered} entries, {issued} setpoints, {applied} applied: more than there is room for")
+    signals: dict[str, Any] = {name: getattr(kept, name)[:ticks] for name in BY_TICK}
+    signals |= {name: getattr(kept, name)[:count] for name, count in used.items()}
     return Record(
         configuration=case.document(),
         pmus=[s.name for s in case.system.pmus],
         machine_names=[m.name for m in case.system.machines],
         device_names=list(case.run.devices),
         controller_names=controller_names(case),
-        time_ns=kept.time_ns[:ticks],
-        frames=kept.frames[:ticks],
-        measured_ns=kept.measured_ns[:ticks],
-        status=kept.status[:ticks],
-        delivered=kept.delivered[:delivered],
-        issued=kept.issued[:issued],
-        applied=kept.applied[:applied],
-        machines=kept.machines[:ticks],
-        devices=kept.devices[:ticks],
-        in_synchronism=kept.in_synchronism[:ticks],
-        estimates=kept.estimates[:estimates],
-        learning=kept.learning[:learning],
-        supervised=kept.supervised[:passed],
-        supervision=kept.supervision[:statuses],
+        **signals,
         links=len(case.links),
         events=[event for event in grid_events(case) if event.time_ns <= kept.time_ns[ticks - 1]],
         versions=versions(),

@@ -132,25 +132,24 @@ def fitted(record: Record, case: Case) -> Record:
     places = np.array([names.index(name) if name in names else -1 for name in record.pmus], np.int64)
     delivered["pmu"] = places[delivered["pmu"]]
     pmus = [record.pmus.index(name) for name in names]
+    signals: dict[str, Any] = {
+        **{name: getattr(record, name)[kept][:, pmus] for name in ("frames", "measured_ns", "status")},
+        **{name: _counted(getattr(record, name), record, case, end) for name in ("issued", "supervised", "applied")},
+    }
+    for name in ("supervision", "estimates", "learning"):
+        rows = getattr(record, name)
+        signals[name] = rows[rows["tick"] < end]
     return replace(
         record,
         pmus=names,
         device_names=list(case.run.devices),
         controller_names=controller_names(case),
         time_ns=record.time_ns[kept],
-        frames=record.frames[kept][:, pmus],
-        measured_ns=record.measured_ns[kept][:, pmus],
-        status=record.status[kept][:, pmus],
         delivered=delivered[delivered["pmu"] >= 0],
-        issued=_counted(record.issued, record, case, end),
-        supervised=_counted(record.supervised, record, case, end),
-        supervision=record.supervision[record.supervision["tick"] < end],
-        applied=_counted(record.applied, record, case, end),
         machines=_ordered(record.machines[kept], record.machine_names, [m.name for m in case.system.machines]),
         devices=_ordered(record.devices[kept], record.device_names, case.run.devices),
         in_synchronism=record.in_synchronism[kept],
-        estimates=record.estimates[record.estimates["tick"] < end],
-        learning=record.learning[record.learning["tick"] < end],
+        **signals,
     )
 
 
