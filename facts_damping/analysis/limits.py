@@ -75,14 +75,14 @@ def _islands(record: Record) -> Iterator[str]:
     """Parts of the network that events separated from the rest."""
     system = inline_system(record.configuration)
     names = [bus["name"] for bus in system.get("buses") or () if isinstance(bus, dict)]
-    switched = [event for event in record.events if event["kind"] in ("line_out", "line_in")]
+    switched = [event for event in record.events if event.kind in ("line_out", "line_in")]
     out: set[str] = set()
     for event in switched if names else ():
-        (out.add if event["kind"] == "line_out" else out.discard)(str(event["element"]))
+        (out.add if event.kind == "line_out" else out.discard)(str(event.element))
         parts = _parts(system, names, out)
         if len(parts) > 1:
             told = "; ".join(", ".join(part) for part in parts[1:])
-            time = event["time_ns"] / NANOSECONDS
+            time = event.time_ns / NANOSECONDS
             yield f"the grid has split at {time:g} s; apart from the rest: buses {told}"
 
 
@@ -127,8 +127,8 @@ def _in_service(record: Record) -> NDArray[np.bool_]:
     """Whether each machine is connected, (ticks, machines)."""
     found = np.ones(record.machines.shape, np.bool_)
     for event in record.events:
-        if event["kind"] == "generator_trip" and event["element"] in record.machine_names:
-            found[record.time_ns >= event["time_ns"], record.machine_names.index(event["element"])] = False
+        if event.kind == "generator_trip" and event.element in record.machine_names:
+            found[record.time_ns >= event.time_ns, record.machine_names.index(event.element)] = False
     return found
 
 
@@ -136,10 +136,10 @@ def _burning(record: Record) -> NDArray[np.bool_]:
     """Whether a fault is present, (ticks,)."""
     found = np.zeros(len(record.time_ns), np.bool_)
     burning: set[str] = set()
-    for event in sorted(record.events, key=lambda event: event["time_ns"]):
-        if event["kind"] == "fault":
-            burning.add(event["element"])
-        elif event["kind"] == "clear":
-            burning.discard(event["element"])
-        found[record.time_ns >= event["time_ns"]] = bool(burning)
+    for event in sorted(record.events, key=lambda event: event.time_ns):
+        if event.kind == "fault":
+            burning.add(event.element)
+        elif event.kind == "clear":
+            burning.discard(event.element)
+        found[record.time_ns >= event.time_ns] = bool(burning)
     return found

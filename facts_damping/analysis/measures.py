@@ -95,7 +95,7 @@ def event_times(record: Record) -> list[float]:
     From the events in the record (`time_ns`), which include the clearing of faults; if there are none, from
     `configuration["events"]` (`time`, `duration`, s).
     """
-    times = [event["time_ns"] / NANOSECONDS for event in record.events]
+    times = [event.time_ns / NANOSECONDS for event in record.events]
     for event in () if times else record.configuration.get("events") or ():
         times += [event["time"]] + ([event["time"] + event["duration"]] if event.get("duration") else [])
     return sorted(time for time in times if len(record.time_ns) and time <= record.time_s[-1])

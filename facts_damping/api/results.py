@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping import findings
 from facts_damping.analysis.summary import summarise
-from facts_damping.api.cases import case_of
-from facts_damping.api.short_traceback import short_traceback
+from facts_damping.api.cases import case_of, short_traceback
 from facts_damping.case.names import asked_label
 from facts_damping.digest import digest
 from facts_damping.extras import library

@@ -133,7 +133,7 @@ class ReplaySource:
             check_wanted()
             self.member.begin(tick)
             self.publish(at, tick, start)
-            while events and events[0]["time_ns"] <= start:
+            while events and events[0].time_ns <= start:
                 self.to_events.publish(grid_event(events.pop(0)))
             self.wait(tick)
             if time.monotonic() - reported_s > PROGRESS_S or at + 1 == len(ticks):

@@ -11,7 +11,7 @@ import numpy as np
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.decode import time_ns
-from facts_damping.signals import NANOSECONDS, RunChange
+from facts_damping.signals import NANOSECONDS, GridEvent, RunChange
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -25,19 +25,10 @@ ENDED, STOPPED = 2, "stopped"  # state of an ended RunState; the reason if the r
 TIME = r"[0-9]{1,18}"  # ns
 
 
-def events(found: Iterable[Block]) -> list[dict[str, Any]]:
-    """Grid events by time: `time_ns`, `kind`, `element`, `value`, `location` (NaN: not given)."""
-    told = [
-        (
-            int(row),
-            {
-                "time_ns": int(at),
-                "kind": block.message.kind,
-                "element": block.message.element,
-                "value": float(value),
-                "location": float(location),
-            },
-        )
+def events(found: Iterable[Block]) -> list[GridEvent]:
+    """Grid events by time."""
+    numbered = [
+        (int(row), GridEvent(int(at), block.message.kind, block.message.element, float(value), float(location)))
         for block in found
         for row, at, value, location in zip(
             block.rows,
@@ -47,7 +38,7 @@ def events(found: Iterable[Block]) -> list[dict[str, Any]]:
             strict=True,
         )
     ]
-    return [event for _, event in sorted(told, key=lambda one: (one[1]["time_ns"], one[0]))]
+    return [event for _, event in sorted(numbered, key=lambda pair: (pair[1].time_ns, pair[0]))]
 
 
 def refused(found: Iterable[Block]) -> list[dict[str, Any]]:

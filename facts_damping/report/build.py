@@ -127,9 +127,9 @@ def _stages(configuration: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _events(records: Sequence[Record]) -> list[tuple[float, str]]:
     """Time (s), kind and element of the grid events within the runs, without duplicates."""
     found = {
-        (event["time_ns"] / NANOSECONDS, f"{event['kind'].replace('_', ' ')} {event['element']}".strip())
+        (event.time_ns / NANOSECONDS, f"{event.kind.replace('_', ' ')} {event.element}".strip())
         for record in records
         for event in record.events
-        if event["time_ns"] <= record.time_ns[-1]
+        if event.time_ns <= record.time_ns[-1]
     }
     return sorted(found)

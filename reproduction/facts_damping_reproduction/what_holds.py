@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.studies.sweeps.paired import Effect, agree, by_draw, effect
 from facts_damping_reproduction import contenders as who
+from facts_damping_reproduction.paired import Effect, agree, by_draw, effect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

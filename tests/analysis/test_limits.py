@@ -10,7 +10,7 @@ import pytest
 from facts_damping.analysis.limits import warnings
 from facts_damping.analysis.summary import summarise
 from facts_damping.api import simulate
-from facts_damping.signals import NANOSECONDS
+from facts_damping.signals import NANOSECONDS, GridEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,10 +31,8 @@ SYSTEM: dict[str, Any] = {
 def calm(swing_record: Callable[..., Record]) -> Callable[..., Record]:
     """Two machines at 1 p.u. and 60 Hz, with a fault from 1 to 1.1 s; `speeds`, `voltages`: of G1 and G2."""
 
-    def make(speeds: Any = (0.0, 0.0), voltages: Any = (1.0, 1.0), *more: dict[str, Any], **system: Any) -> Record:
-        fault = {"element": "B7", "value": np.nan, "location": np.nan}
-        events = [{"time_ns": NANOSECONDS, "kind": "fault", **fault}, *more]
-        events.append({"time_ns": 11 * NANOSECONDS // 10, "kind": "clear", **fault})
+    def make(speeds: Any = (0.0, 0.0), voltages: Any = (1.0, 1.0), *more: GridEvent, **system: Any) -> Record:
+        events = [GridEvent(NANOSECONDS, "fault", "B7"), *more, GridEvent(11 * NANOSECONDS // 10, "clear", "B7")]
         record = swing_record(configuration={"system": {**SYSTEM, **system}}, events=events)
         for i in (0, 1):
             record.machines["speed_deviation"][:, i] = speeds[i]
@@ -57,7 +55,7 @@ def test_frequency(calm: Callable[..., Record]) -> None:
     assert warnings(calm((fast, 0))) == ["frequency beyond 60 ± 2.5 Hz: G1 0.50 s from 3.00 s on (63.00 Hz)"]
     assert "G2" in warnings(calm((0, -fast)))[0]
     assert "57.00 Hz" in warnings(calm((0, -fast)))[0]
-    gone = {"time_ns": 2 * NANOSECONDS, "kind": "generator_trip", "element": "G1"}
+    gone = GridEvent(2 * NANOSECONDS, "generator_trip", "G1")
     assert warnings(calm((fast, 0), (1, 1), gone)) == []  # nobody sees how fast a machine runs that is not connected
 
 

@@ -126,7 +126,7 @@ def test_the_default_run_stands_at_rest_until_an_event_is_called_for(
     record = load(tmp_path / "bag")
     (event,) = record.events
     speeds = np.abs(record.machines["speed_deviation"]).max(axis=1)
-    assert np.all(speeds[record.time_ns <= event["time_ns"]] < 1e-12)
+    assert np.all(speeds[record.time_ns <= event.time_ns] < 1e-12)
     assert speeds[-1] > 1e-4
 
 
@@ -227,7 +227,7 @@ def test_stamps_may_be_wall_time(loopback: Any, start: Callable[..., Any], tmp_p
     assert record.notes == []
     assert record.time_ns.tolist() == [tick * 10**9 // RATE for tick in range(180)]
     assert summarise(record)["latency_ms"]["max"] < 1000.0
-    assert record.events[0]["time_ns"] == 10**9
+    assert record.events[0].time_ns == 10**9
     assert len(record.estimates) > 150
     assert record.estimates["measured_ns"].max() < 3 * 10**9
     assert replayed(record) is None

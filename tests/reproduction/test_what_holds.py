@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from facts_damping_reproduction import contenders as who
 from facts_damping_reproduction import held_out, what_holds
+from facts_damping_reproduction.paired import Effect
 from facts_damping_reproduction.runs import shipped as shipped_study
 
 from facts_damping.case.controllers import chosen
@@ -20,7 +21,6 @@ from facts_damping.parameters.study import Axis
 from facts_damping.studies.search import scoring
 from facts_damping.studies.sweeps import sweep
 from facts_damping.studies.sweeps.batch import make
-from facts_damping.studies.sweeps.paired import Effect
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

@@ -224,7 +224,7 @@ def _events(record: Record, nearby: float) -> list[tuple[float, str]]:
     """Time (s) and kind of events and trips within the record; those closer than `nearby` of its span are merged."""
     grouped: list[tuple[float, float, str]] = []
     span = record.time_s[-1] - record.time_s[0]
-    told = [(event["time_ns"] / NANOSECONDS, str(event["kind"])) for event in record.events]
+    told = [(event.time_ns / NANOSECONDS, str(event.kind)) for event in record.events]
     told += [(time, f"tripped: {cause}") for time, _, cause in trips(supervision(record))]
     for time, kind in sorted(told):
         if time > record.time_s[-1]:

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
     from numpy.typing import NDArray
 
+    from facts_damping import signals
     from facts_damping.case.model import Case
     from facts_damping.control.bank import BankState
     from facts_damping.control.identifier_model import IdentifierState
@@ -280,10 +281,10 @@ def set_time(time: Time, nanoseconds: int) -> None:
     time.sec, time.nanosec = divmod(int(nanoseconds) + epoch_ns(), NANOSECONDS)
 
 
-def grid_event(event: dict[str, Any]) -> GridEvent:
+def grid_event(event: signals.GridEvent) -> GridEvent:
     """Message of a grid event."""
-    message = GridEvent(kind=event["kind"], element=event["element"], value=event["value"], location=event["location"])
-    set_time(message.header.stamp, event["time_ns"])
+    message = GridEvent(kind=event.kind, element=event.element, value=event.value, location=event.location)
+    set_time(message.header.stamp, event.time_ns)
     return message
 
 

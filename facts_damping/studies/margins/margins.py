@@ -95,7 +95,8 @@ def over_seeds(found: Sequence[Bracket], margin: Margin, seed: int) -> dict[str,
     """
     lows = np.array([-np.inf if one.low is None else one.low for one in found])
     highs = np.array([np.inf if one.high is None else one.high for one in found])
-    middles = np.array([_middle(one) for one in found])
+    with np.errstate(invalid="ignore"):
+        middles = (lows + highs) / 2.0  # not a number where nothing was run
     return {
         "margin_s": _finite(np.median(middles)),
         "low_s": _finite(_end(lows, 0, seed)),
@@ -107,12 +108,6 @@ def over_seeds(found: Sequence[Bracket], margin: Margin, seed: int) -> dict[str,
         "per_seed": [_finite(value) for value in middles] if len(found) > 1 else None,
         "field": margin.column,
     }
-
-
-def _middle(one: Bracket) -> float:
-    if one.low is None:
-        return -np.inf if one.high is not None else np.nan
-    return np.inf if one.high is None else (one.low + one.high) / 2
 
 
 def _end(values: np.ndarray[Any, Any], end: int, seed: int) -> float:

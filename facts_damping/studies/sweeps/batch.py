@@ -110,9 +110,8 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
 
 def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Names of system, scenario and link as given; `custom` for inline content."""
-    values = {**base.content, **base.set, **changes}
-    given = {name: values.get(name, Run.model_fields[name].default) for name in NAMED}
-    return {name: value if isinstance(value, str) else CUSTOM for name, value in given.items()}
+    values = {**{name: Run.model_fields[name].default for name in NAMED}, **base.content, **base.set, **changes}
+    return {name: values[name] if isinstance(values[name], str) else CUSTOM for name in NAMED}
 
 
 def identity(case: Case) -> dict[str, Any]:
@@ -142,21 +141,19 @@ def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
     plant = None
     if needs_residues(case):
         model = system if case.model is None else f"{case.run.devices} {case.model.model_dump_json()}"
-        plant = shared(
-            _residues, f"{case.run.frame_rate} {case.measurement.filter} {model}", lambda: plant_residues(case)
-        )
+        key = f"{case.run.frame_rate} {case.measurement.filter} {model}"
+        plant = shared(_residues, key, lambda: plant_residues(case))
     own = built._replace(state=copy(built.state))
     return loop.build_loop(case, plant, own, outside=outside)
 
 
 def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
     """The cached value of a key, made if missing; the oldest value is dropped when the cache is full."""
-    found = kept.get(key)
-    if found is None:
+    if kept.get(key) is None:
         if len(kept) >= MAX_SHARED:
             kept.pop(next(iter(kept)), None)
-        found = kept[key] = make()
-    return found
+        kept[key] = make()
+    return kept[key]
 
 
 def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
@@ -168,26 +165,26 @@ def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
 
 def figures(record: Record, finer: Record | None = None, *, modes: bool) -> dict[str, Any]:
     """The figures of a run, flat; None where undefined. `finer`: the same run with half the integration step."""
-    told = summarise(record, method=AUTO if modes else None)
+    summary = summarise(record, method=AUTO if modes else None)
     found: dict[str, Any] = {
-        "stable": told["stable"] is True,
-        **{name: told[name] for name in OUTCOME},
-        **(told["indices"] or dict.fromkeys(INDICES)),
-        **{name: told[name] for name in SUMMED},
-        "saturation_duty": max(told["saturation_duty"].values(), default=None),
+        "stable": summary["stable"] is True,
+        **{name: summary[name] for name in OUTCOME},
+        **(summary["indices"] or dict.fromkeys(INDICES)),
+        **{name: summary[name] for name in SUMMED},
+        "saturation_duty": max(summary["saturation_duty"].values(), default=None),
         **_latency(record),
-        "frames_lost": told["frames_lost"],
-        "trips": len(trips(told["supervision"])),
-        **{name: (told["growth_per_s"] or {}).get(end) for end, name in GROWTH.items()},
-        "warnings": "; ".join(told["warnings"]) or None,
+        "frames_lost": summary["frames_lost"],
+        "trips": len(trips(summary["supervision"])),
+        **{name: (summary["growth_per_s"] or {}).get(end) for end, name in GROWTH.items()},
+        "warnings": "; ".join(summary["warnings"]) or None,
     }
     if finer is not None:
         half = summarise(finer, method=None)
-        beside = convergence.compare(told, half)
+        beside = convergence.compare(summary, half)
         maximum = max(beside["step_change"][i] for i in INDICES)
         found |= dict(zip(CHECKED, (beside["converged"], maximum, half["verdict"]), strict=True))
     if modes:
-        slow = next((mode for mode in told["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)
+        slow = next((mode for mode in summary["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)
         values = (slow["frequency_hz"], slow["damping_ratio"]) if slow else (None, None)
         found |= dict(zip(INTERAREA, values, strict=True))
     return found
@@ -199,5 +196,4 @@ def _latency(record: Record) -> dict[str, float | None]:
     ages = ages[np.isfinite(ages)]
     if not len(ages):
         return dict.fromkeys(LATENCIES)
-    found = [ages.mean(), *np.percentile(ages, QUANTILES)]
-    return dict(zip(LATENCIES, map(float, found), strict=True))
+    return dict(zip(LATENCIES, map(float, [ages.mean(), *np.percentile(ages, QUANTILES)]), strict=True))
