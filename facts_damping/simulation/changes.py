@@ -124,10 +124,11 @@ def apply(loop: Loop, now: Case, start: Case, change: RunChange) -> tuple[Loop, 
         ask(loop.control.supervisors, loop.control.supervisor_state, change)
     elif what == "event":
         now = with_event(now, value, at)
-        loop = loop._replace(plant=build_plant(now).plant)
+        loop = loop._replace(plant=build_plant(now).plant._replace(load_noise=loop.plant.load_noise))
     elif what == "reset":
         built, again = reset_plant(start, at)
-        loop = loop._replace(plant=built.plant, plant_state=built.state)
+        plant = built.plant._replace(load_noise=loop.plant.load_noise)
+        loop = loop._replace(plant=plant, plant_state=built.state)
         now = replace(now, scenario=again.scenario)
     elif what == "link":
         now = with_link(now, index, value)
@@ -182,9 +183,12 @@ def ask(supervisors: Supervisors, state: SupervisorState, change: RunChange) -> 
         state.rows["asked"][own.index(change.index)] = COMMANDS[change.kind]
 
 
-def rerun(case: Case, changes: Sequence[RunChange]) -> Record:
-    """Run a closed loop in process with recorded changes; gives the record of the lockstep graph."""
-    loop, now, events = build_loop(case), case, grid_events(case)
+def rerun(case: Case, changes: Sequence[RunChange], loop: Loop | None = None) -> Record:
+    """Run a closed loop in process with recorded changes; gives the record of the lockstep graph.
+
+    `loop`: the case's, not yet run; None: it is built.
+    """
+    loop, now, events = loop or build_loop(case), case, grid_events(case)
     if any(change.kind in ("link", "parameter") for change in changes):  # copies of entries, stamps of their own
         loop = loop._replace(signals=signals_for(case, stamps=len(case.system.pmus), up=2, down=2))
     passed: list[GridEvent] = []

@@ -42,7 +42,7 @@ def mirror_of(record: Record) -> Record | None:
 
     None if the run has no noise or no events, or cannot be simulated: parts of it are missing or came from outside.
     """
-    if not record.configuration.get("scenario") and not record.events or record.notes:
+    if record.notes or not (record.configuration.get("scenario") or record.events):
         return None
     try:
         case = recorded_case(record.configuration, "recording")
@@ -53,4 +53,4 @@ def mirror_of(record: Record) -> Record | None:
         return None
     if not noisy(loop):
         return None
-    return rerun(case, record.changes, mirrored) if record.changes else finish(case, mirrored(loop))
+    return rerun(case, record.changes, mirrored(loop)) if record.changes else finish(case, mirrored(loop))
