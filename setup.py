@@ -105,6 +105,7 @@ setup(
     package_data={
         "": ["py.typed"],
         NAME: ["templates/*/*.txt"],
+        f"{NAME}.cli": ["commands.yaml"],
         f"{NAME}.compiling": ["objects/*.o"],  # where `make wheel` has put them
         f"{NAME}.nodes": ["fast*.xml"],
         f"{NAME}.report": ["page.*"],

@@ -19,6 +19,7 @@ from facts_damping.escaping import escaped, shortened
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from typing_extensions import Self
 
 exit_now = os._exit  # kept for contexts in which user code may not call it
 CM, USUAL_PT, PRINT_DPI = 2.54, 10.0, 300  # cm per inch; usual text size of pictures; resolution if a width is given
@@ -69,6 +70,14 @@ class Progress:
     def resume(self, done: int) -> None:
         """Set the number done before this start, which does not count in the estimate of remaining time."""
         self._before = done
+
+    def __enter__(self) -> Self:
+        """Return the progress, which the end of the block closes."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the line."""
+        self.close()
 
     def close(self) -> None:
         """End the line."""

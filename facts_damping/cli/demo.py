@@ -8,6 +8,7 @@ from pathlib import Path
 
 from facts_damping import report
 from facts_damping.analysis import details
+from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.analysis.summary import table
 from facts_damping.case import loading
 from facts_damping.cli import runs
@@ -17,11 +18,7 @@ from facts_damping.recording import seal
 from facts_damping.terminal import Progress, note, show
 
 RUN = "two_area_deployment"
-CASES = {
-    "no control": ["controllers=[]"],
-    "lead-lag": [],
-    "lead-lag, 300 ms more": ["link.up.1.delay=0.303"],
-}
+CASES = {"no control": ["controllers=[]"], "lead-lag": [], "lead-lag, 300 ms more": ["link.up.1.delay=0.303"]}
 
 
 def run_all(folder: Path) -> None:
@@ -30,11 +27,8 @@ def run_all(folder: Path) -> None:
     for name, sets in CASES.items():
         case = loading.load_case(RUN, sets)
         place = folder / _place(name)
-        progress = Progress(name)
-        try:
+        with Progress(name) as progress:
             outcome = graph.run(case, "lockstep", place, progress)
-        finally:
-            progress.close()
         record = seal(outcome.recording)
         named.append((name, record))
         show(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
@@ -45,7 +39,7 @@ def run_all(folder: Path) -> None:
     details.compare(results, 0)
     show(table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
     show("")
-    for path in runs.plot(named, folder):
+    for path in plot_comparison(named, folder):
         show(f"plot: {path}")
     show(f"recordings: {folder}/*/recording")
     report.write(folder / "report.html", named, results)

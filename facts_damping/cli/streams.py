@@ -47,8 +47,7 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
 
     async def whole() -> None:
         try:
-            for line in await serving.begin(servers, asked):
-                say(arguments, line)
+            say(arguments, *await serving.begin(servers, asked))
             sys.stdout.flush()
             await recorded.play(servers, recorded.instants(record, concentrator, link), each=asked.each)
         finally:
@@ -58,8 +57,7 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
     asyncio.run(whole())
     rows = serving.counted(servers)
     write_json(arguments.json, {"streams": rows})
-    for row in rows:
-        say(arguments, serving.told(row))
+    say(arguments, *map(serving.told, rows))
     if concentrator.alignment.late:
         say(arguments, f"later than {WAIT_S:g} s: {concentrator.alignment.late} of the link's entries, left out")
 
@@ -78,8 +76,7 @@ def pmu_listen(arguments: argparse.Namespace) -> None:
     for one in found:
         say(arguments, str(one))
         if one.configuration is not None:
-            for line in table(listening.TITLES, one.rows(), 4):
-                say(arguments, line)
+            say(arguments, *table(listening.TITLES, one.rows(), 4))
     silent = [one for one in found if one.configuration is None]
     if silent:
         raise RunError(f"{silent[0]} (within {arguments.seconds:g} s)")
@@ -93,11 +90,9 @@ def _in_shadow(arguments: argparse.Namespace) -> None:
     if case.supervision is not None:  # the supervisors stay in shadow
         case = loading.load_case(arguments.run, [*arguments.set, "arm_at=null"], arguments.supervised)
     name = label(case.summary())
-    folder, progress = out_folder(arguments, f"shadow-{name}"), Progress(name)
-    try:
+    folder = out_folder(arguments, f"shadow-{name}")
+    with Progress(name) as progress:
         outcome = graph.run(case, "realtime", folder, progress, arguments.timeout, streams=arguments.streams)
-    finally:
-        progress.close()
     tell_graph(arguments, name, outcome, folder, partial(_received, case))
 
 
