@@ -51,10 +51,7 @@ AUTO = "auto"  # choose the method of mode identification by the excitation
 
 
 def summarise(
-    record: Record,
-    differences: Mapping[str, NDArray[np.float64]] | None = None,
-    *,
-    method: str | None = AUTO,
+    record: Record, differences: Mapping[str, NDArray[np.float64]] | None = None, *, method: str | None = AUTO
 ) -> dict[str, Any]:
     """Figures of a run, ready for JSON: numbers, None and lists of them.
 

@@ -226,10 +226,7 @@ def _branches(
 
 
 def _machines(
-    buses: Mapping[int, Row],
-    units: Mapping[int, list[tuple[int, Row]]],
-    rows: Any,
-    notes: list[str],
+    buses: Mapping[int, Row], units: Mapping[int, list[tuple[int, Row]]], rows: Any, notes: list[str]
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Machines, one per bus, and the names of those with typical data."""
     given = _machine_rows(rows, units)

@@ -26,12 +26,7 @@ _COMMON = (
     *("FACTS device", "switched shunt", "GNE device", "induction machine"),
 )
 _SINCE_34 = (*_COMMON[:5], "switching device", *_COMMON[5:], "substation")
-SECTIONS = {
-    32: _COMMON[:-1],
-    33: _COMMON,
-    34: ("system-wide", *_SINCE_34),
-    35: ("system-wide", *_SINCE_34),
-}
+SECTIONS = {32: _COMMON[:-1], 33: _COMMON, 34: ("system-wide", *_SINCE_34), 35: ("system-wide", *_SINCE_34)}
 TEXT = {"NAME", "ID", "CKT"}
 
 # Columns: name, or name=default, up to the last one needed. By the first version that has them.

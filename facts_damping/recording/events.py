@@ -40,11 +40,7 @@ def events(found: Iterable[Block]) -> list[dict[str, Any]]:
         )
         for block in found
         for row, at, value, location in zip(
-            block.rows,
-            time_ns(block.message.header.stamp),
-            block.message.value,
-            block.message.location,
-            strict=True,
+            block.rows, time_ns(block.message.header.stamp), block.message.value, block.message.location, strict=True
         )
     ]
     return [event for _, event in sorted(told, key=lambda one: (one[1]["time_ns"], one[0]))]
