@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 
 from facts_damping.parameters.plant.system import System
-from facts_damping.plant.build import build
-from facts_damping.plant.measurement import measure
-from facts_damping.plant.model import copy, workspace
-from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH
+from facts_damping.signals import CHANNELS
 from facts_damping.small_signal.modal_analysis import analyse
 from facts_damping.validation.table import Row, ValidationTable, compare
+from facts_damping.validation.time_domain import follow
 
 BASE = 100.0  # MVA
 LINK = {"name": "hvdc", "kind": "hvdc", "P_max": 1000.0, "setpoint_max": 0.5, "rate_max": 10.0}
@@ -79,23 +77,18 @@ def _at_a_reactance(P: float, loss: float, R: float, pf: float) -> System:
 def powers() -> ValidationTable:
     """Voltage of a rectifier behind a reactance, what it draws and what the inverter gives, at the start."""
     rows: list[Row] = []
-    names = list(CHANNELS)
     for P, loss, R, pf in LINKS:
-        built = build(_at_a_reactance(P, loss, R, pf), ["hvdc"], [])
-        frame = np.zeros((1, len(CHANNELS)))
-        machines, devices = np.zeros(1, MACHINE_TRUTH), np.zeros(1, DEVICE_TRUTH)
-        state = copy(built.state)
-        measure(built.plant, state, 0, frame, machines, devices, workspace(built.plant, state))
+        _, devices, frames = follow(_at_a_reactance(P, loss, R, pf), ["hvdc"], [0.0])
         p, q = P / BASE, P / BASE * np.sqrt(1.0 / pf**2 - 1.0)
         voltage = np.sqrt(0.5 - SPUR * q + np.sqrt(0.25 - SPUR * q - (SPUR * p) ** 2))
-        given = p * (1.0 - loss) - R * p**2
-        seen = dict(zip(names, frame[0], strict=True))
+        delivered = p * (1.0 - loss) - R * p**2
+        measured = dict(zip(CHANNELS, frames[0, 0], strict=True))
         what = f"{P:g} MW, power factor {pf:g}"
         for quantity, ours, expected in (
-            ("voltage at the rectifier", seen["voltage_magnitude"], voltage),
-            ("active power drawn", -seen["active_power"], p),
-            ("reactive power drawn", -seen["reactive_power"], q),
-            ("power delivered", devices["active_power"][0], given),
+            ("voltage at the rectifier", measured["voltage_magnitude"], voltage),
+            ("active power drawn", -measured["active_power"], p),
+            ("reactive power drawn", -measured["reactive_power"], q),
+            ("power delivered", devices["active_power"][0, 0], delivered),
         ):
             rows.append(compare(f"{what}: {quantity}", "p.u.", float(ours), float(expected), 1e-9, ".6f"))
     return ValidationTable("Power of an HVDC link behind a reactance", "the quadratic equation", "", rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.validation import ambient, devices, hvdc, pmus, small_signal, start, time_domain
+from facts_damping.validation import devices, hvdc, pmus, small_signal, start, time_domain
 from facts_damping.validation.table import markdown
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "eigenvalues-others": small_signal.others,
     "interarea": small_signal.two_area,
     "ringdown": small_signal.ringdown,
-    "ambient": ambient.ambient,
+    "ambient": small_signal.ambient,
     "converters": devices.converters,
     "balance": devices.balance,
     "pmus": pmus.standard,
