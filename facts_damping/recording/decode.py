@@ -37,13 +37,19 @@ if TYPE_CHECKING:
 
 
 NewestTicks = dict[tuple[str, int, str], "NDArray[np.int64]"]
+SUPERVISION_FIELDS = {  # of SupervisorState, by the column of SUPERVISION
+    "fraction": "fraction",
+    "probe_gain": "probe_gain",
+    "probe_phase": "probe_phase_rad",
+    "probe_coherence": "probe_coherence",
+    "added_damping": "added_damping_per_s",
+    "phase_margin": "phase_margin_rad",
+    "gain_margin": "gain_margin",
+}
 
 
 class Series(NamedTuple):
-    """Messages of one topic in order of ticks.
-
-    The rows of the blocks are indices into `ticks`.
-    """
+    """Messages of one topic in order of ticks; the rows of the blocks are indices into `ticks`."""
 
     topic: str
     ticks: NDArray[np.int64]
@@ -120,11 +126,11 @@ def _placed(found: Sequence[Block], place: NDArray[np.int64]) -> list[Block]:
     return sorted((block for block in moved if len(block.rows)), key=lambda block: int(block.rows.min()))
 
 
-def column(source: Series, take: Callable[[Any], NDArray[Any]], kind: type) -> NDArray[Any]:
-    """Value that `take` returns for each message, (ticks,)."""
+def column(source: Series, value: Callable[[Any], NDArray[Any]], kind: type) -> NDArray[Any]:
+    """A value of each message, (ticks,)."""
     values: NDArray[Any] = np.zeros(len(source.ticks), kind)
     for block in source.blocks:
-        values[block.rows] = take(block.message)
+        values[block.rows] = value(block.message)
     return values
 
 
@@ -187,8 +193,7 @@ def deliveries(sources: Sequence[Series], pmus: Sequence[str]) -> NDArray[Any]:
         for block in source.blocks
         for entry in block.message.frames
     ]
-    table = _joined(parts, DELIVERY)
-    return table[np.lexsort((_order(parts), table["link"], table["tick"]))]
+    return _table(parts, DELIVERY, "link", "tick")
 
 
 def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Sequence[str]) -> NDArray[Any]:
@@ -213,8 +218,7 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
         for block in source.blocks
         for entry in block.message.setpoints
     ]
-    table = _joined(parts, SETPOINT)
-    return table[np.lexsort((_order(parts), table["tick"]))]
+    return _table(parts, SETPOINT, "tick")
 
 
 def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArray[Any]:
@@ -228,30 +232,19 @@ def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArra
         for block in source.blocks:
             message = block.message
             values = np.full((len(block.rows), len(MONITORS)), np.nan)
-            for name, given in zip(message.monitors, message.values, strict=False):
+            for name, column in zip(message.monitors, message.values, strict=False):
                 if name in CODES:
-                    values[:, CODES[name]] = given
-            parts.append(
-                _rows(
-                    SUPERVISION,
-                    block,
-                    source,
-                    controller=_lookup(controller, message.controller, source.topic),
-                    state=_known(STATES.index, message.state, source.topic),
-                    cause=_known(cause_code, message.cause, source.topic),
-                    refused=_known(cause_code, message.refused, source.topic),
-                    fraction=message.fraction,
-                    values=values,
-                    probe_gain=message.probe_gain,
-                    probe_phase=message.probe_phase_rad,
-                    probe_coherence=message.probe_coherence,
-                    added_damping=message.added_damping_per_s,
-                    phase_margin=message.phase_margin_rad,
-                    gain_margin=message.gain_margin,
-                )
-            )
-    table = _joined(parts, SUPERVISION)
-    return table[np.lexsort((table["controller"], table["tick"]))]
+                    values[:, CODES[name]] = column
+            fields = {
+                "controller": _lookup(controller, message.controller, source.topic),
+                "state": _known(STATES.index, message.state, source.topic),
+                "cause": _known(cause_code, message.cause, source.topic),
+                "refused": _known(cause_code, message.refused, source.topic),
+                "values": values,
+            }
+            numbers = {name: getattr(message, field) for name, field in SUPERVISION_FIELDS.items()}
+            parts.append(_rows(SUPERVISION, block, source, **fields, **numbers))
+    return _table(parts, SUPERVISION, "controller", "tick")
 
 
 def _known(code: Callable[[str], int], name: str, topic: str) -> int:
@@ -288,11 +281,10 @@ def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]
         for source in sources
         for block in source.blocks
         for message in [block.message]
-        for i in range(_same_length(message.prediction, message.error, message.change))
+        for i in range(len(message.prediction))
         for j, name in enumerate(message.input_names)
     ]
-    table = _joined(parts, ESTIMATE)
-    return table[np.lexsort((_order(parts), table["controller"], table["tick"]))]
+    return _table(parts, ESTIMATE, "controller", "tick")
 
 
 def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> NDArray[Any]:
@@ -316,8 +308,7 @@ def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> ND
         for message in [block.message]
         for k, rate in enumerate(message.learning_rates)
     ]
-    table = _joined(parts, LEARNING)
-    return table[np.lexsort((_order(parts), table["controller"], table["identifier"], table["tick"]))]
+    return _table(parts, LEARNING, "controller", "identifier", "tick")
 
 
 def heard(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) -> NewestTicks:
@@ -346,19 +337,10 @@ def _rows(layout: Any, block: Block, source: Series, **fields: Any) -> NDArray[A
     return table
 
 
-def _joined(parts: Sequence[NDArray[Any]], layout: Any) -> NDArray[Any]:
-    return np.concatenate(parts) if parts else np.zeros(0, layout)
-
-
-def _order(parts: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
-    """Index of the part that each row of the joined table comes from."""
-    return np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-
-
-def _same_length(*lists: Sequence[Any]) -> int:
-    """Common length of the lists. Raises ValueError if they differ."""
-    (length,) = {len(one) for one in lists}
-    return length
+def _table(parts: Sequence[NDArray[Any]], layout: Any, *keys: str) -> NDArray[Any]:
+    """Rows of all parts, sorted by the keys, the last one first; rows of equal keys stay in the order of the parts."""
+    table = np.concatenate(parts) if parts else np.zeros(0, layout)
+    return table[np.lexsort([table[key] for key in keys])]
 
 
 def place(name: str) -> int:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 # Fields of PmuFrame, MachineState and DeviceState in the order of the arrays' columns.
 # A field's name is the column's name and its unit.
-# message is the column's name and its unit.
 FRAME_FIELDS = [f"{name}_{unit}" for name, unit in CHANNELS.items()]
 MACHINE_FIELDS = [truth_field(name) for name in MACHINE_TRUTH.names or ()]
 DEVICE_FIELDS = [truth_field(name) for name in DEVICE_TRUTH.names or ()]

@@ -14,7 +14,7 @@ from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.recording import decode, epoch, events, gaps
+from facts_damping.recording import decode, events, gaps
 from facts_damping.recording.gaps import OF_LINKS
 from facts_damping.recording.scan import scan
 from facts_damping.recording.validation import drop_foreign, expected, sender
@@ -29,12 +29,11 @@ if TYPE_CHECKING:
 
     from facts_damping.recording.bagfile import TopicInfo
     from facts_damping.recording.columns import Block
-    from facts_damping.recording.content import Content
     from facts_damping.recording.decode import Series
+    from facts_damping.recording.scan import Content
     from facts_damping.recording.validation import Expected
 
 # Topics that are read: kind, message type, end of the topic's name. Each controller has its `/setpoints`, each link
-# its `/pmu/delivered` and `/setpoints/delivered`.
 # its `/pmu/delivered` and `/setpoints/delivered`.
 KINDS = {
     "frames": ("facts_damping_msgs/msg/PmuDataFrame", "/pmu/frames"),
@@ -54,15 +53,8 @@ KINDS = {
 }
 REQUIRED = ("frames", "state")  # required of every recording
 CLOSED_LOOP = ("delivered", "issued", "applied")  # required of a run with controllers
-SEVERAL = (
-    *OF_LINKS,
-    "issued",
-    "supervised",
-    "supervision",
-    "estimates",
-    "learning",
-    "diagnostics",
-)  # kinds with several topics: one per link, controller, identifier, ...
+# Kinds with several topics: one per link, controller, identifier, ...
+SEVERAL = (*OF_LINKS, "issued", "supervised", "supervision", "estimates", "learning", "diagnostics")
 SETPOINTS = ("issued", "supervised", "applied")  # several messages of one tick are all kept
 UNTIMED = ("events", "refused", "diagnostics", "changes", "run")  # messages without a tick
 
@@ -79,9 +71,8 @@ def load(path: Path | str) -> Record:
     try:
         record = _assemble(content, configuration, notes)
     except (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError) as error:
-        reason = one_line(error)
-        said = f"{path}: a message has not the fields of this package's messages ({reason})"
-        raise RecordingError(content.refusal(said)) from error
+        reason = f"{path}: a message has not the fields of this package's messages ({one_line(error)})"
+        raise RecordingError(content.refusal(reason)) from error
     except RecordingError as error:
         raise RecordingError(content.refusal(f"{path}: {error}")) from error
     if content.digest and content.digest != (found := digest(record)):
@@ -110,7 +101,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     """Decode the content and assemble the record."""
     topics = _topics(content, bool(configuration.get("controllers")))
     messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
-    epoch.subtract_epoch(messages, topics["state"], configuration.get("frame_rate"))
+    events.subtract_epoch(messages, topics["state"], configuration.get("frame_rate"))
     of = expected(configuration)
     drop_foreign(messages, topics, of, notes)
     found = {
@@ -123,8 +114,8 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     ticks = _ticks(found, late, content.complete)
     away = gaps.find_absences(found, late, 0, int(ticks[-1]) + 1)
     notes += gaps.gap_notes(found, away, int(ticks[-1]))
-    told = [events.run_ended(messages[topic]) for topic in topics["run"]]
-    _check_end(ticks, configuration, found["state"][0], content.complete, told, notes)
+    ends = [events.run_ended(messages[topic]) for topic in topics["run"]]
+    _check_end(ticks, configuration, found["state"][0], content.complete, ends, notes)
     first, last = int(ticks[0]), int(ticks[-1])
     cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
     plant = {kind: decode.select(cut[kind][0], ticks) for kind in REQUIRED}
@@ -293,18 +284,18 @@ def _check_end(
     configuration: dict[str, Any],
     state: Series,
     complete: bool,
-    told: list[str | None],
+    reasons: list[str | None],
     notes: list[str],
 ) -> None:
-    """Note where a recording was cut, or that the run did not end by itself; `told`: reasons given by its plant.
+    """Note where a recording was cut, or that the run did not end by itself; `reasons`: those that its plant gives.
 
     A recording without the plant's `/run/state` gets no such note.
     """
     if not complete:
         why = "the end is missing"
-    elif told == [None]:
+    elif reasons == [None]:
         why = "the run has not ended properly: its plant does not say so, as where it was killed"
-    elif told == [events.STOPPED]:
+    elif reasons == [events.STOPPED]:
         why = "the run was stopped"
     else:
         return

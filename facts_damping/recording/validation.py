@@ -100,9 +100,9 @@ def _sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: li
         odd["of ticks that the run has not"] += int(later.sum())
         odd["with a stamp that is not their tick's"] += int(wrong.sum())
         own.append(kept(block, np.where(later | wrong, -1, block.rows)))
-    told = [(f"with the unknown name {name[:SHOWN]!r}", count) for name, count in unknown.most_common(LISTED)]
-    told.append(("with other unknown names", unknown.total() - sum(count for _, count in told)))
-    notes += [f"{topic}: {count} messages {what} are left out" for what, count in (*told, *odd.items()) if count]
+    rows = [(f"with the unknown name {name[:SHOWN]!r}", count) for name, count in unknown.most_common(LISTED)]
+    rows.append(("with other unknown names", unknown.total() - sum(count for _, count in rows)))
+    notes += [f"{topic}: {count} messages {what} are left out" for what, count in (*rows, *odd.items()) if count]
     return counted([block for block in own if len(block.rows)])
 
 
