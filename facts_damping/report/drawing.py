@@ -140,14 +140,8 @@ def _curve(made: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
 def _map(one: Map, shared: _Shared) -> Figure:
     """A distribution as a colour map."""
     first, last, low, high = one.extent
-    made = figure(
-        height=TALL,
-        x_range=shared.time,
-        y_range=_range(low, high),
-        x_axis_label="t [s]",
-        y_axis_label="f [Hz]",
-        **DRESS,
-    )
+    labels: dict[str, Any] = {"x_axis_label": "t [s]", "y_axis_label": "f [Hz]"}
+    made = figure(height=TALL, x_range=shared.time, y_range=_range(low, high), **labels, **DRESS)
     largest = float(np.abs(one.values).max()) or 1.0
     colours = LinearColorMapper(palette=PALETTE, low=-largest, high=largest)
     image = made.image(

@@ -58,8 +58,8 @@ def _shown(value: Any) -> Any:
 
 def page(report: Report) -> str:
     """A report as HTML. Names and notes come from recordings, so all text but Bokeh's is escaped."""
-    drawn = draw(report)
-    flat: dict[str, Model] = {f"{key}-{i}": one.figure for key, parts in drawn.items() for i, one in enumerate(parts)}
+    charts = draw(report)
+    flat: dict[str, Model] = {f"{key}-{i}": one.figure for key, parts in charts.items() for i, one in enumerate(parts)}
     document = Document()
     with document.models.freeze():  # otherwise every figure traverses all shared models again
         for figure in flat.values():
@@ -67,7 +67,7 @@ def page(report: Report) -> str:
     script, divs = components(flat) if flat else ("", {})
     figures = {
         key: [(one.title, Markup(divs[f"{key}-{i}"])) for i, one in enumerate(parts)]  # noqa: S704 (Bokeh's own)
-        for key, parts in drawn.items()
+        for key, parts in charts.items()
     }
     templates = Environment(
         loader=PackageLoader("facts_damping.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True,

@@ -67,10 +67,15 @@ class Picture(NamedTuple):
     logarithmic: bool = False
     words: tuple[str, ...] = ()
 
+    @property
+    def over_time(self) -> bool:
+        """Whether the abscissa is time."""
+        return self.over == "t [s]"
+
 
 def moves(picture: Picture, panel: Panel) -> bool:
     """Whether a panel shows any change beyond round-off; steps of a state, and a CDF, always count."""
-    if picture.words or picture.over != Picture._field_defaults["over"]:
+    if picture.words or not picture.over_time:
         return True
     for values in [
         *(curve.values for curve in panel.curves.values()),
