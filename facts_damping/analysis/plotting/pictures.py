@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.analysis.angles import centres_of_angle, mean_speeds
-from facts_damping.analysis.histories import jacobian_histories, learning_rate_histories
+from facts_damping.analysis.histories import centres_of_angle, jacobian_histories, learning_rate_histories, mean_speeds
 from facts_damping.analysis.indices import INDICES, index_curves, regions
 from facts_damping.analysis.latency import HOPS, cdf, hops_ms
 from facts_damping.analysis.measures import columns, measure_weights, pmu_speeds, setpoint_limits, speed_differences
