@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError, check_known
@@ -136,7 +137,6 @@ def some(buses: Sequence[int]) -> str:
 
 
 def _number(value: float) -> int:
-    """A bus number."""
     if value != int(value) or value < 1:
         raise InputError(f"bus number {value:g} given; allowed: a positive integer")
     return int(value)
@@ -160,10 +160,8 @@ def _check_buses(case: MatpowerCase, buses: Mapping[int, Row]) -> None:
     reached = joined_to(reference[0], joined)
     apart = [n for n, row in buses.items() if n not in reached or row["BUS_TYPE"] == ISOLATED]
     if apart:
-        raise InputError(
-            f"mpc.bus: isolated buses given ({some(apart)}); "
-            f"allowed: buses that branches in service join to bus {reference[0]}"
-        )
+        allowed = f"buses that branches in service join to bus {reference[0]}"
+        raise InputError(f"mpc.bus: isolated buses given ({some(apart)}); allowed: {allowed}")
 
 
 def _units(
@@ -190,33 +188,29 @@ def _branches(
     case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]]]:
     """Lines, transformers (with a ratio, a shift, or two nominal voltages), and shunts for transformers' charging."""
-    lines, transformers, charging, taken = [], [], [], set[str]()
+    lines, transformers, charging, names = [], [], [], set[str]()
     for i, row in enumerate(case.branch, 1):
         a, b = _number(row["F_BUS"]), _number(row["T_BUS"])
         if row["BR_STATUS"] <= 0:
             notes.append(f"branch {i} from bus {a} to bus {b} is out of service: left out")
             continue
-        for column, value, bad in (("r", row["BR_R"], row["BR_R"] < 0), ("x", row["BR_X"], row["BR_X"] == 0)):
-            if bad:
-                limit = "any but 0" if column == "x" else "0 or more"
-                raise InputError(f"mpc.branch, row {i} ({a} to {b}): {column} = {value:g} given; allowed: {limit}")
+        r, x, where = row["BR_R"], row["BR_X"], f"mpc.branch, row {i} ({a} to {b})"
+        if r < 0:
+            raise InputError(f"{where}: r = {r:g} given; allowed: 0 or more")
+        if x == 0:
+            raise InputError(f"{where}: x = {x:g} given; allowed: any but 0")
         line = not row["TAP"] and not row["SHIFT"] and buses[a]["BASE_KV"] == buses[b]["BASE_KV"] and row["BR_B"] >= 0
         stem = f"{'line_' if line else 'T'}{a}_{b}"
-        name, count = stem, 1
-        while name in taken:
-            count += 1
-            name = f"{stem}_{count}"
-        taken.add(name)
-        made = {"name": name, "from": f"B{a}", "to": f"B{b}"}
-        values = {"r": row["BR_R"], "x": row["BR_X"]}
+        numbered = (stem if number == 1 else f"{stem}_{number}" for number in count(1))
+        name = next(name for name in numbered if name not in names)
+        names.add(name)
+        made: dict[str, Any] = {"name": name, "from": f"B{a}", "to": f"B{b}"}
         if line:
-            lines.append(made | values | {"b": row["BR_B"]})
+            lines.append(made | {"r": r, "x": x, "b": row["BR_B"]})
             continue
         tap = row["TAP"] or 1.0
-        changed: dict[str, Any] = {
-            key: v for key, v, usual in (("tap", tap, 1), ("phase_shift", row["SHIFT"], 0)) if v != usual
-        }
-        transformers.append(made | {"rating": case.base_power} | values | changed)
+        made |= {"rating": case.base_power, "r": r, "x": x} | ({"tap": tap} if tap != 1 else {})
+        transformers.append(made | ({"phase_shift": row["SHIFT"]} if row["SHIFT"] else {}))
         if row["BR_B"]:
             half = row["BR_B"] / 2 * case.base_power
             for bus, Q in ((a, half / tap**2), (b, half)):

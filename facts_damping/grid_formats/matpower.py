@@ -31,9 +31,8 @@ def read_case(path: Path) -> MatpowerCase:
     try:
         from matpowercaseframes import CaseFrames  # noqa: PLC0415  (an extra, and pandas comes with it)
     except ImportError as error:
-        raise InputError(
-            "import: the library matpowercaseframes is missing; allowed: after pip install 'facts_damping[matpower]'"
-        ) from error
+        needed = "after pip install 'facts_damping[matpower]'"
+        raise InputError(f"import: the library matpowercaseframes is missing; allowed: {needed}") from error
     text = read_text(path, GRID, "replace")
     try:
         for number, line in enumerate(text.splitlines(), 1):

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.errors import InputError
 from facts_damping.grid_formats import psse_network as network
 from facts_damping.grid_formats.conversion import Imported, filled, joined_to, measured, some, system_name
-from facts_damping.grid_formats.psse_dyr import read_dyr
+from facts_damping.grid_formats.psse_files import read_dyr, read_raw
 from facts_damping.grid_formats.psse_machines import machines_of, step_ups, units_of
-from facts_damping.grid_formats.psse_raw import read_raw
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.validation import check
 
@@ -20,8 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from facts_damping.grid_formats.psse_dyr import Dyr
-    from facts_damping.grid_formats.psse_raw import RawCase, Row
+    from facts_damping.grid_formats.psse_files import Dyr, RawCase, Row
 
 # Sections whose records affect the grid; the others do not.
 ACTING = ("two-terminal dc", "VSC dc", "multi-terminal dc", "FACTS device", "GNE device", "induction machine")
@@ -75,9 +73,8 @@ def import_case(raw: Path, dyr: Path | None = None) -> Imported:
         imported = convert(case, dynamics, "" if dyr is None else dyr.name)
     except InputError as error:
         text = str(error)
-        own = dyr is not None and text.startswith(f"{dyr.name}: ")
-        raise InputError(f"{dyr}: {text.partition(': ')[2]}" if own else f"{raw}: {text}") from error
+        of_dyr = dyr is not None and text.startswith(f"{dyr.name}: ")
+        raise InputError(f"{dyr}: {text.partition(': ')[2]}" if of_dyr else f"{raw}: {text}") from error
     check(System, imported.content, str(raw) if dyr is None else f"{raw} with {dyr}")
-    return imported._replace(
-        notes=[note if dyr and note.startswith(dyr.name) else f"{raw.name}: {note}" for note in imported.notes]
-    )
+    notes = [note if dyr and note.startswith(dyr.name) else f"{raw.name}: {note}" for note in imported.notes]
+    return imported._replace(notes=notes)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.errors import InputError
 from facts_damping.grid_formats.conversion import PQ, REFERENCE, TYPICAL, without_data
+from facts_damping.grid_formats.psse_files import Row
 from facts_damping.grid_formats.psse_network import bus_of
-from facts_damping.grid_formats.psse_raw import Row
 from facts_damping.parameters.plant.blocks import MODELS, SHORTEST, TABLES, quantity_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.grid_formats.psse_dyr import Dynamic, Dyr
-    from facts_damping.grid_formats.psse_raw import RawCase
+    from facts_damping.grid_formats.psse_files import Dynamic, Dyr, RawCase
 
 ROUND = "Td01 Td02 Tq01 Tq02 H D Xd Xq Xd1 Xq1 Xd2 Xl S10 S12"
 SALIENT = "Td01 Td02 Tq02 H D Xd Xq Xd1 Xd2 Xl S10 S12"
@@ -42,9 +42,7 @@ class Unit(NamedTuple):
 def units_of(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> list[Unit]:
     """Generators in service."""
     rows = [row for row in case.tables["generator"] if row["STAT"] == 1 and bus_of(row, buses)]
-    count: dict[int, int] = {}
-    for row in rows:
-        count[int(row["I"])] = count.get(int(row["I"]), 0) + 1
+    count = Counter(int(row["I"]) for row in rows)
     if not rows:
         raise InputError("generator: none in service given; allowed: at least one")
     left = len(case.tables["generator"]) - len(rows)
@@ -91,16 +89,18 @@ def machines_of(
             notes.append(f"{where}: no machine {record.machine} at bus {record.bus} in service: left out")
         elif record.model in MACHINES:
             if unit.name in data:
-                raise InputError(
-                    f"{where}: a second model of machine {record.machine} at bus {record.bus} given; allowed: one"
-                )
+                which = f"machine {record.machine} at bus {record.bus}"
+                raise InputError(f"{where}: a second model of {which} given; allowed: one")
             data[unit.name] = _machine(record, unit, where, notes)
         else:
             _control(record, unit, where, controls, notes)
     typical = [unit.name for unit in units if unit.name not in data]
     if typical:
         notes.append(without_data(typical, len(units)))
-    slack = _slack(units, buses)
+    at_reference = [unit for unit in units if buses[unit.bus]["IDE"] == REFERENCE]
+    if not at_reference:
+        raise InputError("bus: no generator in service at a bus of type 3 given; allowed: at least one")
+    slack = max(at_reference, key=lambda unit: float(unit.row["MBASE"]))
     machines = []
     for unit in units:
         bus, at = buses[unit.bus], places.get(unit.name, f"B{unit.bus}")
@@ -121,21 +121,9 @@ def machines_of(
     return machines, controls, typical
 
 
-def _slack(units: Sequence[Unit], buses: Mapping[int, Row]) -> Unit:
-    """The slack machine: the largest at a bus of type 3."""
-    there = [unit for unit in units if buses[unit.bus]["IDE"] == REFERENCE]
-    if not there:
-        raise InputError("bus: no generator in service at a bus of type 3 given; allowed: at least one")
-    return max(there, key=lambda unit: float(unit.row["MBASE"]))
-
-
 def _machine(record: Dynamic, unit: Unit, where: str, notes: list[str]) -> Row:
-    """The data of a machine's record."""
     model, order = MACHINES[record.model]
-    names = order.split()
-    if len(record.values) < len(names):
-        raise InputError(f"{where}: {len(record.values)} constants given; allowed: {len(names)}, {order}")
-    row: Row = {"model": model, "Ra": unit.row["ZR"], **dict(zip(names, record.values, strict=False))}
+    row: Row = {"model": model, "Ra": unit.row["ZR"], **_constants(record, order, where)}
     if record.model in EXPONENTIAL:
         notes.append(f"{where}: its exponential saturation is taken as quadratic through the same two points")
     if model == "classical":
@@ -151,30 +139,31 @@ def _control(record: Dynamic, unit: Unit, where: str, controls: dict[str, list[R
     if record.model != "HYGOV" and record.model not in MODELS:
         notes.append(f"{where}: of {unit.name} is not modelled: left out")
         return
-    names = (HYGOV if record.model == "HYGOV" else MODELS[record.model].fields).split()
     table = "governors" if record.model == "HYGOV" else TABLES[MODELS[record.model].role]
-    if len(record.values) < len(names):
-        raise InputError(f"{where}: {len(record.values)} constants given; allowed: {len(names)}, {' '.join(names)}")
+    constants = _constants(record, HYGOV if record.model == "HYGOV" else MODELS[record.model].fields, where)
     if any(row["machine"] == unit.name for row in controls[table]):
         raise InputError(f"{where}: a second one of the {table} of {unit.name} given; allowed: one")
-    row: Row = {"machine": unit.name, "model": record.model, **dict(zip(names, record.values, strict=False))}
+    row: Row = {"machine": unit.name, "model": record.model, **constants}
     if record.model == "HYGOV":
         if row["gate_min"] < 0.001:
             row["gate_min"] = 0.001
             notes.append(f"{where}: of {unit.name}: GMIN is raised to 0.001, as the head has the gate below it")
     else:
-        short = [name for name in names if quantity_of(name).time and 0.0 < row[name] < SHORTEST]
+        short = [name for name in constants if quantity_of(name).time and 0.0 < row[name] < SHORTEST]
         for name in short:
             row[name] = 0.0
         if short:
             notes.append(f"{where}: of {unit.name}: {', '.join(short)} below {SHORTEST:g} s: taken as 0")
-        _complete(row, where, unit, notes)
+        if "E2" in row and row.get("VRMAX") == 0.0:  # of a rotating exciter: the value for the field voltage E2
+            row["VRMAX"] = (max(row["KE"], 0.0) + row["SE2"]) * row["E2"] or 1.0
+            row["VRMIN"] = -row["VRMAX"]
+            notes.append(f"{where}: of {unit.name}: VRMAX is 0: taken as {row['VRMAX']:.4g}, VRMIN as its negative")
     controls[table].append(row)
 
 
-def _complete(row: Row, where: str, unit: Unit, notes: list[str]) -> None:
-    """Set a zero VRMAX of a rotating exciter to the value for the field voltage E2, as PSS/E does."""
-    if "E2" in row and row.get("VRMAX") == 0.0:
-        row["VRMAX"] = (max(row["KE"], 0.0) + row["SE2"]) * row["E2"] or 1.0
-        row["VRMIN"] = -row["VRMAX"]
-        notes.append(f"{where}: of {unit.name}: VRMAX is 0: taken as {row['VRMAX']:.4g}, VRMIN as its negative")
+def _constants(record: Dynamic, order: str, where: str) -> dict[str, float]:
+    """The constants of a record by their names."""
+    names = order.split()
+    if len(record.values) < len(names):
+        raise InputError(f"{where}: {len(record.values)} constants given; allowed: {len(names)}, {' '.join(names)}")
+    return dict(zip(names, record.values, strict=False))
