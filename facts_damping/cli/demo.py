@@ -23,19 +23,19 @@ CASES = {"no control": ["controllers=[]"], "lead-lag": [], "lead-lag, 300 ms mor
 
 def run_all(folder: Path) -> None:
     """Run the three graphs in lockstep; write the table, plots and report."""
-    named = []
+    named, results = [], []
     for name, sets in CASES.items():
         case = loading.load_case(RUN, sets)
-        place = folder / _place(name)
+        place = folder / name.replace(",", "").replace(" ", "_")
         with Progress(name) as progress:
             outcome = graph.run(case, "lockstep", place, progress)
         record = seal(outcome.recording)
         named.append((name, record))
+        results.append(runs.summarise(record, None, str(place / "recording")))
         show(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
     show(
         "\ntwo_area in the profile deployment: a fault on a line of the tie at 2 s, cleared by the trip of that line\n"
     )
-    results = [runs.summarise(record, None, str(folder / _place(name) / "recording")) for name, record in named]
     details.compare(results, 0)
     show(table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
     show("")
@@ -55,11 +55,6 @@ def _newest(folder: Path) -> Path:
         return folder
     link.symlink_to(folder.name)
     return link
-
-
-def _place(name: str) -> str:
-    """Folder name of a run."""
-    return name.replace(",", "").replace(" ", "_")
 
 
 def main() -> int:

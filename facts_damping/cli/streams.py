@@ -98,19 +98,13 @@ def _in_shadow(arguments: argparse.Namespace) -> None:
 
 def _received(case: Case, record: Record) -> tuple[dict[str, Any], list[str]]:
     """Number of frames from each PMU, and the output that each controller would have had; with lines of text."""
-    there = record.measured_ns != LOST
-    pmus = {
-        name: {"frames": int(there[:, s].sum()), "absent": int((~there[:, s]).sum())}
-        for s, name in enumerate(record.pmus)
-    }
-    controllers = {}
-    for c, name in enumerate(controller_names(case)):
-        own = record.issued[record.issued["controller"] == c]["value"]
-        controllers[name] = {"setpoints": len(own), "largest": float(np.abs(own).max()) if len(own) else 0.0}
+    frames = dict(zip(record.pmus, (record.measured_ns != LOST).sum(axis=0).tolist(), strict=True))
+    pmus = {name: {"frames": count, "absent": len(record.measured_ns) - count} for name, count in frames.items()}
     rows = [(name, str(row["frames"]), str(row["absent"])) for name, row in pmus.items()]
-    lines = table(("pmu", "frames", "absent"), rows)
-    lines += [
-        f"{name}: {row['setpoints']} setpoints, the largest {row['largest']:.4g} p.u."
-        for name, row in controllers.items()
-    ]
+    lines, controllers = table(("pmu", "frames", "absent"), rows), {}
+    for c, name in enumerate(controller_names(case)):
+        setpoints = record.issued[record.issued["controller"] == c]["value"]
+        largest = float(np.abs(setpoints).max(initial=0.0))
+        controllers[name] = {"setpoints": len(setpoints), "largest": largest}
+        lines.append(f"{name}: {len(setpoints)} setpoints, the largest {largest:.4g} p.u.")
     return {"pmus": pmus, "controllers": controllers}, lines
