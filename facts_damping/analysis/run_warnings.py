@@ -76,7 +76,6 @@ def _voltage(record: Record) -> Iterator[str]:
 
 
 def _islands(record: Record) -> Iterator[str]:
-    """Parts of the network that events separated from the rest."""
     system = inline_system(record.configuration)
     names = [bus["name"] for bus in system.get("buses") or () if isinstance(bus, dict)]
     switched = [event for event in record.events if event["kind"] in ("line_out", "line_in")]

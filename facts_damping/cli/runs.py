@@ -332,7 +332,6 @@ def list_(arguments: argparse.Namespace) -> None:
 
 
 def _cell(value: Any) -> str:
-    """Text of a value in a table."""
     if isinstance(value, list):
         return ", ".join(value)
     return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)

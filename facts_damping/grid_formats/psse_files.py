@@ -174,7 +174,6 @@ def _ends(line: str) -> bool:
 
 
 def _values(line: str, where: str) -> list[str]:
-    """Values of a record as text; empty for a default."""
     found, rest = list[str](), line
     while True:
         rest = rest.lstrip()
@@ -197,7 +196,6 @@ def _values(line: str, where: str) -> list[str]:
 
 
 def _row(columns: str, line: str, where: str) -> Row:
-    """A record as a dictionary by column."""
     values, row = _values(line, where), Row()
     for i, column in enumerate(columns.split(" ")):
         name, has_default, default = column.partition("=")

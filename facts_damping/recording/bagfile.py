@@ -55,8 +55,7 @@ def bag_information(
     `counts`: messages per topic; `span`: log times of the first and last message, ns; `custom`: free text by key.
     The compression fields stay empty because chunks are compressed inside the MCAP file.
     """
-    start = {"nanoseconds_since_epoch": span[0]}
-    duration = {"nanoseconds": span[1] - span[0]}
+    start, duration = {"nanoseconds_since_epoch": span[0]}, {"nanoseconds": span[1] - span[0]}
     total = sum(counts.values())
     return {
         "version": VERSION,

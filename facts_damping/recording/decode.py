@@ -86,11 +86,8 @@ def _store(message_type: str, schema: str) -> Typestore:
     return store
 
 
-def series(topic: str, found: Sequence[Block], several: bool = False) -> tuple[Series, int]:
-    """Messages sorted by tick, and how many of them repeat a tick.
-
-    Only the first message of a tick is kept, or all if `several`.
-    """
+def series(topic: str, found: Sequence[Block], several: bool, notes: list[str]) -> Series:
+    """Messages sorted by tick; of one tick only the first is kept, or all if `several`. A note counts the others."""
     count = sum(len(block.rows) for block in found)
     ticks = np.zeros(count, np.int64)
     for block in found:
@@ -102,7 +99,10 @@ def series(topic: str, found: Sequence[Block], several: bool = False) -> tuple[S
         sorted_ticks = ticks[first]
     place = np.full(count, -1)
     place[first] = np.arange(len(first))
-    return Series(topic, sorted_ticks, _placed(found, place)), again
+    if again:
+        text = "all are kept" if several else "the first counts"
+        notes.append(f"{topic}: {again} messages are not the first of their tick: {text}")
+    return Series(topic, sorted_ticks, _placed(found, place))
 
 
 def select(source: Series, ticks: NDArray[np.int64]) -> Series:
@@ -329,7 +329,6 @@ def heard(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) ->
 
 
 def _rows(layout: Any, block: Block, source: Series, **fields: Any) -> NDArray[Any]:
-    """Table rows, one per message of a block."""
     table = np.zeros(len(block.rows), layout)
     table["tick"] = source.ticks[block.rows]
     for name, values in fields.items():

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.recording.bagfile import TopicInfo
     from facts_damping.recording.columns import Block
     from facts_damping.recording.decode import Series
     from facts_damping.recording.scan import Content
@@ -98,18 +97,18 @@ def origin(path: Path | str) -> tuple[dict[str, Any], str]:
 
 
 def _assemble(content: Content, configuration: dict[str, Any], notes: list[str]) -> Record:
-    """Decode the content and assemble the record."""
     topics = _topics(content, bool(configuration.get("controllers")))
     messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
     events.subtract_epoch(messages, topics["state"], configuration.get("frame_rate"))
     of = expected(configuration)
     drop_foreign(messages, topics, of, notes)
     found = {
-        kind: [_series(topic, messages[topic], kind in SETPOINTS, notes) for topic in names]
+        kind: [decode.series(topic, messages[topic], kind in SETPOINTS, notes) for topic in names]
         for kind, names in topics.items()
         if kind not in UNTIMED
     }
-    changes = events.changes(block for topic in topics["changes"] for block in messages[topic])
+    untimed = {kind: [block for topic in topics[kind] for block in messages[topic]] for kind in UNTIMED}
+    changes = events.changes(untimed["changes"])
     late = gaps.late_starts(changes)
     ticks = _ticks(found, late, content.complete)
     away = gaps.find_absences(found, late, 0, int(ticks[-1]) + 1)
@@ -118,14 +117,12 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     _check_end(ticks, configuration, found["state"][0], content.complete, ends, notes)
     first, last = int(ticks[0]), int(ticks[-1])
     cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
-    plant = {kind: decode.select(cut[kind][0], ticks) for kind in REQUIRED}
-    pmus = _named(of, "pmu", plant["frames"], "frames")
-    devices = _named(of, "device", plant["state"], "devices")
-    machines = _named(of, "machine", plant["state"], "machines")
+    measured, state = (decode.select(cut[kind][0], ticks) for kind in REQUIRED)
+    pmus = _named(of, "pmu", measured, "frames")
+    devices, machines = (_named(of, kind, state, f"{kind}s") for kind in ("device", "machine"))
     controllers, issued = _controllers(cut["issued"], cut["applied"])
     applied = decode.setpoints(cut["applied"], controllers, devices)
-    state = plant["state"]
-    frames, measured_ns, status = decode.frames(plant["frames"], pmus)
+    frames, measured_ns, status = decode.frames(measured, pmus)
     return Record(
         configuration=configuration,
         pmus=pmus,
@@ -147,9 +144,9 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         learning=decode.learning(cut["learning"], cut["estimates"]),
         in_synchronism=decode.column(state, attrgetter("in_synchronism"), np.bool_),
         links=len(found["delivered"]),
-        events=events.events(block for topic in topics["events"] for block in messages[topic]),
-        refused=events.refused(block for topic in topics["refused"] for block in messages[topic]),
-        joined=events.joined(block for topic in topics["diagnostics"] for block in messages[topic]),
+        events=events.events(untimed["events"]),
+        refused=events.refused(untimed["refused"]),
+        joined=events.joined(untimed["diagnostics"]),
         changes=changes,
         absences=away,
         heard=decode.heard("controller", cut["learning"], attrgetter("controller"))
@@ -226,26 +223,16 @@ def _messages(content: Content, topics: Sequence[str], notes: list[str]) -> dict
         if message.topic in data:
             data[message.topic].append(message.data)
     content.messages.clear()  # frees the memory: an hour of messages takes a gigabyte
-    return {topic: _decoded(content.topics[topic], data.pop(topic), notes) for topic in topics}
-
-
-def _decoded(topic: TopicInfo, data: list[bytes], notes: list[str]) -> list[Block]:
-    """Messages of a topic; none for diagnostics that cannot be decoded, which any program may publish."""
-    try:
-        return decode.decode(topic, data, notes)
-    except RecordingError as error:
-        if not topic.message_type.startswith("diagnostic_msgs/"):
-            raise
-        notes.append(f"{topic.name} is left out: {error}")
-        return []
-
-
-def _series(topic: str, messages: list[Block], several: bool, notes: list[str]) -> Series:
-    ordered, again = decode.series(topic, messages, several)
-    if again:
-        kept = "all are kept" if several else "the first counts"
-        notes.append(f"{topic}: {again} messages are not the first of their tick: {kept}")
-    return ordered
+    found: dict[str, list[Block]] = {}
+    for topic in topics:
+        try:
+            found[topic] = decode.decode(content.topics[topic], data.pop(topic), notes)
+        except RecordingError as error:
+            if not content.topics[topic].message_type.startswith("diagnostic_msgs/"):
+                raise
+            found[topic] = []  # any program may publish diagnostics
+            notes.append(f"{topic} is left out: {error}")
+    return found
 
 
 def _ticks(found: dict[str, list[Series]], late: set[tuple[str, int, int]], complete: bool) -> NDArray[np.int64]:

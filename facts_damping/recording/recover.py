@@ -81,7 +81,6 @@ def in_simulated_time(path: Path | str, out: Path | str) -> list[str]:
 
 
 def _has_header(topic: TopicInfo) -> bool:
-    """Whether a topic's messages begin with a header."""
     try:
         _, fields = parse_schema(topic.message_type, topic.schema)[topic.message_type]
     except (KeyError, RecordingError):

@@ -53,7 +53,6 @@ def _chart(picture: Picture, runs: Sequence[ReportedRun]) -> Chart:
 def _panel(
     name: str, parts: Sequence[tuple[int, analysed.Panel]], runs: Sequence[ReportedRun], over_time: bool
 ) -> Panel:
-    """Curves of all runs in one panel."""
     curves: list[Curve] = []
     levels: dict[float, None] = {}
     for index, panel in parts:
@@ -80,7 +79,6 @@ def modes(runs: Sequence[ReportedRun]) -> list[Chart]:
 
 
 def _cross(run: int, mode: Mapping[str, Any]) -> list[Curve]:
-    """A mode and its intervals."""
     ratio, frequency = 100 * mode["damping_ratio"], mode["frequency_hz"]
     at = Curve(run, np.array([ratio]), np.array([frequency]), "points")
     errors = 100 * (mode["damping_ratio_error"] or 0.0), mode["frequency_error_hz"] or 0.0

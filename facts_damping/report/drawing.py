@@ -89,12 +89,10 @@ def draw(report: Report) -> dict[str, list[Drawn]]:
 
 
 def _range(start: float, end: float) -> Range1d:
-    """A range that limits zooming."""
     return Range1d(start=start, end=end, bounds=(start, end))
 
 
 def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
-    """Axes with the curves of all runs."""
     made = figure(
         height=HEIGHT if len(chart.panels) > 1 else TALL,
         x_range=shared.time if chart.over_time else DataRange1d(),
@@ -138,7 +136,6 @@ def _curve(made: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
 
 
 def _map(one: Map, shared: _Shared) -> Figure:
-    """A distribution as a colour map."""
     first, last, low, high = one.extent
     labels: dict[str, Any] = {"x_axis_label": "t [s]", "y_axis_label": "f [Hz]"}
     made = figure(height=TALL, x_range=shared.time, y_range=_range(low, high), **labels, **DRESS)

@@ -88,7 +88,6 @@ def page(report: Report) -> str:
 
 
 def _events(report: Report) -> str:
-    """Grid events in one line."""
     named = [f"{at:g} s {what}" for at, what in report.events[:MAX_EVENTS]]
     more = len(report.events) - len(named)
     return "; ".join(named) + (f"; and {more} more" if more else "")

@@ -159,7 +159,6 @@ def _modelled_twice(run: ReportedRun) -> str:
 
 
 def _latencies(values: NDArray[np.float64]) -> tuple[str, ...]:
-    """Number of latencies and their statistics."""
     return str(len(values)), *(_number(value, ".2f") for value in statistics(values).values())
 
 
@@ -179,7 +178,6 @@ def conditions(runs: Sequence[ReportedRun]) -> ReportTable:
 
 
 def _field_text(value: Any) -> str:
-    """Short text of a field of a run."""
     if isinstance(value, list):
         return ", ".join(map(_field_text, value)) or "none"
     if isinstance(value, dict):

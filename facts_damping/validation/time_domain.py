@@ -107,7 +107,6 @@ def _speeds(what: str, ours: Any, theirs: Any, tolerance: float) -> Row:
 
 
 def _angles(what: str, ours: Any, theirs: Any, tolerance: float) -> Row:
-    """Rotor angles against G3."""
     angles = np.array([theirs[f"d{g}"] for g in range(1, 5)]).T
     pair = [np.rad2deg(a - a[:, 2:3]) for a in (ours["rotor_angle"], angles)]
     return within(f"{what}: angles against G3", "deg", pair[0] - pair[1], tolerance)
