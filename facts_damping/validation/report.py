@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.validation import devices, hvdc, pmus, small_signal, start, time_domain
+from facts_damping.validation import devices, pmus, small_signal, start, time_domain
 from facts_damping.validation.table import markdown
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "converters": devices.converters,
     "balance": devices.balance,
     "pmus": pmus.standard,
-    "hvdc-power": hvdc.powers,
-    "hvdc-modulation": hvdc.modulation,
+    "hvdc-power": devices.powers,
+    "hvdc-modulation": devices.modulation,
     "time-domain": time_domain.andes,
     "step": time_domain.steps,
 }
