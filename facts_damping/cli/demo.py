@@ -18,6 +18,7 @@ from facts_damping.recording import seal
 from facts_damping.terminal import Progress, note, show
 
 RUN = "two_area_deployment"
+EVENT = "a fault on a line of the tie at 2 s, cleared by the trip of that line"
 CASES = {"no control": ["controllers=[]"], "lead-lag": [], "lead-lag, 300 ms more": ["link.up.1.delay=0.303"]}
 
 
@@ -33,9 +34,7 @@ def run_all(folder: Path) -> None:
         named.append((name, record))
         results.append(runs.summarise(record, None, str(place / "recording")))
         show(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
-    show(
-        "\ntwo_area in the profile deployment: a fault on a line of the tie at 2 s, cleared by the trip of that line\n"
-    )
+    show(f"\ntwo_area in the profile deployment: {EVENT}\n")
     details.compare(results, 0)
     show(table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
     show("")

@@ -164,9 +164,8 @@ def _export_case(arguments: argparse.Namespace, path: Path) -> None:
     from facts_damping.case import loading, matpower_case
 
     if not matpower_case.NAME.fullmatch(path.stem) or path.stem in matpower_case.KEYWORDS:
-        raise InputError(
-            f"--out {path}: given; allowed: a name of letters, digits and _ that MATLAB takes for a function"
-        )
+        allowed = "a name of letters, digits and _ that MATLAB takes for a function"
+        raise InputError(f"--out {path}: given; allowed: {allowed}")
     system = loading.load_system(arguments.what)
     write_whole(path, matpower_case.text(system, path.stem))
     say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines: {path}")

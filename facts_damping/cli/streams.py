@@ -39,9 +39,7 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
     if link is not None and link >= links:
         raise InputError(f"--behind: {link} given; allowed: a link of the recording, 0 to {links - 1}")
     epoch = int(time.time()) if arguments.epoch is None else arguments.epoch
-    asked = Serving(
-        arguments.host, arguments.port, arguments.to, arguments.idcode, arguments.format, each=arguments.each
-    )
+    asked = Serving(**{name: getattr(arguments, name) for name in Serving._fields})
     servers = serving.servers(case, asked, lambda: (epoch, 0))
     concentrator = Concentrator(case, epoch, None if link is None else WAIT_S)
 

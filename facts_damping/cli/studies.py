@@ -85,9 +85,8 @@ def search(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.lead_lag, "--lead-lag")
     files.check_writable(arguments.tuned, "--tuned")
     if arguments.tuned is not None and arguments.devices is None:
-        raise InputError(
-            f"--tuned {arguments.tuned}: given without --devices; allowed: with it, as a file is of one set"
-        )
+        allowed = "with it, as a file is of one set"
+        raise InputError(f"--tuned {arguments.tuned}: given without --devices; allowed: {allowed}")
     devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
     asked = {name: value for name, value in vars(arguments).items() if name in study.SearchTask._fields}
     signals = tuple(arguments.signals.split(",")) if arguments.signals else ()

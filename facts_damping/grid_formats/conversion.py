@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     Row = Mapping[str, float]
+    Units = dict[int, list[tuple[int, Row]]]  # generators in service by bus, with their row numbers from 1
+    Rows = list[dict[str, Any]]  # of a table of the system
 
 REFERENCE, ISOLATED, PQ = 3, 4, 1  # bus types
 LARGEST_RATING = 1e5  # MVA
@@ -166,10 +168,10 @@ def _check_buses(case: MatpowerCase, buses: Mapping[int, Row]) -> None:
 
 def _units(
     case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]
-) -> tuple[dict[int, tuple[float, float]], dict[int, list[tuple[int, Row]]]]:
-    """Demand by bus (MW, Mvar), and the generators in service by bus with their row numbers from 1."""
+) -> tuple[dict[int, tuple[float, float]], Units]:
+    """Demand by bus (MW, Mvar), and the generators in service."""
     demand = {n: (row["PD"], row["QD"]) for n, row in buses.items()}
-    units: dict[int, list[tuple[int, Row]]] = {}
+    units: Units = {}
     for i, row in enumerate(case.gen, 1):
         n = _number(row["GEN_BUS"])
         if n not in buses:
@@ -184,9 +186,7 @@ def _units(
     return demand, units
 
 
-def _branches(
-    case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]]]:
+def _branches(case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]) -> tuple[Rows, Rows, Rows]:
     """Lines, transformers (with a ratio, a shift, or two nominal voltages), and shunts for transformers' charging."""
     lines, transformers, charging, names = [], [], [], set[str]()
     for i, row in enumerate(case.branch, 1):
@@ -219,9 +219,7 @@ def _branches(
     return lines, transformers, charging
 
 
-def _machines(
-    buses: Mapping[int, Row], units: Mapping[int, list[tuple[int, Row]]], rows: Any, notes: list[str]
-) -> tuple[list[dict[str, Any]], list[str]]:
+def _machines(buses: Mapping[int, Row], units: Units, rows: Any, notes: list[str]) -> tuple[Rows, list[str]]:
     """Machines, one per bus, and the names of those with typical data."""
     given = _machine_rows(rows, units)
     if not units:
@@ -252,7 +250,7 @@ def _machines(
     return machines, typical
 
 
-def _machine_rows(rows: Any, units: Mapping[int, list[tuple[int, Row]]]) -> dict[int, dict[str, Any]]:
+def _machine_rows(rows: Any, units: Units) -> dict[int, dict[str, Any]]:
     """Machine rows of the file of dynamics by bus number; each row names a `bus` (B30) or a `generator` (its row)."""
     found: dict[int, dict[str, Any]] = {}
     by_row = {i: n for n, here in units.items() for i, _ in here}

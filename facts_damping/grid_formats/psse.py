@@ -9,19 +9,9 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
+from facts_damping.grid_formats import conversion
 from facts_damping.grid_formats import psse_network as network
-from facts_damping.grid_formats.conversion import (
-    PQ,
-    REFERENCE,
-    TYPICAL,
-    Imported,
-    filled,
-    joined_to,
-    measured,
-    some,
-    system_name,
-    without_data,
-)
+from facts_damping.grid_formats.conversion import Imported
 from facts_damping.grid_formats.psse_files import Row, read_dyr, read_raw
 from facts_damping.parameters.plant.blocks import MODELS, SHORTEST, TABLES, quantity_of
 from facts_damping.parameters.plant.system import System
@@ -61,7 +51,7 @@ def convert(case: RawCase, dynamics: Dyr | None, dynamics_name: str = "") -> Imp
     machines, controls, typical = _machines(units, places, dynamics, dynamics_name, case, buses, notes)
     _check_islands(buses, [*lines, *transformers], machines)
     content: dict[str, Any] = {
-        "name": system_name(case.name),
+        "name": conversion.system_name(case.name),
         "description": f"{case.name}, imported from PSS/E",
         "base_power": case.base_power,
         "frequency": case.frequency,
@@ -76,18 +66,20 @@ def convert(case: RawCase, dynamics: Dyr | None, dynamics_name: str = "") -> Imp
         "shunts": [*shunts, *magnetising, *network.shunts(case, buses)],
         "machines": machines,
         **controls,
-        **measured([m["name"] for m in machines]),
+        **conversion.measured([m["name"] for m in machines]),
     }
-    return Imported(filled(content), typical, notes)
+    return Imported(conversion.filled(content), typical, notes)
 
 
 def _check_islands(buses: Mapping[int, Row], branches: Sequence[Row], machines: Sequence[Row]) -> None:
     """Raise `InputError` if branches in service do not connect all buses to the slack machine."""
     slack = next(m["bus"] for m in machines if m.get("slack"))
-    reached = joined_to(slack, [(row["from"], row["to"]) for row in branches])
+    reached = conversion.joined_to(slack, [(row["from"], row["to"]) for row in branches])
     apart = [n for n in buses if f"B{n}" not in reached]
     if apart:
-        raise InputError(f"bus: an island without the slack machine given ({some(apart)}); allowed: one grid")
+        raise InputError(
+            f"bus: an island without the slack machine given ({conversion.some(apart)}); allowed: one grid"
+        )
 
 
 def import_case(raw: Path, dyr: Path | None = None) -> Imported:
@@ -173,8 +165,8 @@ def _machines(
             _control(record, unit, where, controls, notes)
     typical = [unit.name for unit in units if unit.name not in data]
     if typical:
-        notes.append(without_data(typical, len(units)))
-    at_reference = [unit for unit in units if buses[unit.bus]["IDE"] == REFERENCE]
+        notes.append(conversion.without_data(typical, len(units)))
+    at_reference = [unit for unit in units if buses[unit.bus]["IDE"] == conversion.REFERENCE]
     if not at_reference:
         raise InputError("bus: no generator in service at a bus of type 3 given; allowed: at least one")
     slack = max(at_reference, key=lambda unit: float(unit.row["MBASE"]))
@@ -182,7 +174,7 @@ def _machines(
     for unit in units:
         bus, at = buses[unit.bus], places.get(unit.name, f"B{unit.bus}")
         V = unit.row["VS"]
-        if bus["IDE"] == PQ or (unit.row["IREG"] and unit.row["IREG"] != unit.bus):
+        if bus["IDE"] == conversion.PQ or (unit.row["IREG"] and unit.row["IREG"] != unit.bus):
             V = bus["VM"]
             notes.append(f"{unit.name} does not hold the voltage of its bus: here it holds {V:g} p.u. there")
         elif at != f"B{unit.bus}":
@@ -190,7 +182,7 @@ def _machines(
         dispatch = {"slack": True, "angle": bus["VA"]} if unit is slack else {"P": unit.row["PG"]}
         made = {"name": unit.name, "bus": at, "area": f"area_{int(bus['AREA'])}"}
         made |= {"rating": unit.row["MBASE"] or case.base_power, "V": V} | dispatch
-        machines.append(made | data.get(unit.name, TYPICAL))
+        machines.append(made | data.get(unit.name, conversion.TYPICAL))
     excited = {row["machine"] for row in controls["exciters"]}
     for row in [row for row in controls["stabilisers"] if row["machine"] not in excited]:
         controls["stabilisers"].remove(row)

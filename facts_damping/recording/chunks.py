@@ -55,9 +55,7 @@ class UnpackLimit:
 def unpack(chunk: Chunk) -> list[McapRecord]:
     """Records in a chunk, checksum verified. Raises ValueError, or the libraries' own errors if damaged."""
     data, at = _plain(chunk), 0
-    while at < len(
-        data
-    ):  # before the records are read: a few bytes can pack a million of a kind that has no place here
+    while at < len(data):  # before they are read: a few bytes can pack a million records of a kind that is not allowed
         opcode, length = HEAD.unpack_from(data, at)
         if opcode not in INSIDE:
             raise ValueError(f"a record of kind {opcode} in a chunk")

@@ -139,9 +139,8 @@ class Walk:
         self._messages += 1
         if self._messages > self._stacked.shape[1]:
             raise ValueError("a message has more parts than bytes")
-        return SimpleNamespace(
-            **{name: self._value(kind, f"{path}{name}") for name, kind in self._fields[message_type][1]}
-        )
+        fields = self._fields[message_type][1]
+        return SimpleNamespace(**{name: self._value(kind, f"{path}{name}") for name, kind in fields})
 
     def _value(self, kind: Any, path: str) -> Any:
         node, what = kind

@@ -9,23 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
+from facts_damping import signals
 from facts_damping.errors import RecordingError
 from facts_damping.monitor_table import CODES, MONITORS, STATES, cause_code
 from facts_damping.recording.columns import Block, blocks, kept
 from facts_damping.recording.fields import DEVICE_FIELDS, FRAME_FIELDS, MACHINE_FIELDS, check_fields
 from facts_damping.recording.schemas import parse_schema
-from facts_damping.signals import (
-    CHANNELS,
-    DELIVERY,
-    DEVICE_TRUTH,
-    ESTIMATE,
-    LEARNING,
-    LOST,
-    MACHINE_TRUTH,
-    NANOSECONDS,
-    SETPOINT,
-    SUPERVISION,
-)
+from facts_damping.signals import LOST, NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -37,7 +27,7 @@ if TYPE_CHECKING:
 
 
 NewestTicks = dict[tuple[str, int, str], "NDArray[np.int64]"]
-SUPERVISION_FIELDS = {  # of SupervisorState, by the column of SUPERVISION
+SUPERVISION_FIELDS = {  # of SupervisorState, by the column of signals.SUPERVISION
     "fraction": "fraction",
     "probe_gain": "probe_gain",
     "probe_phase": "probe_phase_rad",
@@ -149,7 +139,7 @@ def frames(source: Series, pmus: Sequence[str]) -> tuple[NDArray[np.float64], ND
 
     NaN, LOST and 0 where a PMU did not report.
     """
-    values = np.full((len(source.ticks), len(pmus), len(CHANNELS)), np.nan)
+    values = np.full((len(source.ticks), len(pmus), len(signals.CHANNELS)), np.nan)
     measured_ns, status = np.full(values.shape[:2], LOST), np.zeros(values.shape[:2], np.int64)
     index = _index(pmus)
     for block in source.blocks:
@@ -162,7 +152,9 @@ def frames(source: Series, pmus: Sequence[str]) -> tuple[NDArray[np.float64], ND
 
 def truth(source: Series, entries: str, name: str, names: Sequence[str]) -> NDArray[Any]:
     """True states of machines or devices (`entries` of PlantState), (ticks, names); NaN where missing."""
-    fields, layout = (MACHINE_FIELDS, MACHINE_TRUTH) if entries == "machines" else (DEVICE_FIELDS, DEVICE_TRUTH)
+    fields, layout = (
+        (MACHINE_FIELDS, signals.MACHINE_TRUTH) if entries == "machines" else (DEVICE_FIELDS, signals.DEVICE_TRUTH)
+    )
     values = np.full((len(source.ticks), len(names), len(fields)), np.nan)
     index = _index(names)
     for block in source.blocks:
@@ -179,7 +171,7 @@ def deliveries(sources: Sequence[Series], pmus: Sequence[str]) -> NDArray[Any]:
     index = _index(pmus)
     parts = [
         _rows(
-            DELIVERY,
+            signals.DELIVERY,
             block,
             source,
             pmu=_lookup(index, entry.pmu, source.topic),
@@ -193,7 +185,7 @@ def deliveries(sources: Sequence[Series], pmus: Sequence[str]) -> NDArray[Any]:
         for block in source.blocks
         for entry in block.message.frames
     ]
-    return _table(parts, DELIVERY, "link", "tick")
+    return _table(parts, signals.DELIVERY, "link", "tick")
 
 
 def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Sequence[str]) -> NDArray[Any]:
@@ -204,7 +196,7 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
     controller, device = _index(controllers), _index(devices)
     parts = [
         _rows(
-            SETPOINT,
+            signals.SETPOINT,
             block,
             source,
             controller=_lookup(controller, entry.controller, source.topic),
@@ -218,7 +210,7 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
         for block in source.blocks
         for entry in block.message.setpoints
     ]
-    return _table(parts, SETPOINT, "tick")
+    return _table(parts, signals.SETPOINT, "tick")
 
 
 def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArray[Any]:
@@ -243,8 +235,8 @@ def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArra
                 "values": values,
             }
             numbers = {name: getattr(message, field) for name, field in SUPERVISION_FIELDS.items()}
-            parts.append(_rows(SUPERVISION, block, source, **fields, **numbers))
-    return _table(parts, SUPERVISION, "controller", "tick")
+            parts.append(_rows(signals.SUPERVISION, block, source, **fields, **numbers))
+    return _table(parts, signals.SUPERVISION, "controller", "tick")
 
 
 def _known(code: Callable[[str], int], name: str, topic: str) -> int:
@@ -265,7 +257,7 @@ def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]
     index = _index(devices)
     parts = [
         _rows(
-            ESTIMATE,
+            signals.ESTIMATE,
             block,
             source,
             controller=place(message.identifier),
@@ -284,14 +276,14 @@ def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]
         for i in range(len(message.prediction))
         for j, name in enumerate(message.input_names)
     ]
-    return _table(parts, ESTIMATE, "controller", "tick")
+    return _table(parts, signals.ESTIMATE, "controller", "tick")
 
 
 def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> NDArray[Any]:
     """Learning of the networks: one row (LEARNING) per learning rate, by tick; controllers before identifiers."""
     parts = [
         _rows(
-            LEARNING,
+            signals.LEARNING,
             block,
             source,
             controller=place(message.identifier if identifier else message.controller),
@@ -308,7 +300,7 @@ def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> ND
         for message in [block.message]
         for k, rate in enumerate(message.learning_rates)
     ]
-    return _table(parts, LEARNING, "controller", "identifier", "tick")
+    return _table(parts, signals.LEARNING, "controller", "identifier", "tick")
 
 
 def heard(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) -> NewestTicks:

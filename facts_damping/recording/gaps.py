@@ -91,11 +91,8 @@ def gap_notes(found: dict[str, list[Series]], away: Sequence[Absence], last: int
 def first_missing(found: dict[str, list[Series]], away: Sequence[Absence], ticks: NDArray[np.int64]) -> int | None:
     """First tick in the span of `ticks` that `ticks` or a series of NEEDED_FOR_REPLAY lacks; None if complete."""
     first, end = int(ticks[0]), int(ticks[-1]) + 1
-    lacking = [
-        gaps[0][0] for kind, _, gaps in missing_ticks(found, away, first, end) if kind in NEEDED_FOR_REPLAY and gaps
-    ]
-    lacking += [a for a, _ in _between(ticks, first, end)][:1]
-    return min(lacking, default=None)
+    needed = [gaps for kind, _, gaps in missing_ticks(found, away, first, end) if kind in NEEDED_FOR_REPLAY]
+    return min([gaps[0][0] for gaps in [*needed, _between(ticks, first, end)] if gaps], default=None)
 
 
 def _begins(late: set[tuple[str, int, int]], owner: tuple[str, int], first: int, end: int) -> Iterator[int]:

@@ -16,7 +16,6 @@ from facts_damping.terminal import clean_up_first, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-    from types import TracebackType
 
     from typing_extensions import Self
 
@@ -128,9 +127,7 @@ class RecordingWriter:
         """Return the writer; the recording is already open."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the recording, also after an error, so that it stays readable."""
         self.close()
 

@@ -46,15 +46,13 @@ def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
         Section("Conditions", [tables.conditions(runs)]),
     ]
     names, what = [run.name for run in runs], " and ".join(unlike)
-    warning = (
-        [f"The runs differ in {what}: their figures cannot be compared, and none is marked as best."] if what else []
-    )
+    warning = f"The runs differ in {what}: their figures cannot be compared, and none is marked as best."
     return Report(
         title=names[0] if len(names) == 1 else f"{len(names)} runs side by side",
         names=names,
         lead=lead(runs, baseline, not unlike),
         tiles=tiles(runs),
-        remarks=[*warning, *(remark for run in runs for remark in _remarks(run))],
+        remarks=[*([warning] if unlike else []), *(remark for run in runs for remark in _remarks(run))],
         events=sorted({event for run in runs for event in _events(run, f"{run.name}: " * (len(runs) > 1))}),
         sections=[section for section in sections if section.items],
     )

@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.case.names import (
-    SUPERVISED,
-    controller_addresses,
-    identifier_addresses,
-    link_addresses,
-    supervisor_addresses,
-)
+from facts_damping.case import names as case_names
 from facts_damping.case.supervision import reserves
 from facts_damping.control.bank import controller_network
 from facts_damping.monitor_table import MONITORS
@@ -60,14 +54,14 @@ def tabs(case: Case, namespace: str = "/") -> list[Tab]:
     def full(topic: str) -> str:
         return f"{namespace.rstrip('/')}/{topic}"
 
-    controllers, identifiers = controller_addresses(case), identifier_addresses(case)
+    controllers, identifiers = case_names.controller_addresses(case), case_names.identifier_addresses(case)
     found = [_grid(case, full), _devices(case, full)]
     found += [_controller(case, c, full(str(address))) for c, address in enumerate(controllers)]
     found += [_identifier(case, c, full(str(address))) for c, address in identifiers.items()]
-    for c, address in supervisor_addresses(case).items():
+    for c, address in case_names.supervisor_addresses(case).items():
         senders = {who: full(topic) for who, topic in _senders(case, c).items()}
         found += _supervisor(case, c, full(str(address)), senders)
-    found += [_link(case, full(link.namespace).rstrip("/"), str(link)) for link in link_addresses(case)]
+    found += [_link(case, full(link.namespace).rstrip("/"), str(link)) for link in case_names.link_addresses(case)]
     health = Panel("deadline misses", [Curve("/diagnostics", DEADLINE_MISSES, full("plant_sim").lstrip("/"))])
     found.append(Tab("health", [Panel("diagnostics", [Curve("/diagnostics", "", "")], DIAGNOSTICS), health]))
     return [Tab(tab.title, [panel for panel in tab.panels if panel.curves]) for tab in found if tab.panels]
@@ -163,8 +157,11 @@ def _identifier(case: Case, c: int, here: str) -> Tab:
 
 def _senders(case: Case, c: int) -> dict[str, str]:
     """Topics with setpoints for a supervised controller's devices, by sender."""
-    places, reserve = controller_addresses(case), reserves(case.run).get(c)
-    senders = {"supervised": f"{supervisor_addresses(case)[c]}/{SUPERVISED}", "issued": f"{places[c]}/setpoints"}
+    places, reserve = case_names.controller_addresses(case), reserves(case.run).get(c)
+    senders = {
+        "supervised": f"{case_names.supervisor_addresses(case)[c]}/{case_names.SUPERVISED}",
+        "issued": f"{places[c]}/setpoints",
+    }
     return senders | ({} if reserve is None else {"of the fallback": f"{places[reserve]}/setpoints"})
 
 
