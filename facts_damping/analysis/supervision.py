@@ -172,7 +172,7 @@ def _probe(rows: NDArray[Any], mode_hz: float | None) -> dict[str, Any] | None:
         return None
     row, margin = known[-1], math.degrees(float(known[-1]["phase_margin"]))
     delay = margin / 360.0 / mode_hz * 1e3 if mode_hz else math.nan
-    told = {
+    figures = {
         "gain": row["probe_gain"],
         "phase_deg": math.degrees(float(row["probe_phase"])),
         "coherence": row["probe_coherence"],
@@ -181,18 +181,18 @@ def _probe(rows: NDArray[Any], mode_hz: float | None) -> dict[str, Any] | None:
         "delay_margin_ms": delay,
         "gain_margin": row["gain_margin"],
     }
-    return {name: float(value) if math.isfinite(value) else None for name, value in told.items()}
+    return {name: float(value) if math.isfinite(value) else None for name, value in figures.items()}
 
 
 def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
     """Rows of a table of runs: history of each supervised controller, and its probe."""
     each = [{one["controller"]: one for one in s.get("supervision") or ()} for s in summaries]
     found = []
-    for name in dict.fromkeys(name for own in each for name in own):
-        told = [own.get(name) for own in each]
-        found.append((name, ["-" if one is None else history_text(one) for one in told]))
-        if any(one and one["probe"] for one in told):
-            found.append((f"{name} probe", [probe_text(one["probe"] if one else None) for one in told]))
+    for name in dict.fromkeys(name for run in each for name in run):
+        histories = [run.get(name) for run in each]
+        found.append((name, ["-" if one is None else history_text(one) for one in histories]))
+        if any(one and one["probe"] for one in histories):
+            found.append((f"{name} probe", [probe_text(one["probe"] if one else None) for one in histories]))
     return found
 
 

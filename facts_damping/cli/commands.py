@@ -52,6 +52,9 @@ def parser() -> argparse.ArgumentParser:
 
 def _add_arguments(command: Arguments, rows: Sequence[Any]) -> None:
     for row in rows:
+        if isinstance(row, list):
+            _add_arguments(command, row)
+            continue
         ((name, content),) = row.items() if isinstance(row, dict) else ((row, {}),)
         if name == "one of":
             _add_arguments(command.add_mutually_exclusive_group(), content)

@@ -100,14 +100,6 @@ def common(
         parser.set_defaults(json=None)
 
 
-def pictures(command: argparse.ArgumentParser) -> None:
-    """Add options for the format of pictures."""
-    command.add_argument("--format", choices=["png", "pdf", "svg"], default="png", help="of pictures; default: png")
-    command.add_argument("--width", type=between(3.0, 50.0, " cm"), metavar="CM", help="of pictures; default: 23 cm")
-    text = "size of usual text in pictures, points; default: 10"
-    command.add_argument("--font", type=between(4.0, 30.0, " points"), metavar="PT", help=text)
-
-
 def jobs(command: argparse.ArgumentParser) -> None:
     """Add an option for the number of parallel runs."""
     text = "how many runs at once; default: all cores"
@@ -150,4 +142,4 @@ def between(low: float, high: float, unit: str = "") -> Callable[[str], float]:
 
 
 TYPES: dict[str, Callable[..., Callable[[str], Any]]] = {"whole": whole, "between": between, "pair": lambda: pair}
-GROUPS: dict[str, Callable[..., None]] = {"common": common, "pictures": pictures, "jobs": jobs}
+GROUPS: dict[str, Callable[..., None]] = {"common": common, "jobs": jobs}

@@ -42,7 +42,7 @@ def bus_of(row: Row, buses: Mapping[int, Row]) -> int | None:
 
 def lines(case: RawCase, buses: Mapping[int, Row]) -> tuple[list[Row], list[Row]]:
     """Lines in service, and the shunts at their ends."""
-    lines, shunts, taken = list[Row](), list[Row](), set[str]()
+    lines, shunts, used = list[Row](), list[Row](), set[str]()
     for row in case.tables["branch"]:
         a, b = abs(int(row["I"])), abs(int(row["J"]))
         if row["ST"] != 1 or a not in buses or b not in buses:
@@ -50,7 +50,7 @@ def lines(case: RawCase, buses: Mapping[int, Row]) -> tuple[list[Row], list[Row]
         if row["X"] == 0.0 or a == b:
             what = f"X = {row['X']:g}" if a != b else f"bus {a} at both ends"
             raise InputError(f"line {row['line']}: branch: {what} given; allowed: two buses, X other than 0")
-        name = _free(f"line_{a}_{b}", row["CKT"], taken)
+        name = _free(f"line_{a}_{b}", row["CKT"], used)
         lines.append({"name": name, "from": f"B{a}", "to": f"B{b}", "r": row["R"], "x": row["X"], "b": row["B"]})
         for bus, G, B in ((a, row["GI"], row["BI"]), (b, row["GJ"], row["BJ"])):
             if G or B:
@@ -63,13 +63,13 @@ def _shunt(name: str, bus: int, G: float, B: float, case: RawCase) -> Row:
     return {"name": name, "bus": f"B{bus}", "Q": B * case.base_power, "P": G * case.base_power}
 
 
-def _free(stem: str, circuit: str, taken: set[str]) -> str:
-    """A branch name that is not taken: with its circuit if that is not the first."""
+def _free(stem: str, circuit: str, used: set[str]) -> str:
+    """A name that is not used: with its circuit if that is not the first."""
     mark = re.sub(r"[^A-Za-z0-9]", "", str(circuit))
     name = stem if mark in ("", "1") else f"{stem}_{mark}"
-    while name in taken:
+    while name in used:
         name += "x"
-    taken.add(name)
+    used.add(name)
     return name
 
 
@@ -95,12 +95,12 @@ def shunts(case: RawCase, buses: Mapping[int, Row]) -> list[Row]:
     """Fixed shunts, and switched shunts in their present state."""
     made = []
     for section, G, B, on in (("fixed shunt", "GL", "BL", "STATUS"), ("switched shunt", None, "BINIT", "ST")):
-        taken = set[str]()
+        used = set[str]()
         for row in case.tables[section]:
             n = bus_of(row, buses)
             if n is None or row[on] != 1 or not (row[B] or (G and row[G])):
                 continue
-            name = _free(f"{section.split()[0]}_{n}", row.get("ID", "1"), taken)
+            name = _free(f"{section.split()[0]}_{n}", row.get("ID", "1"), used)
             made.append({"name": name, "bus": f"B{n}", "Q": row[B], "P": row[G] if G else 0.0})
     return made
 
@@ -145,13 +145,13 @@ def _impedance(row: Row, number: int, base_power: float) -> complex:
 
 def transformers(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> tuple[list[Row], list[str], list[Row]]:
     """Two-winding transformers, three-winding ones as stars, the buses of the stars, and magnetising shunts."""
-    made, stars, shunts, taken = list[Row](), list[str](), list[Row](), set[str]()
+    made, stars, shunts, used = list[Row](), list[str](), list[Row](), set[str]()
     for row in case.tables["transformer"]:
         ends = [end for end in ("I", "J", "K") if row[end]]
         if row["STAT"] == 0 or any(int(row[end]) not in buses for end in ends):
             continue
         windings = [_winding(row, i, end, buses) for i, end in enumerate(ends, 1)]
-        name = _free("T" + "_".join(str(int(row[end])) for end in ends), row["CKT"], taken)
+        name = _free("T" + "_".join(str(int(row[end])) for end in ends), row["CKT"], used)
         for w in windings:
             if not 0.5 < w.ratio < 2.0:
                 raise InputError(f"line {row['line']}: transformer: ratio {w.ratio:g} given; allowed: 0.5 to 2")
