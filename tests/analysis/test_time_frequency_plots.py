@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+from facts_damping.analysis.measures import recorded
 from facts_damping.analysis.plotting.time_frequency_plots import Settings, distribution_figures, draw_distribution, save
-from facts_damping.analysis.recorded import recorded
 from facts_damping.analysis.time_frequency import analyse
 from facts_damping.errors import InputError
 from facts_damping.signals import NANOSECONDS, GridEvent
