@@ -18,7 +18,7 @@ from facts_damping.parameters.streams import read_streams, server
 from facts_damping.signals import LOST
 from facts_damping.simulation.replay import case_of
 from facts_damping.streaming import listening, recorded, serving
-from facts_damping.streaming.concentrator import WAIT_S, Concentrator
+from facts_damping.streaming.pdc import WAIT_S, Pdc
 from facts_damping.streaming.serving import Serving
 from facts_damping.terminal import Progress, table, write_json
 
@@ -41,13 +41,13 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
     epoch = int(time.time()) if arguments.epoch is None else arguments.epoch
     asked = Serving(**{name: getattr(arguments, name) for name in Serving._fields})
     servers = serving.servers(case, asked, lambda: (epoch, 0))
-    concentrator = Concentrator(case, epoch, None if link is None else WAIT_S)
+    pdc = Pdc(case, epoch, None if link is None else WAIT_S)
 
     async def whole() -> None:
         try:
             say(arguments, *await serving.begin(servers, asked))
             sys.stdout.flush()
-            await recorded.play(servers, recorded.instants(record, concentrator, link), each=asked.each)
+            await recorded.play(servers, recorded.instants(record, pdc, link), each=asked.each)
         finally:
             for server in servers:
                 await server.end()
@@ -56,8 +56,8 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
     rows = serving.counted(servers)
     write_json(arguments.json, {"streams": rows})
     say(arguments, *map(serving.told, rows))
-    if concentrator.alignment.late:
-        say(arguments, f"later than {WAIT_S:g} s: {concentrator.alignment.late} of the link's entries, left out")
+    if pdc.alignment.late:
+        say(arguments, f"later than {WAIT_S:g} s: {pdc.alignment.late} of the link's entries, left out")
 
 
 def pmu_listen(arguments: argparse.Namespace) -> None:

@@ -55,7 +55,7 @@ class Chain(Struct):
     """A chain of one direction of a link, with the state of its stages."""
 
     rows: Annotated[NDArray[Any], Array(STAGE, 1)]
-    concerns: Bool2  # (stages, channels): the stage acts on the channel
+    channel_mask: Bool2  # (stages, channels): the stage acts on the channel
     drawn: Int4  # (stages, draws, copies, channels): delay in ns, LOST, or 1 for a copy
     last_ns: Int2  # (stages, channels): when the last entry left; 1: an entry is stored
     kept: Float4  # (stages, window, channels, width): values of earlier entries, draws of noise
@@ -103,7 +103,7 @@ def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chains, 
     windows = [_window(stage, way) for stage in stages if stage.model in ("replay", "noise")]
     made = Chains(
         rows=np.zeros((n, maximum), STAGE),
-        concerns=np.zeros((n, maximum, channels), np.bool_),
+        channel_mask=np.zeros((n, maximum, channels), np.bool_),
         drawn=np.zeros((n, maximum, draws, copies, channels), np.int64),
         last_ns=np.zeros((n, maximum, channels), np.int64),
         kept=np.zeros((n, maximum, max(windows, default=1), channels, way.width)),
@@ -148,7 +148,7 @@ def put(made: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None
         row[s]["stamped"], row[s]["hold"] = stage.reference == "stamp", stage.missing == "hold"
         row[s]["complete"] = stage.send == "complete"
     names = [one for name in stage.channels or way.channels for one in way.groups.get(name, [name])]
-    made.concerns[link, s] = [name in names for name in way.channels]
+    made.channel_mask[link, s] = [name in names for name in way.channels]
     seed, direction = way.seed
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(link, direction, s)))
     if code == kinds.NOISE:
@@ -179,7 +179,7 @@ def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
             _align(c, p, s, sent_ns, first, end)
             continue
         for channel in range(first, end):
-            if not c.concerns[s, channel]:
+            if not c.channel_mask[s, channel]:
                 continue
             if p.stamp_ns[channel] == LOST:  # absent from the frame
                 continue
@@ -262,14 +262,14 @@ def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> 
     row = c.rows[s]
     earliest, latest = LOST, 0
     for channel in range(first, end):
-        if c.concerns[s, channel]:
+        if c.channel_mask[s, channel]:
             earliest, latest = min(earliest, p.now_ns[0, channel]), max(latest, p.now_ns[0, channel])
     if earliest == LOST and row.stamped == 0:
         return
     deadline = (sent_ns if row.stamped == 1 else earliest) + row.delay_ns
     leaves = latest if latest <= deadline and row.complete == 1 else deadline
     for channel in range(first, end):
-        if not c.concerns[s, channel]:
+        if not c.channel_mask[s, channel]:
             continue
         if p.now_ns.shape[0] > 1:
             p.now_ns[1, channel] = LOST

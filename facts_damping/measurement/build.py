@@ -74,7 +74,7 @@ def make_pmus(
         row["until_ns"] = LOST if one.duration is None else to_ns(one.start) + to_ns(one.duration)
         row["probability"], row["size"] = one.probability, one.size
     known = [[one.pmus is None or s in one.pmus for s in pmus] for one in measurement.bad_data]
-    concerns = np.array(known, np.bool_)
+    channel_mask = np.array(known, np.bool_)
     plain = np.zeros(len(pmus), pmu_model.ERRORS)
     plain["lost_ns"] = LOST
     integers = measurement.quantisation == "int16"
@@ -95,7 +95,7 @@ def make_pmus(
         delay=made.delay,
         errors=errors,
         bad=bad,
-        concerns=concerns.reshape(len(bad), len(pmus)),
+        channel_mask=channel_mask.reshape(len(bad), len(pmus)),
         normal=normal,
         uniform=uniform,
         voltage_step=measurement.voltage_range / pmu_model.MAX_UNSIGNED if integers else 0.0,

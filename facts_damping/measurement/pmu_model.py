@@ -76,7 +76,7 @@ class Pmus(Struct):
     delay: int  # frames
     errors: Annotated[NDArray[Any], Array(ERRORS, 1)]  # ERRORS, (PMUs,)
     bad: Annotated[NDArray[Any], Array(BAD, 1)]  # BAD
-    concerns: Bool2  # (bad, PMUs)
+    channel_mask: Bool2  # (bad, PMUs)
     normal: Float3  # (draws, PMUs, NORMALS)
     uniform: Float3  # (draws, bad, PMUs)
     voltage_step: float  # p.u., step of 16-bit integers; 0: not quantised
@@ -175,7 +175,7 @@ def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: Float1
     frame[ROCOF] += own.rocof * draw[5]
     for b in range(m.bad.size):
         row = m.bad[b]
-        if not m.concerns[b, s] or at_ns < row.from_ns or at_ns >= row.until_ns:
+        if not m.channel_mask[b, s] or at_ns < row.from_ns or at_ns >= row.until_ns:
             continue
         if row.kind == SPIKE and m.uniform[tick % m.uniform.shape[0], b, s] < row.probability:
             for j in (VM, IM, SPEED, ROCOF):
@@ -204,7 +204,7 @@ def _hold(m: Pmus, state: PmuState, tick: int, at_ns: int, s: int, frame: Float1
     """Apply stuck and invalid data: stuck values repeat, invalid ones are NaN."""
     for b in range(m.bad.size):
         row = m.bad[b]
-        concerned = m.concerns[b, s] and at_ns >= row.from_ns and at_ns < row.until_ns
+        concerned = m.channel_mask[b, s] and at_ns >= row.from_ns and at_ns < row.until_ns
         if row.kind == STUCK and not concerned:
             state.stuck_since[b, s] = -1
         elif row.kind == STUCK and state.stuck_since[b, s] < 0:

@@ -11,7 +11,7 @@ from facts_damping.c37118 import session, system_pmus
 from facts_damping.c37118.configuration import FORMATS, Site
 from facts_damping.errors import InputError, check_known, one_line
 from facts_damping.parameters.streams import MAX_ID
-from facts_damping.streaming.concentrator import grid_pmus
+from facts_damping.streaming.pdc import grid_pmus
 from facts_damping.streaming.server import Server
 from facts_damping.terminal import some_of
 

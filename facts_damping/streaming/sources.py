@@ -14,7 +14,7 @@ from facts_damping.measurement.pmu_model import UNSYNCHRONISED
 from facts_damping.parameters.streams import server
 from facts_damping.signals import DELIVERY, LOST
 from facts_damping.simulation.measured_plant import entries, tick_ns
-from facts_damping.streaming.concentrator import grid_pmus
+from facts_damping.streaming.pdc import grid_pmus
 from facts_damping.streaming.stream_clock import JUMP_S, Following, PmuReport, latency
 from facts_damping.terminal import some_of
 

@@ -153,7 +153,7 @@ def in_order(told: Judgement) -> list[Answer]:
 
 
 def everybody_table(ranked: Sequence[Ranked]) -> str:
-    """All contenders; those without a place last, with the reason."""
+    """All candidates; those without a place last, with the reason."""
     rows = []
     for i, one in enumerate(ranked, 1):
         unsure = one.checked - one.converged

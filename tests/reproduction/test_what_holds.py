@@ -8,7 +8,7 @@ import shutil
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from facts_damping_reproduction import contenders as who
+from facts_damping_reproduction import candidates as who
 from facts_damping_reproduction import held_out, what_holds
 from facts_damping_reproduction.paired import Effect
 from facts_damping_reproduction.runs import shipped as shipped_study
@@ -48,7 +48,7 @@ def test_what_was_chosen_is_what_runs() -> None:
     for file in chosen(who.SYSTEM, who.PROFILE):
         for row in file.controllers:
             case = changed_case(
-                {}, "test", {"profile": who.PROFILE, "duration": 0.1, **who.contender(file, row).changes}
+                {}, "test", {"profile": who.PROFILE, "duration": 0.1, **who.candidate(file, row).changes}
             )
             (own,) = case.controllers
             assert own.compensation == row.compensation

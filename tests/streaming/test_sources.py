@@ -16,7 +16,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.streams import Streams
 from facts_damping.signals import CHANNELS
 from facts_damping.streaming.client import Lost
-from facts_damping.streaming.concentrator import grid_pmus
+from facts_damping.streaming.pdc import grid_pmus
 from facts_damping.streaming.server import Server
 from facts_damping.streaming.sources import Sources
 from facts_damping.streaming.stream_clock import JUMP_S

@@ -34,7 +34,7 @@ def grid_pmus(case: Case) -> list[Pmu]:
     return [Pmu(name, kilovolts[bus], case.system.base_power) for name, bus in case.system.pmu_buses().items()]
 
 
-class Concentrator:
+class Pdc:
     """Emits instants in order, each stamped with its time of measurement; a PMU without values is absent.
 
     As reported, one tick is one instant: with wrong PMU clocks the stamp is the nearest frame, and the clock error
