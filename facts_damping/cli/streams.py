@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def pmu_serve(arguments: argparse.Namespace) -> None:
-    """Serve the PMUs of a recording as PMUs, or as one concentrator, at the recorded pace."""
+    """Serve the PMUs of a recording, each by itself or all by one PDC, at the recorded pace."""
     from facts_damping.recording.reader import load
 
     record = load(arguments.recording)

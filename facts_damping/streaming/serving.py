@@ -1,4 +1,4 @@
-"""Servers of a run's PMUs: one for all, as a concentrator, or one for each, as PMUs."""
+"""Servers of a run's PMUs: one for all, as a PDC, or one for each PMU."""
 
 from __future__ import annotations
 
