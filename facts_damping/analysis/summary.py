@@ -16,6 +16,7 @@ from facts_damping.analysis.measures import columns, event_times, speed_differen
 from facts_damping.analysis.modes import ambient
 from facts_damping.analysis.modes.oscillation import instability, is_stable, settling_time, unknown
 from facts_damping.analysis.modes.ringdown import METHOD, fit_ringdown
+from facts_damping.analysis.response import LAST, LIMITED, RUN, Judged, judge_ambient, judge_response, noisy, response
 from facts_damping.analysis.run_warnings import controller_warnings, limit_warnings
 from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED, judge
 
@@ -50,11 +51,17 @@ AUTO = "auto"  # choose the method of mode identification by the excitation
 
 
 def summarise(
-    record: Record, differences: Mapping[str, NDArray[np.float64]] | None = None, *, method: str | None = AUTO
+    record: Record,
+    differences: Mapping[str, NDArray[np.float64]] | None = None,
+    *,
+    method: str | None = AUTO,
+    mirror: Record | None = None,
 ) -> dict[str, Any]:
     """Figures of a run, ready for JSON: numbers, None and lists of them.
 
     `differences`: name -> (ticks,), p.u., the speed differences to judge; default: those of the configuration.
+    `mirror`: the same run with noise of the opposite sign (simulation/mirrored.py); verdict, modes and settling time
+    are then those of the response, half the sum of both. Without it, verdicts of runs with noise can be wrong.
     `method`: how modes are identified, one of `analysis.poles.METHODS` or `ambient.METHOD`; AUTO: from the noise if the
     run has load noise and no event, else from the ringdown; None: not at all. For a run that is not stable, or of
     unknown stability (`stable` None), indices and settling time are None and there are no modes. `indices` count from t
@@ -63,7 +70,7 @@ def summarise(
     """
     judged = speed_differences(record) if differences is None else differences
     stable, t = is_stable(record), record.time_s
-    smooth, swings = record_roughness(record), _oscillation(record, judged, method, stable)
+    smooth, swings = record_roughness(record), _oscillation(record, judged, method, stable, mirror)
     duty, late = saturation_duty(record), latency(record)
     watched = supervision.supervision(record, find(swings, ("modes", 0, "frequency_hz")))
     return {
@@ -135,30 +142,62 @@ def _cycles(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]
 
 
 def _oscillation(
-    record: Record, differences: Mapping[str, NDArray[np.float64]], method: str | None, stable: bool | None
+    record: Record,
+    differences: Mapping[str, NDArray[np.float64]],
+    method: str | None,
+    stable: bool | None,
+    mirror: Record | None,
 ) -> dict[str, Any]:
     """Figures that exist only for a run in synchronism to its end."""
     if not stable:
         because = instability(record) or unknown(record)
-        none = ("growth_per_s", "limit_cycle", "indices", "indices_since_event", "settling_time_s")
+        none = ("verdict_of", "growth_per_s", "limit_cycle", "indices", "indices_since_event", "settling_time_s")
         found = {"verdict": LOST if stable is False else UNDECIDED, "verdict_because": because, "damped": False}
         return found | dict.fromkeys(none) | _modes(None)
     times = event_times(record) or [0.0]
-    t, last, signals = record.time_s, times[-1], columns(differences)
+    t, last, own = record.time_s, times[-1], columns(differences)
+    shared = response(mirror, own)
+    signals = own if shared is None else shared
     fit, how = _fit(record, signals, last, method)
-    judged = judge(t, signals, last, list(differences), (lambda: fit) if how == METHOD else None)
-    cycle = {"amplitude_pu": judged.amplitude_pu, "saturation_duty": saturation_duty(record, judged.start_s)}
+    judged = _judge(record, shared, own, list(differences), (fit, how), mirror)
+    verdict = judged.judgement
+    cycle = {"amplitude_pu": verdict.amplitude_pu, "saturation_duty": saturation_duty(record, verdict.start_s)}
     return {
-        "verdict": judged.verdict,
-        "verdict_because": judged.because,
-        "damped": judged.verdict == DAMPED,
-        "growth_per_s": judged.growth and judged.growth._asdict(),
-        "limit_cycle": cycle if judged.verdict == LIMIT_CYCLE else None,
-        "indices": performance_indices(t, signals),
-        "indices_since_event": performance_indices(t, signals, times[0]),
-        "settling_time_s": settling_time(t, signals, last),
+        "verdict": verdict.verdict,
+        "verdict_because": verdict.because,
+        "verdict_of": judged.of,
+        "damped": verdict.verdict == DAMPED,
+        "growth_per_s": verdict.growth and verdict.growth._asdict(),
+        "limit_cycle": cycle if verdict.verdict == LIMIT_CYCLE else None,
+        "indices": performance_indices(t, own),
+        "indices_since_event": performance_indices(t, own, times[0]),
+        "settling_time_s": settling_time(t[: len(signals)], signals, last),
         **_modes(fit, how),
     }
+
+
+def _judge(
+    record: Record,
+    shared: NDArray[np.float64] | None,
+    own: NDArray[np.float64],
+    names: Sequence[str],
+    modes: tuple[Fit | None, str | None],
+    mirror: Record | None,
+) -> Judged:
+    """The verdict of a run: of its response `shared`, of its modes in noise alone, or of itself."""
+    fit, how = modes
+    t, times = record.time_s, event_times(record)
+    if how == ambient.METHOD and not times:
+        return judge_ambient(fit, own)
+    if mirror is not None and times:
+        ticks = len(own if shared is None else shared)
+        limited = max(saturation_duty(record, max(times[-1], t[-1] - LAST)).values(), default=0.0) > LIMITED
+        fit = fit_ringdown(t[:ticks], shared, times[-1]) if shared is not None and how != METHOD else fit
+        return judge_response(t[:ticks], shared, own[:ticks], times[-1], names, fit=fit, limited=limited)
+    found = judge(t, own, (times or [0.0])[-1], names, (lambda: fit) if how == METHOD else None)
+    if noisy(record.configuration):
+        found = found._replace(because=f"{found.because}; noise is in it")
+    return Judged(found, RUN, own)
 
 
 def _fit(
@@ -171,8 +210,8 @@ def _fit(
     if method is None:
         return None, None
     if method == ambient.METHOD:
-        return ambient.fit_ambient(record.time_s, signals, since), method
-    return fit_ringdown(record.time_s, signals, since, method), method
+        return ambient.fit_ambient(record.time_s[: len(signals)], signals, since), method
+    return fit_ringdown(record.time_s[: len(signals)], signals, since, method), method
 
 
 def _modes(fit: Fit | None, method: str | None = None) -> dict[str, Any]:

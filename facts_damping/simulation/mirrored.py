@@ -21,20 +21,17 @@ if TYPE_CHECKING:
     from facts_damping.simulation.tick import Loop
 
 
-def noisy(loop: Loop) -> bool:
-    """Whether a loop's loads or PMUs have noise."""
-    return len(loop.plant.load_noise) > 1 or len(loop.pmus.normal) > 1
+def has_mirror(case: Case) -> bool:
+    """Whether a run has events, and noise of loads or PMUs, so that its mirror differs from it."""
+    noises = [case.measurement.noise, *(one.noise for one in case.measurement.pmus.values() if one.noise)]
+    noisy = case.run.load_noise is not None or any(any(noise.model_dump().values()) for noise in noises)
+    return bool(case.scenario.events) and noisy
 
 
 def mirrored(loop: Loop) -> Loop:
     """A loop with all noise of the opposite sign."""
     plant = loop.plant._replace(load_noise=-loop.plant.load_noise)
     return loop._replace(plant=plant, pmus=loop.pmus._replace(normal=-loop.pmus.normal))
-
-
-def mirror(case: Case, loop: Loop) -> Record | None:
-    """The mirror of a case's run; `loop`: the case's, not yet run. None without noise or events."""
-    return finish(case, mirrored(loop)) if case.scenario.events and noisy(loop) else None
 
 
 def mirror_of(record: Record) -> Record | None:
@@ -46,11 +43,9 @@ def mirror_of(record: Record) -> Record | None:
         return None
     try:
         case = recorded_case(record.configuration, "recording")
-        if any(kind_of(one).node for one in case.controllers):
+        if any(kind_of(one).node for one in case.controllers) or not (has_mirror(case) or record.changes):
             return None
-        loop = build_loop(case)
+        loop = mirrored(build_loop(case))
+        return rerun(case, record.changes, loop) if record.changes else finish(case, loop)
     except FactsDampingError:
         return None
-    if not noisy(loop):
-        return None
-    return rerun(case, record.changes, mirrored(loop)) if record.changes else finish(case, mirrored(loop))

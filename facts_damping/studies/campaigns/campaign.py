@@ -181,7 +181,8 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
         reference = uncontrolled(made, drawn)
         row |= judged(case, batch.closed_loop(case), reference, drawn)
         if made.campaign.unsupervised:
-            row |= without_supervision(batch.closed_loop(unsupervised(case)), reference)
+            free = unsupervised(case)
+            row |= without_supervision(batch.closed_loop(free), batch.mirror(free), reference)
         if drawn.fault == NOTHING and made.campaign.unsupervised:
             row["sound"] = bool(row["unsupervised_damped"] and row["reversals"] <= MONITORS["reversals"].limit)
     except FactsDampingError as error:
@@ -191,12 +192,14 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
     return str(number), row
 
 
-def without_supervision(record: Record, reference: Record) -> dict[str, Any]:
+def without_supervision(record: Record, mirror: Record | None, reference: Record) -> dict[str, Any]:
     """Figures of a draw without supervision relative to no control: whether it is damped, and not worse."""
     figures = invariants.beside(record, reference)
     found = {f"unsupervised_{name}": figures[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
     better = figures["ratio"] is None or figures["ratio"] <= 1.0
-    return found | {"unsupervised_damped": better and summarise(record, method=None)["verdict"] == DAMPED}
+    return found | {
+        "unsupervised_damped": better and summarise(record, method=None, mirror=mirror)["verdict"] == DAMPED
+    }
 
 
 def identity(drawn: Draw) -> dict[str, Any]:

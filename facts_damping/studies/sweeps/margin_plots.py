@@ -9,6 +9,7 @@ from matplotlib.patches import Patch
 
 from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plotting.plots import COLOURS
+from facts_damping.studies.margins.criteria import CRITERIA
 from facts_damping.studies.sweeps.results import beneath, cell, label, margin_names, margin_text, ranked, reach, spans
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     Rows = Sequence[dict[str, Any]]
 
 SCHEMES = {None: COLOURS[6], "direct": COLOURS[0], "indirect": COLOURS[1]}
-WORDS = {"unstable": "loses synchronism", "not_damped": "is not damped"}
 
 
 def draw_margins(margins: Rows, across: str) -> Figure:
@@ -43,7 +43,7 @@ def draw_margins(margins: Rows, across: str) -> Figure:
     grid[0][0].set_yticks(range(len(labels)), labels)
     for axes in grid[-1]:
         axes.set_xlabel(margins[0]["field"])
-    title = f"Least {margins[0]['field']} at which a run {WORDS[first]}"
+    title = f"Least {margins[0]['field']} at which a run {CRITERIA[first].words}"
     if not all(row["monotonic"] for row in margins if row["criterion"] == first):
         title += "; again: where it does not"
     if any(row.get("converged") is False for row in margins):
@@ -87,7 +87,7 @@ def _margin_legend(figure: Figure, margins: Rows) -> None:
     axes = figure.axes[0]
     for criterion in dict.fromkeys(row["criterion"] for row in margins):
         if criterion != margins[0]["criterion"]:
-            text = f"first value that {WORDS[criterion]}"
+            text = f"first value at which it {CRITERIA[criterion].words}"
             handles += axes.plot([], [], "D", color="white", mec="0.1", ms=4.5, label=text)
     handles += axes.plot([], [], "|-", color="0.1", lw=1.2, ms=7, label="bracket or 95 % interval")
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize="small", frameon=False)

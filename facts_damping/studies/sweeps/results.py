@@ -115,7 +115,7 @@ def varying(rows: Rows, without: Sequence[str]) -> list[str]:
 
 
 FOUND = (
-    *("converged", "margin_s", "low_s", "high_s", "seeds", "monotonic", "holds_again", "holds", "beyond"),
+    *("converged", "margin_s", "low_s", "high_s", "seeds", "monotonic", "holds_again", "holds", "holds_s", "beyond"),
     *("per_seed", "field"),
 )
 COUNTED = ("runs", "failed", "fraction", "low", "high", "not_converged")
@@ -189,6 +189,8 @@ def margin_text(row: dict[str, Any] | None) -> str:
     if row is None:
         return ""
     star = "" if row["monotonic"] else f" * {100 * row['holds']:.0f} %"
+    if not row["monotonic"] and len(row.get("holds_s") or ()) > 1:
+        star += f", also {', '.join(f'{low:.3f} to {high:.3f}' for low, high in row['holds_s'][1:])}"
     if row.get("converged") is False:
         star += " " + MARK
     if row["margin_s"] is None:

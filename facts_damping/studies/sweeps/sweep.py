@@ -7,7 +7,6 @@ import json
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.analysis.verdict import DAMPED, LOST
 from facts_damping.case.loading import read_run
 from facts_damping.control.table import PROGRAMS
 from facts_damping.errors import InputError, check_known
@@ -18,6 +17,7 @@ from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.simulation.user_code import source_hash
 from facts_damping.studies.margins import margins
+from facts_damping.studies.margins.criteria import fails
 from facts_damping.studies.sweeps import axes, true_jacobian
 from facts_damping.studies.sweeps.batch import IDENTITY, Base, RunRequest, figure_names, make, one_run
 from facts_damping.studies.sweeps.enumerated_axes import expand_axis
@@ -27,7 +27,7 @@ from facts_damping.terminal import note, write_whole
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from facts_damping.case.model import Case
@@ -41,10 +41,7 @@ NETWORK = ("system", "scenario", "devices")  # fields of a run that determine it
 # Rows of a point by the value of the margin's field; None: without a margin.
 PointState = dict[float | None, dict[str, Any]]
 Rows = list[dict[str, Any]]
-FAILED: dict[str, Callable[[Mapping[str, Any]], bool]] = {
-    "unstable": lambda row: row["verdict"] == LOST,
-    "not_damped": lambda row: row["verdict"] != DAMPED,
-}
+ALWAYS = ("unstable", "not_damped")  # criteria whose failed fractions every study counts
 
 
 class Plan(NamedTuple):
@@ -79,7 +76,8 @@ def planned(
     """The plan of a study: `source` begins its error messages, `text` is the copy stored with the results."""
     try:
         fields = {**study.set, **read_sets(sets)[0]}
-        base = Base(read_run(study.run)[0], source, fields, study.modes, study.jacobian)
+        asked = tuple(study.margin.criteria) if study.margin else ()
+        base = Base(read_run(study.run)[0], source, fields, study.modes or "damping" in asked, study.jacobian, asked)
         study = expand_axis(study, base)
         points = axes.chosen(axes.points(study), only)
         if study.margin is not None:
@@ -172,11 +170,13 @@ def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
 
 
 def _ends(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
-    criteria = made.study.margin.criteria if made.study.margin else []
+    margin = made.study.margin
+    if margin is None:
+        return []
     return [
         _task(made, i, value)._replace(check_step=True)
         for i, seen in enumerate(_seen(made, rows))
-        for value in {end: None for one in criteria for end in _bracket_ends(_failed(seen, one))}
+        for value in {end: None for one in margin.criteria for end in _bracket_ends(_failed(margin, seen, one))}
         if "converged" not in seen[value]
     ]
 
@@ -196,13 +196,17 @@ def _task(made: Plan, i: int, value: float | None) -> RunRequest:
 
 def _wanted(margin: Margin, seen: PointState) -> list[float]:
     """Values needed next by a point's search over all criteria, without duplicates."""
-    each = [margins.wanted(margin, _failed(seen, criterion)) for criterion in margin.criteria]
+    each = [margins.wanted(margin, _failed(margin, seen, criterion)) for criterion in margin.criteria]
     return list(dict.fromkeys(value for values in each for value in values))
 
 
-def _failed(seen: PointState, criterion: str) -> dict[float, bool | None]:
+def _failed(margin: Margin, seen: PointState, criterion: str) -> dict[float, bool | None]:
     """Whether the run failed at each value; None if it was not possible."""
-    return {value: None if row["error"] else FAILED[criterion](row) for value, row in seen.items() if value is not None}
+    return {
+        value: None if row["error"] else fails(criterion, row, margin.damping_ratio)
+        for value, row in seen.items()
+        if value is not None
+    }
 
 
 def found_margins(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
@@ -217,23 +221,22 @@ def found_margins(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any
     rows = []
     for place, group in groups.items():
         for criterion in margin.criteria:
-            searches = [_failed(seen, criterion) for seen in group]
+            searches = [_failed(margin, seen, criterion) for seen in group]
             ends = [seen[v] for seen, one in zip(group, searches, strict=True) for v in _bracket_ends(one)]
             over = margins.over_seeds([margins.bracket(one) for one in searches], margin, made.study.seed)
-            held = margins.held(margin, searches)
+            held = {"holds": margins.held(margin, searches), "holds_s": margins.holding(searches)}
             changed = differ(ends, criterion)
             sure = {"converged": not any(changed)} if changed else {}
-            rows.append({**json.loads(place), "criterion": criterion, **over, "holds": held, **sure})
+            rows.append({**json.loads(place), "criterion": criterion, **over, **held, **sure})
     return rows
 
 
 def differ(rows: Sequence[dict[str, Any]], criterion: str) -> list[bool] | None:
     """For each run, whether halving the integration step changes failure; None if not checked."""
-    fails = FAILED[criterion]
     finer = [row.get("verdict_half_step") for row in rows]
-    if None in finer:
+    if None in finer or criterion not in ALWAYS:
         return None
-    return [fails(row) != fails({"verdict": half}) for row, half in zip(rows, finer, strict=True)]
+    return [fails(criterion, row) != fails(criterion, {"verdict": half}) for row, half in zip(rows, finer, strict=True)]
 
 
 def swept(made: Plan) -> list[str]:
@@ -265,9 +268,9 @@ def found_fractions(made: Plan, found: Sequence[PointState]) -> list[dict[str, A
     if all(len(one) == 1 for one in groups.values()):
         return []
     fractions = []
-    for criterion, fails in FAILED.items():
+    for criterion in ALWAYS:
         for place, own in groups.items():
-            fraction = margins.failed_fraction(sum(map(fails, own)), len(own))
+            fraction = margins.failed_fraction(sum(fails(criterion, row) for row in own), len(own))
             changed = differ(own, criterion)
             unsure = {} if changed is None else {"not_converged": sum(changed)}
             fractions.append({**json.loads(place), "criterion": criterion, **fraction, **unsure})

@@ -9,12 +9,13 @@ from matplotlib.figure import Figure
 
 from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plotting.plots import COLOURS
+from facts_damping.studies.margins.criteria import fails
 from facts_damping.studies.margins.margins import failed_fraction
 from facts_damping.studies.pages import save
 from facts_damping.studies.sweeps.batch import LATENCIES, QUANTILES
 from facts_damping.studies.sweeps.margin_plots import draw_margins
 from facts_damping.studies.sweeps.results import by_scenario, label, varying
-from facts_damping.studies.sweeps.sweep import FAILED, differ
+from facts_damping.studies.sweeps.sweep import differ
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -177,7 +178,7 @@ def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
     several = False
     for scenario, own in by_scenario(rows).items():
         for group, some in groups(own, swept, axes, rows).items():
-            failed = np.array([FAILED[criterion](row) for row in some])
+            failed = np.array([fails(criterion, row) for row in some])
             middles, parts = binned(np.array([row[x] for row in some], float))
             maximum = max(int(part.sum()) for part in parts)
             several |= maximum > 1
@@ -213,7 +214,7 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
     for axes, (title, some) in zip(grid, kept, strict=False):
         columns, wide = binned(np.array([row[x] for row in some], float))
         lines, high = binned(np.array([row[y] for row in some], float))
-        failed = np.array([FAILED[criterion](row) for row in some])
+        failed = np.array([fails(criterion, row) for row in some])
         fractions = [[failed[a & b].mean() if np.any(a & b) else np.nan for a in wide] for b in high]
         looks: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1, "shading": "nearest"}
         at, up = _ticked(axes.xaxis, columns), _ticked(axes.yaxis, lines)
