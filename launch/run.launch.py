@@ -59,11 +59,7 @@ ARGUMENTS = {
     "respawn": ("false", "true, unless in lockstep: start links, controllers, supervisors, identifiers again"),
 }
 NOTHING = ("none", "''", '""')  # for an empty argument, which `ros2 launch` does not take
-CHOICES = {
-    "mode": ["lockstep", "realtime", "free"],
-    "lifecycle": ["false", "true"],
-    "respawn": ["false", "true"],
-}
+CHOICES = {"mode": ["lockstep", "realtime", "free"], "lifecycle": ["false", "true"], "respawn": ["false", "true"]}
 
 
 def check_arguments(given: list[str]) -> None:

@@ -7,12 +7,7 @@ from typing import TYPE_CHECKING, Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import ControllerState, DeviceSetpoints, JacobianEstimate, PmuDataFrame
 
-from facts_damping.case.names import (
-    controller_addresses,
-    identifier_addresses,
-    link_addresses,
-    supervisor_addresses,
-)
+from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses, supervisor_addresses
 from facts_damping.control.bank import act, set_estimate
 from facts_damping.control.table import kind_of
 from facts_damping.nodes.admission.member import CONTROLLER, Member

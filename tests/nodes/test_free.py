@@ -236,7 +236,4 @@ def test_stamps_may_be_wall_time(loopback: Any, start: Callable[..., Any], tmp_p
 def test_stamps_in_lockstep_are_simulated(loopback: Any, start: Callable[..., Any]) -> None:
     plant = start("plant_sim", stamp="wall")
     errors = plant.communicate(timeout=PATIENCE_S)[1]
-    assert (plant.returncode, errors) == (
-        2,
-        "plant_sim: stamp: 'wall' given; allowed with mode lockstep: simulated\n",
-    )
+    assert (plant.returncode, errors) == (2, "plant_sim: stamp: 'wall' given; allowed with mode lockstep: simulated\n")

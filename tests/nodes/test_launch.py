@@ -191,7 +191,7 @@ def test_a_node_that_fails_has_the_launch_fail(launched: Any) -> None:
     """Every node, if it is not started again; not one that ends well, nor while all are told to end."""
     watched = [one for one in handlers(launched("run.launch.py")) if not isinstance(one["on_exit"], list)]
     assert {one["target_action"].named["executable"] for one in watched} == {
-        *("plant_sim", "wan_link", "controller", "recorder"),
+        *("plant_sim", "wan_link", "controller", "recorder")
     }
     ended = watched[0]["on_exit"]
     running, over = SimpleNamespace(is_shutdown=False), SimpleNamespace(is_shutdown=True)

@@ -93,8 +93,7 @@ RUNS = {
         {"link": ROUGH}, {**HBSWC, "link": "plc", "namespace": "here"}, "seed=5"
     ),
     "compensation by a phasor of jitter, by lead of a constant delay": sets(
-        {"compensation": "lead", "link": link(0.1, 0.1)},
-        {**HBSWC, "compensation": "phasor", "link": "plc"},
+        {"compensation": "lead", "link": link(0.1, 0.1)}, {**HBSWC, "compensation": "phasor", "link": "plc"}
     ),
     "disturbed data, wrong stamps, order": sets({"link": WRONG}, {"link": "pdci"}, "seed=6"),
     "identifier in a namespace on the run's link": sets(

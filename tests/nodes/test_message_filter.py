@@ -86,7 +86,7 @@ def ticks(data: bytes) -> tuple[int]:
 def test_ticks_come_one_after_the_other(node: Node) -> None:
     one = Listener(node, ticks)
     assert [one.send(str(tick).encode()) for tick in (0, 1, 1, 3, 2, 10**9, 3)] == [
-        *(True, True, False, False, True, False, True),
+        *(True, True, False, False, True, False, True)
     ]
     assert one.causes() == ["tick"] * 3
 
@@ -94,7 +94,7 @@ def test_ticks_come_one_after_the_other(node: Node) -> None:
 def test_who_does_not_begin_with_tick_0_is_of_another_graph(node: Node) -> None:
     one = Listener(node, ticks)
     assert [one.send(b"5", FOREIGN), one.send(b"5"), one.send(b"0"), one.send(b"1", FOREIGN), one.send(b"1")] == [
-        *(False, False, True, False, True),
+        *(False, False, True, False, True)
     ]
     assert one.causes() == ["publisher"] * 3
 

@@ -158,11 +158,7 @@ def test_other_setpoints_without_set_are_a_failure(
 
 
 def test_a_silent_controller_is_named(
-    loopback: Any,
-    graphs: dict[str, Path],
-    tmp_path: Path,
-    started: dict[str, Any],
-    monkeypatch: pytest.MonkeyPatch,
+    loopback: Any, graphs: dict[str, Path], tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     act = ControllerNode.act
 

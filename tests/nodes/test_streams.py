@@ -163,13 +163,7 @@ def test_each_station_alone_behind_a_link_by_datagrams(
     server.wait(lambda: server.said()[0].count("serving") == 5, PATIENCE_S)
     file = streams(*(f"udp://{HERE}:{low + i}/{20 + i}" for i in range(5)))
     asked = re.compile(r"IDCODE (\d+): 0 frames, 1 clients")
-    there, shadow = both(
-        sets,
-        tmp_path,
-        file,
-        elsewhere,
-        lambda: len(set(asked.findall(server.said()[0]))) == 5,
-    )
+    there, shadow = both(sets, tmp_path, file, elsewhere, lambda: len(set(asked.findall(server.said()[0]))) == 5)
     first = int(there.delivered["measured_ns"].min())
     found = 0
     for row in there.delivered:
@@ -245,11 +239,7 @@ def test_a_server_that_leaves_and_comes_back(
     ("sets", "file", "said"),
     [
         (["frame_rate=30"], {}, "DATA_RATE: 60 frames/s given; allowed: 30, the run's frame_rate"),
-        (
-            [],
-            {"pmus": {"G1": {"voltage": "VA"}}},
-            "PMU G1: voltage: 'VA' given; allowed: what PMU G1 sends: V1",
-        ),
+        ([], {"pmus": {"G1": {"voltage": "VA"}}}, "PMU G1: voltage: 'VA' given; allowed: what PMU G1 sends: V1"),
     ],
 )
 def test_a_stream_that_does_not_fit_is_said(

@@ -17,9 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from facts_damping.errors import FactsDampingError, RunError, one_line, traced
 from facts_damping.input_files import naming_no_files
-from facts_damping.nodes.base.discovery import (
-    finish,
-)
+from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.exit_watchdog import end_after
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import ManagedNode
