@@ -19,7 +19,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from facts_damping.errors import RunError
-from facts_damping.nodes.loopback import arguments
+from facts_damping.nodes.loopback.domain import parse
 from facts_damping.nodes.loopback.opening import StandIn, opened
 from facts_damping.nodes.loopback.processes import World, never
 from tests.nodes.graphs import payloads, run_graph, somebody
@@ -125,7 +125,7 @@ def test_names_and_parameters_come_from_arguments_as_in_rclpy(loopback: Any, tmp
         }
         assert found == {"a": 1, "b.c": "x"}
     with pytest.raises(RuntimeError, match="Couldn't parse"):
-        arguments.parse(["--ros-args", "-p", "gain"])
+        parse(["--ros-args", "-p", "gain"])
 
 
 def test_a_node_that_fails_or_never_waits_is_named(loopback: Any, tmp_path: Path) -> None:

@@ -110,7 +110,7 @@ def test_all_publishers_keep_so_much_and_a_recorder_says_what_it_lost(loopback: 
                     profiles.extend(one.qos_profile for one in node.get_publishers_info_by_topic(topic))
             if 40 < int.from_bytes(data[20:28], "little") < 100:
                 for one in of_loopback().subscriptions:
-                    if one.node.get_node_name() == "recorder" and one.topic == "/pmu/frames":
+                    if one.node.get_node_name() == "recorder" and one.name == "/pmu/frames":
                         one.waiting.clear()
 
         node.create_subscription(PmuDataFrame, "pmu/frames", steal, SUBSCRIBER_QOS, raw=True)
