@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import pytest
 
-from facts_damping.nodes import plant_sim
+from facts_damping.nodes import frame_source
 from facts_damping.nodes.launching import forked, graph
 from facts_damping.testing import loopback
 from tests.nodes.graphs import PATIENCE_S, somebody
@@ -41,7 +41,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         return found[name]
 
     monkeypatch.setattr(graph, "start", spy)
-    monkeypatch.setattr(plant_sim, "PROGRESS_S", 0.02)
+    monkeypatch.setattr(frame_source, "PROGRESS_S", 0.02)
     return found
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -30,7 +29,6 @@ from facts_damping.nodes.transport.cdr import Field, Refused, Template, content
 from facts_damping.nodes.transport.stamps import epoch_ns
 from facts_damping.nodes.transport.tables import start_of
 from facts_damping.parameters.stages import Spoof
-from facts_damping.recording.events import STOPPED
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, to_ns, truth_field
 from facts_damping.simulation.build import identifier_network
 
@@ -325,16 +323,6 @@ def run_state(data: bytes) -> tuple[int, bool, str]:
     """State, synchronism and reason of a RunState message. Raises `Refused` if it is no such message."""
     found = content(data, RunState)
     return found.state, bool(found.in_synchronism), found.reason
-
-
-def run_done(tick: int, frame_rate: int) -> str:
-    """Reason that a plant gives after its last tick."""
-    return f"done: {start_of(tick + 1, frame_rate) / NANOSECONDS:g} s"
-
-
-def run_stopped(tick: int, of: int, frame_rate: int) -> str:
-    """Reason that a plant gives when stopped after `tick`; a run without end (`of` == sys.maxsize) counts as done."""
-    return run_done(tick, frame_rate) if of == sys.maxsize else STOPPED
 
 
 def synchronism_lost(at_ns: int) -> str:
