@@ -26,13 +26,13 @@ from facts_damping.case.names import (
     served,
     supervisor_addresses,
 )
-from facts_damping.nodes.admission.publishers import PLANT
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
+from facts_damping.nodes.base.topics import FRAMES, PLANT_STATE
 from facts_damping.nodes.recorder import TICK_END
 from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage, start_of
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.nodes.base.managed import ManagedNode
 
-FRAMES = "pmu/frames"
 BEGUN = 10  # tick by which all nodes know each other; publishers before it would count as another graph
 BEFORE_END_S = 1.0  # simulated time before the end in which it is silent, as refusals of an ending node are not counted
 SWING = 0.02  # p.u., amplitude of all values in forged frames
@@ -64,7 +63,7 @@ class Attacker:
         self.node, self.log = node, NodeLog(node)
         self.tick, self.told, self.sent = -1, Counter[str](), Counter[str]()
         self.forged = forgeries(self.case, options.start_timeout)
-        self.states: dict[str, tuple[type[Any], Callable[[Any], None]]] = {PLANT: (PlantState, of_plant)} | {
+        self.states: dict[str, tuple[type[Any], Callable[[Any], None]]] = {PLANT_STATE: (PlantState, of_plant)} | {
             f"{address}/state": (ControllerState, of_controller) for address in controller_addresses(self.case)
         }
         for address in identifier_addresses(self.case).values():

@@ -14,11 +14,10 @@ from rosgraph_msgs.msg import Clock
 from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import RunError
 from facts_damping.nodes.admission.member import PLANT, Member
-from facts_damping.nodes.admission.publishers import PLANT as PLANT_STATE
 from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.qos import LATCHED, PUBLISHER_QOS
-from facts_damping.nodes.base.topics import STATE
-from facts_damping.nodes.transport.messages import PlantStateMessage, set_time, state_message, synchronism_lost
+from facts_damping.nodes.base.topics import FRAMES, PLANT_STATE, RUN_STATE
+from facts_damping.nodes.transport.messages import PlantStateMessage, set_time, stamped, synchronism_lost
 from facts_damping.nodes.transport.tables import FramesMessage
 from facts_damping.recording.events import STOPPED
 from facts_damping.signals import NANOSECONDS
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
     from facts_damping.nodes.base.spinner import Spinner
 
 PROGRESS_S = 0.2  # wall time between two progress lines
-FRAMES = "pmu/frames"
 CLOCK_QOS = QoSProfile(depth=1)  # reliable; a slow subscriber gets only the newest time
 
 
@@ -64,7 +62,7 @@ class FrameSource:
         self._to_links = node.create_publisher(PmuDataFrame, FRAMES, PUBLISHER_QOS)
         self._to_all = node.create_publisher(PlantState, PLANT_STATE, PUBLISHER_QOS)
         self.to_events = node.create_publisher(GridEvent, "plant/events", PUBLISHER_QOS)
-        self._to_state = node.create_publisher(RunState, STATE, LATCHED)
+        self._to_state = node.create_publisher(RunState, RUN_STATE, LATCHED)
         self.ticks = sys.maxsize if options.free and case.run.duration is None else case.ticks
         self.answered: dict[str, int] = {}  # tick of the newest answer, by node
         self._reported_s = -PROGRESS_S
@@ -93,8 +91,8 @@ class FrameSource:
 
     def publish_state(self, state: int, tick: int, reason: str, sound: bool = True) -> None:
         """Publish the state of the run at a tick; `sound`: in synchronism."""
-        start_ns = tick_ns(max(tick, 0), self._case.run.frame_rate)
-        self._to_state.publish(state_message(state, max(tick, 0), start_ns, reason, sound))
+        message = RunState(state=state, tick=max(tick, 0), reason=reason, in_synchronism=sound)
+        self._to_state.publish(stamped(message, tick_ns(max(tick, 0), self._case.run.frame_rate)))
 
     def progress(self, done: int, misses: int, ticks: int | None = None) -> None:
         """Write the progress line `tick DONE TICKS MISSES` for the program that runs the graph."""

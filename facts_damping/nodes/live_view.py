@@ -13,6 +13,7 @@ from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
+from facts_damping.nodes.base.topics import PLANT_STATE
 from facts_damping.nodes.recorder import message_type, topics
 from facts_damping.recording.schemas import schema_text
 from facts_damping.recording.simulated import stamp_ns
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 # Best effort: publishers do not wait for such a reader, so a slow view misses messages but delays no node.
 LISTENING = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.BEST_EFFORT, depth=1000)
 
-CLOCK = "plant/state"  # topic whose stamps give the time broadcast to clients
 HOST, PORT = "127.0.0.1", 8765
 
 
@@ -39,7 +39,7 @@ class LiveView:
         self.port: int = declare(node, "port", PORT, descriptor("its port; 0: a free one", "", 0, 65535))
         self.sdk = sdk = library()
         schemas: dict[Any, Any] = {}
-        clock = node.resolve_topic_name(CLOCK)
+        clock = node.resolve_topic_name(PLANT_STATE)
         for topic, kind in topics(case).items():
             name, of = node.resolve_topic_name(topic), message_type(kind)
             if of not in schemas:

@@ -19,14 +19,12 @@ from facts_damping.case.names import (
 )
 from facts_damping.control.table import kind_of
 from facts_damping.nodes.admission.member import RECORDER, Member
-from facts_damping.nodes.admission.publishers import PLANT
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import HEARD_S, BeginAgain, stop_requested
-from facts_damping.nodes.base.topics import CHANGES, STATE
-from facts_damping.nodes.base.topics import TOPIC as REFUSED
+from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_STATE, REFUSALS, RUN_STATE
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import Health, run_state
 from facts_damping.parameters.yaml_text import dump
@@ -45,13 +43,13 @@ REPORT_S = 1.0  # wall time between two diagnostics
 POLL_S = 0.01  # wall time between two polls of the queues
 
 TOPICS = {
-    "pmu/frames": messages.PmuDataFrame,
-    "plant/state": messages.PlantState,
+    FRAMES: messages.PmuDataFrame,
+    PLANT_STATE: messages.PlantState,
     "plant/events": messages.GridEvent,
-    "/diagnostics": DiagnosticArray,
-    REFUSED: messages.RefusedMessages,
+    DIAGNOSTICS: DiagnosticArray,
+    REFUSALS: messages.RefusedMessages,
     CHANGES: messages.RunChange,
-    STATE: messages.RunState,
+    RUN_STATE: messages.RunState,
 }
 OF_A_LINK = {
     "pmu/delivered": messages.PmuDataFrame,
@@ -65,8 +63,8 @@ OF_A_SUPERVISOR = {SUPERVISED: messages.DeviceSetpoints, "state": messages.Super
 
 STAMP_END, TICK_END = 12, 20  # byte offsets: end of the header's stamp; end of its empty frame_id
 NO_FRAME = b"\1\0\0\0\0"  # followed by three bytes of padding with any value
-UNTICKED = ("plant/events", "link/statistics", "/diagnostics", REFUSED, CHANGES, STATE)  # not begun at tick 0
-LATE = (CHANGES, STATE)  # earlier messages are received, too
+UNTICKED = ("plant/events", "link/statistics", DIAGNOSTICS, REFUSALS, CHANGES, RUN_STATE)  # not begun at tick 0
+LATE = (CHANGES, RUN_STATE)  # earlier messages are received, too
 
 
 def begins_a_run(data: bytes) -> bool:
@@ -105,11 +103,11 @@ class Recorder:
         self.case, self.options = read_case(node), read_options(node, joins=False)
         self.folder: str = declare(node, "output", "recording", descriptor("folder of the new recording"))
         self.taken: list[tuple[int, int, str, bytes]] = []  # source timestamp in ns, sequence number, topic, data
-        self.refused, self.run_state = (node.resolve_topic_name(name) for name in (REFUSED, STATE))
+        self.refused, self.run_state = (node.resolve_topic_name(name) for name in (REFUSALS, RUN_STATE))
         self.member = Member(
             node, self.case, self.options, RECORDER, hardware=self.folder, send_refusals=self.on_refused
         )
-        self.message_filter, self.clock = self.member.message_filter, node.resolve_topic_name(PLANT)
+        self.message_filter, self.clock = self.member.message_filter, node.resolve_topic_name(PLANT_STATE)
         waited = self.options.recorder and not self.options.free  # others wait for it: it gets all first messages
         self.topics: dict[str, str] = {}
         for topic, kind in topics(self.case).items():

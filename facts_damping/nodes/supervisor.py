@@ -36,10 +36,10 @@ from facts_damping.monitor_table import (
     cause_name,
 )
 from facts_damping.nodes.admission.member import SUPERVISOR, Member
-from facts_damping.nodes.admission.publishers import PLANT as PLANT_STATE
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node
+from facts_damping.nodes.base.topics import PLANT_STATE
 from facts_damping.nodes.input_collector import InputCollector
 from facts_damping.nodes.transport.messages import (
     ControllerStateMessage,

@@ -20,6 +20,7 @@ from facts_damping.nodes.base.live_parameters import StageParameters
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node
+from facts_damping.nodes.base.topics import FRAMES
 from facts_damping.nodes.transport.messages import Health, link_statistics
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import CHANNELS, LOST, SETPOINT
@@ -60,7 +61,7 @@ class WanLink:
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", PUBLISHER_QOS)
         self.to_plant = node.create_publisher(DeviceSetpoints, "setpoints/delivered", PUBLISHER_QOS)
         self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", PUBLISHER_QOS)
-        member.subscribe_frames("pmu/frames", self.on_frame)
+        member.subscribe_frames(FRAMES, self.on_frame)
         for c, (name, _, topic) in senders.items():
             member.subscribe_setpoints(topic, partial(self.on_setpoints, name), name, [c], lambda: self.tick)
         self.tick = -1
@@ -70,7 +71,7 @@ class WanLink:
         self.topics = {sender.name: f"{member.graph}{sender.topic}" for sender in senders.values()}
         self.count_publishers = node.count_publishers
         self.received: dict[str, list[NDArray[Any]]] = {name: [] for name in self.places}
-        member.message_filter.subscribe_run_state("pmu/frames")
+        member.message_filter.subscribe_run_state(FRAMES)
         self.spinner, self.activation = member.spin(), member.joining
 
     def ready(self) -> None:

@@ -27,7 +27,7 @@ from facts_damping.nodes import live_view
 from facts_damping.nodes.base.discovery import wait_for_peers
 from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
-from facts_damping.nodes.base.topics import TOPIC
+from facts_damping.nodes.base.topics import REFUSALS
 from facts_damping.nodes.launching import graph
 from facts_damping.nodes.live_view import LISTENING
 from facts_damping.recording.reader import load
@@ -254,7 +254,7 @@ def test_nodes_do_not_take_a_view_for_a_peer(loopback: Any) -> None:
 
     def wait(seconds: float, recorder: bool = False) -> None:
         own = Options("lockstep", 5.0, seconds, recorder=recorder, view=False)
-        wait_for_peers(node, {publisher: 1}, [], f"/{TOPIC}", own, lambda: None)
+        wait_for_peers(node, {publisher: 1}, [], f"/{REFUSALS}", own, lambda: None)
 
     try:
         publisher = node.create_publisher(GridEvent, "events", PUBLISHER_QOS)
@@ -274,7 +274,7 @@ def test_nodes_do_not_take_a_view_for_a_peer(loopback: Any) -> None:
         wait(PATIENCE_S, recorder=True)
         with pytest.raises(RunError, match=r"missing after 0.5 s: a subscriber of /events"):
             wait(0.5)
-        outsider.create_publisher(RefusedMessages, TOPIC, PUBLISHER_QOS)  # as nodes of a graph have it
+        outsider.create_publisher(RefusedMessages, REFUSALS, PUBLISHER_QOS)  # as nodes of a graph have it
         wait(PATIENCE_S)
     finally:
         other.destroy_node()

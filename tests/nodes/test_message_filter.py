@@ -22,7 +22,7 @@ from facts_damping.nodes.admission.refusals import MAXIMUM, TELL_S
 from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import SUBSCRIBER_QOS
 from facts_damping.nodes.transport.cdr import Refused
-from facts_damping.nodes.transport.messages import Estimates, state_message
+from facts_damping.nodes.transport.messages import Estimates, stamped
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import DELIVERY, SETPOINT
 from tests.nodes.hostile import hostile
@@ -187,7 +187,8 @@ def test_what_others_than_the_plant_say_of_errors_is_passed_over(node: Node, cap
     one.message_filter.subscribe_run_state()
     _, plant, heard = one.message_filter.senders.topics
     plant.publisher = PLANT
-    said = serialize_message(state_message(RunState.ENDED, 300, 5 * 10**9, "synchronism lost at 5.000 s", False))
+    ended = RunState(state=RunState.ENDED, tick=300, reason="synchronism lost at 5.000 s", in_synchronism=False)
+    said = serialize_message(stamped(ended, 5 * 10**9))
     for publisher, let in ((FOREIGN, False), (PLANT[:12] + bytes(4), True)):
         assert one.message_filter.take(heard, said, information(publisher, 1)) == let
         assert one.message_filter.over == let

@@ -13,9 +13,9 @@ from facts_damping.nodes.admission.joining import Joining
 from facts_damping.nodes.admission.message_filter import MessageFilter
 from facts_damping.nodes.base.qos import LOGGED, PUBLISHER_QOS
 from facts_damping.nodes.base.spinner import Spinner
-from facts_damping.nodes.base.topics import CHANGES, COMMON, graph_prefix
+from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, graph_prefix
 from facts_damping.nodes.transport import stamps
-from facts_damping.nodes.transport.messages import Health, diagnostics, run_change
+from facts_damping.nodes.transport.messages import Health, diagnostics, stamped
 from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.parameters.run import Weights
@@ -70,7 +70,7 @@ class Member:
         # A supervisor starts in shadow and has its own arming.
         self.joining = Joining(node, options, arms=role in (LINK, CONTROLLER, IDENTIFIER))
         self._changes: Publisher[Any] = node.create_publisher(RunChange, f"{graph}{CHANGES}", LOGGED)
-        self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, PUBLISHER_QOS)
+        self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, DIAGNOSTICS, PUBLISHER_QOS)
         self._pending: list[tuple[str, str, Any, Callable[[int], None] | None]] = []
         self._tick, self._reported_at = -1, time.monotonic()
         self._what = f"{role} {index}" if role in NUMBERED else role
@@ -140,13 +140,13 @@ class Member:
         if changed in ("arm", "disarm") and not late:
             self._publish_change(changed, "", None)
         if changed and (joined := self.joining.health()) is not None:
-            self.message_filter.log.line(joined.message)
-            self.message_filter.log.info(joined.message)
+            self.message_filter.log.report(joined.message)
             self.publish(joined)
 
     def _publish_change(self, kind: str, name: str, value: Any) -> None:
-        change = (kind, name, "" if value is None else dump(value).strip(), self._tick, self.at_ns)
-        self._changes.publish(run_change(self._name, self._role, self._index, *change))
+        change = RunChange(node=self._name, role=self._role, index=self._index, kind=kind, name=name, tick=self._tick)
+        change.value = "" if value is None else dump(value).strip()
+        self._changes.publish(stamped(change, self.at_ns))
 
     def report_health(self, health: Callable[[], Health], last: bool = False) -> None:
         """Publish the node's diagnostics once per simulated second, and at the `last` tick."""

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping_msgs.msg import RunState
 
-from facts_damping.nodes.admission.publishers import PLANT, SILENT_S, Publishers, TopicState
+from facts_damping.nodes.admission.publishers import SILENT_S, Publishers, TopicState
 from facts_damping.nodes.admission.refusals import Refusals
 from facts_damping.nodes.base.discovery import pause_briefly, wait_for_peers
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.qos import DEPTH, LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.spinner import BeginAgain
-from facts_damping.nodes.base.topics import STATE, TOPIC
+from facts_damping.nodes.base.topics import PLANT_STATE, REFUSALS, RUN_STATE
 from facts_damping.nodes.transport import stamps
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import run_state
@@ -103,7 +103,7 @@ class MessageFilter:
         callback: Any = take  # returns whether the message was admitted, for the spinner
         self._own.append(self.node.create_subscription(kind, topic, callback, qos, raw=True))
 
-    def subscribe_run_state(self, topic: str = PLANT) -> None:
+    def subscribe_run_state(self, topic: str = PLANT_STATE) -> None:
         """Subscribe to the state of the run, which tells whether and why it has ended.
 
         The plant is the node that publishes `topic`.
@@ -111,7 +111,7 @@ class MessageFilter:
         self.senders.know_plant(topic)
         self.subscribe(
             RunState,
-            f"{self._graph}{STATE}",
+            f"{self._graph}{RUN_STATE}",
             self.on_run,
             run_state,
             common=True,
@@ -168,7 +168,7 @@ class MessageFilter:
         """
         if not self._options.free:
             topics = [one.topic for one in self.senders.topics if not one.common and not one.silent]
-            peers = f"{self._graph}{TOPIC}"
+            peers = f"{self._graph}{REFUSALS}"
             wait_for_peers(self.node, expected, topics, self.node.resolve_topic_name(peers), self._options, serve)
         if self._options.late or (self._options.paced and self._leads):
             until = time.monotonic() + (NOTICED_S if self._options.join else FOUND_S)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.nodes.admission.refusals import node_name
 from facts_damping.nodes.base.discovery import NODE
-from facts_damping.nodes.base.topics import TOPIC
+from facts_damping.nodes.base.topics import PLANT_STATE, REFUSALS
 from facts_damping.nodes.transport.cdr import Refused
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 KNOW_S = 0.01  # minimum wall time between two queries of the publishers
 SILENT_S = 1.0  # wall time without a message after which a node of the same name may replace a node
-PLANT = "plant/state"  # its publisher is the plant
 
 
 def now() -> float:
@@ -61,7 +60,7 @@ class Publishers:
         self._checked_at = self._sought_at = 0.0
         self._heirs: dict[str, bytes] = {}  # successor of the publisher, by topic
 
-    def know_plant(self, topic: str = PLANT) -> None:
+    def know_plant(self, topic: str = PLANT_STATE) -> None:
         """Identify the plant by a topic that it publishes, whether the node subscribes to it or not."""
         name = self._node.resolve_topic_name(f"{self._graph}{topic}")
         self.plant = next((state for state in self.topics if state.topic == name), None)
@@ -177,7 +176,7 @@ class Publishers:
     def _myself(self) -> set[bytes]:
         """GUID prefix of this node, from its own publisher of refusals: it may receive its own messages."""
         name, place = self._node.get_name(), self._node.get_namespace()
-        present = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(f"{self._graph}{TOPIC}"))
+        present = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(f"{self._graph}{REFUSALS}"))
         return {
             bytes(one.endpoint_gid)[:NODE] for one in present if (one.node_name, one.node_namespace) == (name, place)
         }

@@ -11,7 +11,7 @@ from rclpy.qos import QoSReliabilityPolicy
 from facts_damping.errors import RunError
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.spinner import check_wanted
-from facts_damping.nodes.base.topics import OF_ALL
+from facts_damping.nodes.base.topics import SHARED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -35,7 +35,7 @@ def shared_topic(node: Node, topics: Iterable[str], *, joins: bool) -> str | Non
     for topic in topics:
         there = node.get_publishers_info_by_topic(topic)
         names = {(one.node_namespace, one.node_name) for one in there}
-        if not topic.endswith(OF_ALL) and (len(names) if joins else len(there)) > 1:
+        if not topic.endswith(SHARED) and (len(names) if joins else len(there)) > 1:
             return topic
     return None
 

@@ -29,6 +29,11 @@ class NodeLog:
             sys.stdout.write(f"{escaped(text)}\n")
             sys.stdout.flush()
 
+    def report(self, text: str) -> None:
+        """Write a line and log it at level info."""
+        self.line(text)
+        self.info(text)
+
     def info(self, text: str) -> None:
         """Log a message at level info."""
         self._logger.info(escaped(text))
