@@ -45,7 +45,6 @@ class C37118Client:
     activation = AlwaysActive()
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, set up the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         if not self.options.paced:
             raise InputError(f"mode: '{self.options.mode}' given; allowed: free, realtime, as streams wait for nobody")

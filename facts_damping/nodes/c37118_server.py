@@ -41,7 +41,6 @@ class C37118Server:
     activation = AlwaysActive()
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, subscribe to the plant or to a link."""
         self.case, self.asked = read_case(node), read_serving(node)
         text = "as this link of the run has delivered it, time-aligned; -1: as PMUs report it"
         link = int(declare(node, "behind", -1, descriptor(text, "", -1, 15)))

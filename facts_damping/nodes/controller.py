@@ -16,9 +16,9 @@ from facts_damping.nodes.base.parameters import read_case, read_index, read_opti
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.weights_file import WeightsFile
+from facts_damping.nodes.input_collector import UnitDelay
 from facts_damping.nodes.transport.messages import ControllerStateMessage, Estimate, Estimates, Health
 from facts_damping.nodes.transport.tables import SetpointsMessage
-from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.simulation.adapted_weights import adapted
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.loop import setpoint_buffer
@@ -37,7 +37,6 @@ class ControllerNode:
     """One controller of the run."""
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, build the controller, set up the topics."""
         self.case, self.options, self.weights = read_case(node), read_options(node), WeightsFile(node)
         self.index = read_index(node, range(len(self.case.controllers)))
         self.case = self.weights.start(self.case, self.index)

@@ -15,8 +15,8 @@ from facts_damping.nodes.base.parameters import read_case, read_index, read_opti
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.weights_file import WeightsFile
+from facts_damping.nodes.input_collector import UnitDelay
 from facts_damping.nodes.transport.messages import Estimates
-from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.signals import ESTIMATE
 from facts_damping.simulation.adapted_weights import adapted
 from facts_damping.simulation.build import build_control
@@ -34,7 +34,6 @@ class IdentifierNode:
     """The identifier of one controller of the run."""
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, build the identifier, set up the topics."""
         self.case, self.options, self.weights = read_case(node), read_options(node), WeightsFile(node)
         addresses = identifier_addresses(self.case)
         self.index = read_index(node, addresses)

@@ -33,7 +33,6 @@ class LiveView:
     activation = AlwaysActive()
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, advertise the topics, subscribe."""
         case = read_case(node)
         self.host: str = declare(node, "host", HOST, descriptor("address that the server listens at"))
         self.port: int = declare(node, "port", PORT, descriptor("its port; 0: a free one", "", 0, 65535))

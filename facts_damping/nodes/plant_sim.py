@@ -29,7 +29,6 @@ class PlantSim:
     """Node of the plant: publishers, and the setpoints received."""
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, build the plant, set up the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         self.stamp = read_stamp(node, self.options)
         self.plant = LivePlant(self.case)

@@ -99,7 +99,6 @@ class Recorder:
     activation = AlwaysActive()
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, subscribe."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         self.folder: str = declare(node, "output", "recording", descriptor("folder of the new recording"))
         self.taken: list[tuple[int, int, str, bytes]] = []  # source timestamp in ns, sequence number, topic, data

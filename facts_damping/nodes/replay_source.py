@@ -33,7 +33,6 @@ class ReplaySource:
     activation = AlwaysActive()
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters and recording, set up the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         path: str = declare(node, "recording", "", descriptor("recording to be replayed"))
         self.record = fitted(load(path), self.case)

@@ -69,7 +69,6 @@ class SupervisorNode:
     """The supervisor of one controller of the run."""
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, build the supervisor, set up the topics."""
         self.case, self.options = read_case(node), read_options(node)
         addresses = supervisor_addresses(self.case)
         self.index = read_index(node, addresses, "supervised controllers")

@@ -41,7 +41,6 @@ class WanLink:
     """One link of the run, both directions, and the messages of the current tick."""
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, build the link, set up the topics."""
         self.case, self.options = read_case(node), read_options(node)
         self.index = read_index(node, range(len(self.case.links)), "links")
         address = link_addresses(self.case)[self.index]

@@ -66,9 +66,9 @@ class Started:
     def communicate(self, timeout: float) -> tuple[str, str]:
         """Wait until it has ended; all that it said."""
         self.wait(lambda: self.poll() is not None, timeout)
-        return self.said()
+        return self.texts()
 
-    def said(self) -> tuple[str, str]:
+    def texts(self) -> tuple[str, str]:
         """What it said so far, on standard output and error."""
         return Path(self.output.name).read_text(), Path(self.errors.name).read_text()
 

@@ -88,7 +88,7 @@ def somebody(name: str, **options: Any) -> Iterator[tuple[Node, SingleThreadedEx
 
 def ticks(plant: Any) -> int:
     """How many ticks a plant has told so far."""
-    lines = [line.split() for line in plant.said()[0].splitlines() if line.startswith("tick ")]
+    lines = [line.split() for line in plant.texts()[0].splitlines() if line.startswith("tick ")]
     return int(lines[-1][1]) if lines else 0
 
 
@@ -150,7 +150,7 @@ def nodes_left(folder: Path) -> list[str]:
     return found
 
 
-def assert_named(sets: Sequence[str], folder: Path, started: dict[str, Any], node: str, number: int, said: str) -> None:
+def assert_named(sets: Sequence[str], folder: Path, started: dict[str, Any], node: str, number: int, expected: str) -> None:
     """A graph whose node gets a signal ends soon, says so by the node's name, and leaves no process."""
 
     def strike(done: int, _of: int) -> None:

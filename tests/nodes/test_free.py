@@ -45,7 +45,7 @@ def stop(*nodes: Any) -> None:
         node.send_signal(signal.SIGINT)
     for node in nodes:
         node.communicate(timeout=PATIENCE_S)
-        assert node.returncode == 0, node.said()
+        assert node.returncode == 0, node.texts()
 
 
 def replayed(record: Record) -> replay.Difference | None:

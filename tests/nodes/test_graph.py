@@ -179,7 +179,7 @@ def test_who_keeps_the_clock_gives_the_in_process_run(loopback: Any, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("node", "number", "said"),
+    ("node", "number", "expected"),
     [
         ("controller_0_LLC", signal.SIGKILL, "controller_0_LLC was killed by SIGKILL"),
         ("wan_link", signal.SIGKILL, "wan_link was killed by SIGKILL"),
@@ -191,7 +191,7 @@ def test_who_keeps_the_clock_gives_the_in_process_run(loopback: Any, tmp_path: P
     ],
 )
 def test_dead_or_silent_node_is_named(
-    loopback: Any, tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
+    loopback: Any, tmp_path: Path, started: dict[str, Any], node: str, number: int, expected: str
 ) -> None:
     assert_named([], tmp_path, started, node, number, said)
 

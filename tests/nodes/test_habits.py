@@ -114,7 +114,7 @@ def identifies(executable: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("executable", "arguments", "said"),
+    ("executable", "arguments", "expected"),
     [
         ("plant_sim", ["-p", "runn:=two_area_small"], "parameter runn: given; allowed: autostart, clock.drift, "),
         ("recorder", ["-p", "outptu:=here"], "parameter outptu: given; allowed: "),
@@ -124,7 +124,7 @@ def identifies(executable: str) -> list[str]:
     ],
 )
 def test_what_is_not_a_parameter_is_an_error_in_a_line(
-    executable: str, arguments: list[str], said: str, domain: int
+    executable: str, arguments: list[str], expected: str, domain: int
 ) -> None:
     done = run(executable, "--ros-args", *arguments, cold=executable == "recorder")
     assert done.returncode == 2

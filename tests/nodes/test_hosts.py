@@ -138,7 +138,7 @@ def test_the_cable_delays_what_passes_it(shell: Callable[[str], subprocess.Compl
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         (["a", "b", "--delay", "-1"], "--delay: -1 given; allowed: 0 to 60"),
         (["a", "b", "--loss", "2"], "--loss: 2 given; allowed: 0 to 1"),
@@ -146,7 +146,7 @@ def test_the_cable_delays_what_passes_it(shell: Callable[[str], subprocess.Compl
         (["lo", "b"], "needed: root, Linux's /dev/net/tun, names that are not in use"),
     ],
 )
-def test_a_cable_that_cannot_be_is_refused(arguments: list[str], said: str) -> None:
+def test_a_cable_that_cannot_be_is_refused(arguments: list[str], expected: str) -> None:
     command = [sys.executable, "-m", "facts_damping.nodes.launching.tap_relay", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode != 0

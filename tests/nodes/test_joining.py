@@ -71,7 +71,7 @@ def assert_replayed(record: Any) -> None:
 
 
 def say(node: Any) -> str:
-    return str(node.said()[0])
+    return str(node.texts()[0])
 
 
 def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client: Any) -> None:
@@ -149,14 +149,14 @@ def test_a_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, clie
 
 
 @pytest.mark.parametrize(
-    ("executable", "given", "said"),
+    ("executable", "given", "expected"),
     [
         ("controller", {"join": "true"}, "controller: join: true given; allowed: with mode free, realtime"),
         ("controller", {"resume": "true"}, "controller: resume: true given; allowed: with save"),
     ],
 )
 def test_what_cannot_be_joined_is_refused(
-    loopback: Any, start: Any, executable: str, given: dict[str, str], said: str
+    loopback: Any, start: Any, executable: str, given: dict[str, str], expected: str
 ) -> None:
     node = start(executable, **given)
     assert node.communicate(timeout=PATIENCE_S) == ("", f"{said}\n")

@@ -139,7 +139,7 @@ def test_over_dds_too_until_shutdown(start: Callable[..., Any], change: Any, sta
     assert state("wan_link") == "active"
     assert change("wan_link", "shutdown")
     link.communicate(timeout=PATIENCE_S)
-    assert (link.returncode, link.said()[1]) == (0, "")
+    assert (link.returncode, link.texts()[1]) == (0, "")
 
 
 def test_bad_input_leaves_a_node_unconfigured(
@@ -148,4 +148,4 @@ def test_bad_input_leaves_a_node_unconfigured(
     node = start("controller", autostart="false", index=7)
     assert not change("controller", "configure")
     assert state("controller") == "unconfigured"
-    assert "index: 7 given" in node.said()[0]
+    assert "index: 7 given" in node.texts()[0]

@@ -205,7 +205,7 @@ def test_real_time_with_own_links_loses_nothing_and_its_recording_may_be_cut(tmp
 
 
 @pytest.mark.parametrize(
-    ("node", "number", "said"),
+    ("node", "number", "expected"),
     [
         ("tie/wan_link", signal.SIGKILL, "^tie/wan_link was killed by SIGKILL"),
         ("tie/wan_link", signal.SIGSTOP, "plant_sim: tie/wan_link is silent"),
@@ -214,7 +214,7 @@ def test_real_time_with_own_links_loses_nothing_and_its_recording_may_be_cut(tmp
     ],
 )
 def test_dead_or_silent_node_is_named_by_its_place(
-    tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
+    tmp_path: Path, started: dict[str, Any], node: str, number: int, expected: str
 ) -> None:
     assert_named(APART, tmp_path, started, node, number, said)
 
@@ -224,7 +224,7 @@ def test_a_second_graph_of_other_architecture_is_kept_apart(tmp_path: Path, star
     common = {"scenario": "large", "start_timeout": PATIENCE_S}
     nodes = [start(name, **common) for name in ("wan_link", "controller")]
     plant = start("plant_sim", mode="realtime", duration=1000.0, **common)
-    plant.wait(lambda: "tick" in plant.said()[0], PATIENCE_S)
+    plant.wait(lambda: "tick" in plant.texts()[0], PATIENCE_S)
     assert_kept_apart([*APART, "duration=5"], tmp_path)
     assert all(node.poll() is None for node in (plant, *nodes))
 
@@ -263,7 +263,7 @@ def test_a_delay_may_be_changed_while_the_link_runs(start: Any, client: Any, tmp
     for name in ("wan_link", "controller"):
         start(name, **common)
     plant = start("plant_sim", **common)
-    plant.wait(lambda: "tick" in plant.said()[0], PATIENCE_S)
+    plant.wait(lambda: "tick" in plant.texts()[0], PATIENCE_S)
 
     def change(name: str, value: float) -> Any:
         asked = Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))

@@ -144,14 +144,14 @@ def test_inner_state_and_estimates_are_published_every_tick(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("node", "number", "said"),
+    ("node", "number", "expected"),
     [
         ("identifier_0_ANFGuMoI", signal.SIGKILL, "identifier_0_ANFGuMoI was killed by SIGKILL"),
         ("identifier_0_ANFGuMoI", signal.SIGSTOP, "identifier_0_ANFGuMoI is silent"),
     ],
 )
 def test_dead_or_silent_identifier_is_named(
-    tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
+    tmp_path: Path, started: dict[str, Any], node: str, number: int, expected: str
 ) -> None:
     assert_named(HBSWC, tmp_path, started, node, number, said)
 

@@ -84,7 +84,7 @@ def test_parameters_have_description_unit_and_range(loopback: Any, start: Any, c
 
 
 @pytest.mark.parametrize(
-    ("executable", "parameters", "said"),
+    ("executable", "parameters", "expected"),
     [
         ("plant_sim", {"frame_rate": 0}, "frame_rate"),
         ("plant_sim", {"scenario": "huge"}, "allowed: large, multiple, small"),
@@ -102,7 +102,7 @@ def test_parameters_have_description_unit_and_range(loopback: Any, start: Any, c
     ],
 )
 def test_bad_parameter_is_exit_2_and_one_line(
-    loopback: Any, start: Any, executable: str, parameters: Any, said: str
+    loopback: Any, start: Any, executable: str, parameters: Any, expected: str
 ) -> None:
     node = start(executable, **parameters)
     output, errors = node.communicate(timeout=PATIENCE_S)
@@ -153,7 +153,7 @@ def test_a_loss_of_synchronism_is_said_by_every_node(loopback: Any, start: Any, 
     assert (plant.returncode, errors) == (0, "")
     assert output.splitlines()[-1] == said
     for node in others:
-        node.wait(lambda node=node: said in node.said()[0].splitlines(), PATIENCE_S)
+        node.wait(lambda node=node: said in node.texts()[0].splitlines(), PATIENCE_S)
     time.sleep(0.5 + wan_link.PATIENCE_S + 1.0)
     assert [node.poll() for node in others] == [None] * 4
 

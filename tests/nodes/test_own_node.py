@@ -186,7 +186,7 @@ def left() -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("fields", "said"),
+    ("fields", "expected"),
     [
         ({"external": True}, "controllers.0.external: a node of one's own given; allowed: in a graph"),
         ({"command": ["true"]}, "controllers.0.command: a node of one's own given; allowed: in a graph"),
@@ -195,7 +195,7 @@ def left() -> list[str]:
         ({"external": True, "compensation": "lead"}, "compensation: 'lead' given; allowed: none for mine"),
     ],
 )
-def test_in_process_it_is_refused(fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_in_process_it_is_refused(fields: dict[str, Any], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert_one_line(2, ["simulate", *changes(own(**fields))], said, capsys)
 
 

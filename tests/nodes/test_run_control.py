@@ -132,7 +132,7 @@ def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_pat
     nodes = [start(name, **common) for name in ("wan_link", "controller")]
     assert client(Step, "/plant_sim/step", Step.Request(ticks=60)).success
     time.sleep(4.0)
-    assert plant.said()[0].splitlines()[-1].split()[1] == "60"
+    assert plant.texts()[0].splitlines()[-1].split()[1] == "60"
     until_ns = time.time_ns()  # after the run nothing comes indeed
     assert client(Trigger, "/plant_sim/resume", Trigger.Request()).success
     assert plant.communicate(timeout=PATIENCE_S)[1] == ""
@@ -145,19 +145,19 @@ def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_pat
 
 def test_a_paused_run_answers_and_ends_when_told(start: Any, client: Any) -> None:
     plant = start("plant_sim", mode="free")
-    plant.wait(lambda: "tick" in plant.said()[0], PATIENCE_S)
+    plant.wait(lambda: "tick" in plant.texts()[0], PATIENCE_S)
     assert client(Trigger, "/plant_sim/pause", Trigger.Request()).success
     assert not client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
-    before = plant.said()[0].splitlines()[-1]
+    before = plant.texts()[0].splitlines()[-1]
     time.sleep(1.5)
-    assert plant.said()[0].splitlines()[-1].split()[1] == before.split()[1]
+    assert plant.texts()[0].splitlines()[-1].split()[1] == before.split()[1]
     plant.terminate()
     assert plant.communicate(timeout=PATIENCE_S)[1] == ""
     assert plant.returncode == 0
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("{kind: line_out}", "line: missing"),
         ("{kind: clear, bus: B7}", "where no fault burns"),
@@ -166,7 +166,7 @@ def test_a_paused_run_answers_and_ends_when_told(start: Any, client: Any) -> Non
         ("tie", "without time"),
     ],
 )
-def test_events_that_cannot_be_are_refused_in_a_line(text: str, said: str) -> None:
+def test_events_that_cannot_be_are_refused_in_a_line(text: str, expected: str) -> None:
     with pytest.raises(InputError, match=said) as refused:
         with_event(load_case(None, []), text, 10**9)
     assert "\n" not in str(refused.value)

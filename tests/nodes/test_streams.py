@@ -77,7 +77,7 @@ def streams(tmp_path: Path) -> Callable[..., str]:
 
 def clients(server: Any) -> int:
     """How many a server has told of so far."""
-    return sum(int(count) for count in re.findall(r"0 frames, (\d+) clients", server.said()[0])[-1:])
+    return sum(int(count) for count in re.findall(r"0 frames, (\d+) clients", server.texts()[0])[-1:])
 
 
 def both(sets: list[str], folder: Path, file: str, other: dict[str, str], there: Callable[[], bool]) -> list[Record]:
@@ -117,7 +117,7 @@ def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
         for number, formats in ((port, "''"), (port + 1, FLOATS))
     )
     for server in (own, for_others):
-        server.wait(lambda server=server: "serving" in server.said()[0], PATIENCE_S)
+        server.wait(lambda server=server: "serving" in server.texts()[0], PATIENCE_S)
     with (tmp_path / "theirs").open("w") as out:
         other = subprocess.Popen([sys.executable, "-u", "-c", THEIRS, str(port + 1)], stdout=out)
         try:
@@ -160,10 +160,10 @@ def test_each_station_alone_behind_a_link_by_datagrams(
     low = min(port, 60000)
     sets = ["duration=2.5", "link=pdci"]
     server = start("c37118_server", run=RUN, set=json.dumps(sets), port=low, behind=0, each="true", idcode=20)
-    server.wait(lambda: server.said()[0].count("serving") == 5, PATIENCE_S)
+    server.wait(lambda: server.texts()[0].count("serving") == 5, PATIENCE_S)
     file = streams(*(f"udp://{HERE}:{low + i}/{20 + i}" for i in range(5)))
     asked = re.compile(r"IDCODE (\d+): 0 frames, 1 clients")
-    there, shadow = both(sets, tmp_path, file, elsewhere, lambda: len(set(asked.findall(server.said()[0]))) == 5)
+    there, shadow = both(sets, tmp_path, file, elsewhere, lambda: len(set(asked.findall(server.texts()[0]))) == 5)
     first = int(there.delivered["measured_ns"].min())
     found = 0
     for row in there.delivered:
@@ -236,7 +236,7 @@ def test_a_server_that_leaves_and_comes_back(
 
 
 @pytest.mark.parametrize(
-    ("sets", "file", "said"),
+    ("sets", "file", "expected"),
     [
         (["frame_rate=30"], {}, "DATA_RATE: 60 frames/s given; allowed: 30, the run's frame_rate"),
         ([], {"pmus": {"G1": {"voltage": "VA"}}}, "PMU G1: voltage: 'VA' given; allowed: what PMU G1 sends: V1"),
@@ -249,7 +249,7 @@ def test_a_stream_that_does_not_fit_is_said(
     port: int,
     sets: list[str],
     file: dict[str, Any],
-    said: str,
+    expected: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     serve(1_700_000_000)

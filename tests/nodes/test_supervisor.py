@@ -109,7 +109,7 @@ def test_a_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(tmp_
 
 
 @pytest.mark.parametrize(
-    ("node", "number", "said"),
+    ("node", "number", "expected"),
     [
         ("supervisor_0_LLC", signal.SIGKILL, "supervisor_0_LLC was killed by SIGKILL"),
         ("supervisor_0_LLC", signal.SIGSTOP, "supervisor_0_LLC is silent"),
@@ -117,7 +117,7 @@ def test_a_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(tmp_
     ],
 )
 def test_a_dead_or_silent_node_of_a_supervised_graph_is_named(
-    tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
+    tmp_path: Path, started: dict[str, Any], node: str, number: int, expected: str
 ) -> None:
     assert_named(["supervision=standard"], tmp_path, started, node, number, said)
 

@@ -109,15 +109,8 @@ class MessageFilter:
         The plant is the node that publishes `topic`.
         """
         self.senders.know_plant(topic)
-        self.subscribe(
-            RunState,
-            f"{self._graph}{RUN_STATE}",
-            self.on_run,
-            run_state,
-            common=True,
-            plant=True,
-            qos=LATCHED_SUBSCRIBER_QOS,
-        )
+        name, qos = f"{self._graph}{RUN_STATE}", LATCHED_SUBSCRIBER_QOS
+        self.subscribe(RunState, name, self.on_run, run_state, common=True, plant=True, qos=qos)
 
     def on_run(self, state: int, in_synchronism: bool, reason: str) -> None:
         """Log why the run has ended. Reports of a pause only show that the plant is alive."""
@@ -183,10 +176,10 @@ class MessageFilter:
         for subscription in self._own:
             newest: Any = None
             for _ in range(DEPTH):
-                taken = take(subscription)
-                if taken is None:
+                message = take(subscription)
+                if message is None:
                     break
-                newest = taken
+                newest = message
             if newest is not None:
                 subscription.callback(*newest)
 
@@ -237,10 +230,7 @@ class MessageFilter:
         """Refuse a message that is older than one received from its publisher; count the missing ones."""
         if sequence is None:  # not every middleware numbers messages
             return
-        if publisher not in self.senders.names:
-            self.senders.name(
-                state.topic, publisher
-            )  # look its name up now: it may have left by the time of the report
+        self.senders.name(state.topic, publisher)  # look its name up now: it may have left by the time of the report
         newest = state.sequences.get(publisher, sequence - 1)
         if sequence <= newest:
             raise Refused("sequence")

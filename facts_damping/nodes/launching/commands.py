@@ -36,7 +36,6 @@ class Command:
     """A running command with the process interface that `graph` uses; its child processes end with it."""
 
     def __init__(self, arguments: list[str], environment: Mapping[str, str], output: IO[bytes]) -> None:
-        """Start the command in a session of its own."""
         self._process = subprocess.Popen(
             arguments,
             stdin=subprocess.DEVNULL,
