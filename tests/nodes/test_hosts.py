@@ -30,7 +30,7 @@ HOSTS, CABLE, NODES, AWAY = re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)
 
 
 def permitted() -> bool:
-    """Whether namespaces, bridges, cables and TAP interfaces may be made here: tried."""
+    """Whether namespaces, bridges, cables and TAP interfaces can be made here."""
     if shutil.which("ip") is None:
         return False
     probe = f"fd{os.getpid()}"  # other processes try at the same time
@@ -53,7 +53,7 @@ pytestmark = pytest.mark.skipif(not permitted(), reason="needs root, iproute2, n
 
 @pytest.fixture
 def alone() -> Iterator[None]:
-    """Nobody else's tests on this machine have these hosts at the same time."""
+    """Reserves the hosts on this machine."""
     with socket.socket(socket.AF_UNIX) as held:
         deadline = time.monotonic() + 5 * PATIENCE_S
         while time.monotonic() < deadline:
@@ -66,10 +66,7 @@ def alone() -> Iterator[None]:
 
 @pytest.fixture
 def shell(alone: None, domain: int, tmp_path: Path) -> Iterator[Callable[[str], subprocess.CompletedProcess[str]]]:
-    """Runs commands in a shell that ends with all that it started; the hosts are taken away at the end.
-
-    At the start, too: a run of the tests that was killed may have left some.
-    """
+    """Runs commands in a shell that ends with all that it started; hosts are deleted before and after."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     environment["PYTHONPATH"] = str(Path(__file__).parents[2])
 
@@ -95,13 +92,13 @@ def shell(alone: None, domain: int, tmp_path: Path) -> Iterator[Callable[[str], 
             errors.seek(0)
             return subprocess.CompletedProcess(commands, code, output.read(), errors.read())
 
-    def take_away() -> None:
+    def delete_hosts() -> None:
         for host in ("switch", "plant", "link", "control"):
             subprocess.run(["ip", "netns", "delete", f"fd_{host}"], capture_output=True, check=False)
 
-    take_away()
+    delete_hosts()
     yield run
-    take_away()
+    delete_hosts()
 
 
 def test_nodes_on_several_hosts_give_the_bits_of_the_in_process_run(
@@ -150,4 +147,4 @@ def test_a_cable_that_cannot_be_is_refused(arguments: list[str], expected: str) 
     command = [sys.executable, "-m", "facts_damping.nodes.launching.tap_relay", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode != 0
-    assert said in done.stderr.splitlines()[-1]
+    assert expected in done.stderr.splitlines()[-1]

@@ -18,8 +18,8 @@ from facts_damping.nodes.loopback.lifecycle import GRAPH, NUMBERS, STATES
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
-from tests.nodes.graphs import PATIENCE_S, assert_same, ticks
-from tests.nodes.test_joining import RATE, Graph, assert_replayed
+from tests.nodes.graphs import PATIENCE_S, assert_replayed, assert_same, ticks
+from tests.nodes.test_joining import RATE, Graph
 
 if TYPE_CHECKING:
     from collections.abc import Callable

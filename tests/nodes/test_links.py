@@ -16,8 +16,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 
 from facts_damping.case.loading import load_case
 from facts_damping.control.compensation import COMPENSATIONS
@@ -35,6 +33,7 @@ from tests.nodes.graphs import (
     assert_same,
     payloads,
     quiet,
+    set_parameter,
 )
 
 if TYPE_CHECKING:
@@ -216,7 +215,7 @@ def test_real_time_with_own_links_loses_nothing_and_its_recording_may_be_cut(tmp
 def test_dead_or_silent_node_is_named_by_its_place(
     tmp_path: Path, started: dict[str, Any], node: str, number: int, expected: str
 ) -> None:
-    assert_named(APART, tmp_path, started, node, number, said)
+    assert_named(APART, tmp_path, started, node, number, expected)
 
 
 def test_a_second_graph_of_other_architecture_is_kept_apart(tmp_path: Path, start: Any) -> None:
@@ -264,16 +263,9 @@ def test_a_delay_may_be_changed_while_the_link_runs(start: Any, client: Any, tmp
         start(name, **common)
     plant = start("plant_sim", **common)
     plant.wait(lambda: "tick" in plant.texts()[0], PATIENCE_S)
-
-    def change(name: str, value: float) -> Any:
-        asked = Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
-        request = SetParameters.Request(parameters=[asked])
-        return client(SetParameters, "/wan_link/set_parameters", request).results[0]
-
     time.sleep(1.0)
-    assert change("up.0.delay", 0.15).successful
-    refused = change("up.0.delay", 61.0)
-    assert not refused.successful
+    assert set_parameter(client, "wan_link", "up.0.delay", 0.15).successful
+    assert not set_parameter(client, "wan_link", "up.0.delay", 61.0).successful
     time.sleep(1.0)
     for node in (plant, recorder):
         node.terminate()

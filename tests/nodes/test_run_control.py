@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from facts_damping_msgs.srv import Apply, Step
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from std_srvs.srv import Trigger
 
 from facts_damping.analysis.summary import summarise
@@ -18,7 +16,7 @@ from facts_damping.errors import InputError
 from facts_damping.recording.reader import load
 from facts_damping.simulation import replay
 from facts_damping.simulation.changes import rerun, with_event
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, payloads
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, payloads, set_parameter, step
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,12 +31,6 @@ SETS = [
 ]
 
 
-def number(name: str, value: float) -> SetParameters.Request:
-    kind = ParameterType.PARAMETER_INTEGER if isinstance(value, int) else ParameterType.PARAMETER_DOUBLE
-    given = {"integer_value": value} if isinstance(value, int) else {"double_value": value}
-    return SetParameters.Request(parameters=[Parameter(name=name, value=ParameterValue(type=kind, **given))])
-
-
 def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     start: Callable[..., Any], tmp_path: Path, client: Callable[..., Any]
 ) -> None:
@@ -48,17 +40,11 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
         answer = client(Trigger, f"/plant_sim/{name}", Trigger.Request())
         assert answer.success, answer.message
 
-    def step(count: int) -> None:
-        assert client(Step, "/plant_sim/step", Step.Request(ticks=count)).success
-        deadline = time.monotonic() + PATIENCE_S
-        while ", 0 to be stepped" not in client(Trigger, "/plant_sim/pause", Trigger.Request()).message:
-            assert time.monotonic() < deadline
-
     def apply(node: str, text: str) -> bool:
         return bool(client(Apply, f"/{node}/apply", Apply.Request(change=text)).success)
 
     def set_to(node: str, name: str, value: float) -> bool:
-        return bool(client(SetParameters, f"/{node}/set_parameters", number(name, value)).results[0].successful)
+        return bool(set_parameter(client, node, name, value).successful)
 
     common = {"set": str(SETS), "recorder": "true", "start_timeout": PATIENCE_S, "timeout": LOADED_S}
     recorder = start("recorder", output=tmp_path / "recording", **common)
@@ -69,7 +55,7 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     assert not client(Step, "/plant_sim/step", Step.Request(ticks=0)).success
     assert set_to("controller", "leakage", 0.02)
     assert set_to("identifier", "identifier_eta", 1)  # a whole number is taken for a float
-    step(60)
+    step(client, 60)
     assert not apply("plant_sim", "{kind: line_out, line: nothing}")
     assert not apply("plant_sim", "[")
     assert not apply("wan_link", "{up: [{delay: -1}]}")
@@ -82,10 +68,10 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     assert not set_to("wan_link", "up.0.start", 1.0)
     assert set_to("plant_sim", "noise.angle", 0.002)
     assert not set_to("plant_sim", "noise.angle", -1.0)
-    step(60)
+    step(client, 60)
     delays = "{model: uniform, low: 0.01, high: 0.05}"
     assert apply("wan_link", f"{{up: [{delays}, {{model: duplicate, probability: 0.2}}], down: [{{delay: 0.5}}]}}")
-    step(120)
+    step(client, 120)
     trigger("reset")
     assert set_to("plant_sim", "noise.magnitude", 0.003)  # beside the one before the reset
     assert apply("wan_link", "ideal")
@@ -139,8 +125,8 @@ def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_pat
     assert [plant.returncode, *(node.poll() for node in nodes)] == [0, None, None]
     recorder.terminate()
     recorder.communicate(timeout=PATIENCE_S)
-    told = payloads(tmp_path, until_ns)["/diagnostics"]
-    assert not any(b"nothing has come" in one for one in told if b"wan_link" in one)
+    diagnostics = payloads(tmp_path, until_ns)["/diagnostics"]
+    assert not any(b"nothing has come" in data for data in diagnostics if b"wan_link" in data)
 
 
 def test_a_paused_run_answers_and_ends_when_told(start: Any, client: Any) -> None:
@@ -167,6 +153,6 @@ def test_a_paused_run_answers_and_ends_when_told(start: Any, client: Any) -> Non
     ],
 )
 def test_events_that_cannot_be_are_refused_in_a_line(text: str, expected: str) -> None:
-    with pytest.raises(InputError, match=said) as refused:
+    with pytest.raises(InputError, match=expected) as refused:
         with_event(load_case(None, []), text, 10**9)
     assert "\n" not in str(refused.value)

@@ -256,4 +256,6 @@ def test_a_stream_that_does_not_fit_is_said(
     path = tmp_path / "streams.yaml"
     path.write_text(json.dumps({"servers": [f"tcp://{HERE}:{port}"], **file}))
     given = [one for text in sets for one in ("--set", text)]
-    assert_one_line(1, ["pmu-listen", str(path), "--run", RUN, *given, "--out", str(tmp_path / "out")], said, capsys)
+    assert_one_line(
+        1, ["pmu-listen", str(path), "--run", RUN, *given, "--out", str(tmp_path / "out")], expected, capsys
+    )
