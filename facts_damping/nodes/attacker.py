@@ -170,10 +170,6 @@ def of_identifier(message: Any) -> None:
     message.jacobian = [-100.0 * value for value in message.jacobian]
 
 
-def main() -> None:
-    """Entry point of `python -m facts_damping.nodes.attacker`."""
-    run_node("attacker", Attacker, "Somebody else in a graph's domain, who says what would act: for tests of refusals.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "attacker", Attacker, "Somebody else in a graph's domain, who says what would act: for tests of refusals."
+)

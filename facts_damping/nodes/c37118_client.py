@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from functools import partial
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
@@ -169,12 +170,9 @@ def _unknown(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
     return rows
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping c37118_client`."""
-    run_node(
-        "c37118_client", C37118Client, "Streams of IEEE C37.118.2 in the place of the plant, for controllers in shadow."
-    )
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node,
+    "c37118_client",
+    C37118Client,
+    "Streams of IEEE C37.118.2 in the place of the plant, for controllers in shadow.",
+)

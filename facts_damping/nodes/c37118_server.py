@@ -124,10 +124,6 @@ def read_serving(node: ManagedNode) -> Serving:
     return Serving(host, port, to, idcode, formats or None, each=each)
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping c37118_server`."""
-    run_node("c37118_server", C37118Server, "Serves the PMUs of a graph as streams of IEEE C37.118.2; it only listens.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "c37118_server", C37118Server, "Serves the PMUs of a graph as streams of IEEE C37.118.2; it only listens."
+)

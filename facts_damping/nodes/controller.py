@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -118,10 +119,6 @@ class ControllerNode:
         self.weights.keep(self.learnt)
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping controller`."""
-    run_node("controller", ControllerNode, "One controller of the run: hears PMU frames as delivered, gives setpoints.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "controller", ControllerNode, "One controller of the run: hears PMU frames as delivered, gives setpoints."
+)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -91,10 +92,6 @@ class IdentifierNode:
         self.weights.keep(self.learnt)
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping identifier`."""
-    run_node("identifier", IdentifierNode, "The identifier of a controller of the run: estimates the plant's Jacobian.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "identifier", IdentifierNode, "The identifier of a controller of the run: estimates the plant's Jacobian."
+)

@@ -84,10 +84,4 @@ def library() -> Any:
     return foxglove
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping live_view`."""
-    run_node("live_view", LiveView, "A running graph in Foxglove, by WebSocket; it only listens.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(run_node, "live_view", LiveView, "A running graph in Foxglove, by WebSocket; it only listens.")

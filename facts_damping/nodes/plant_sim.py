@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -150,10 +151,6 @@ class PlantSim:
         self.source.finish()
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping plant_sim`."""
-    run_node("plant_sim", PlantSim, "The power system: publishes PMU frames, takes setpoints; alone it runs free.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "plant_sim", PlantSim, "The power system: publishes PMU frames, takes setpoints; alone it runs free."
+)

@@ -112,10 +112,4 @@ def _nothing(_tick: int, _rows: NDArray[Any]) -> None:
     """Callback of a subscription that only stands in for an identifier's."""
 
 
-def main() -> None:
-    """Entry point."""
-    run_node("replay_source", ReplaySource, "A recording in the place of plant and links; lockstep.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(run_node, "replay_source", ReplaySource, "A recording in the place of plant and links; lockstep.")

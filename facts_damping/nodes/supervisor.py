@@ -203,10 +203,6 @@ class SupervisorNode:
         return response
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping supervisor`."""
-    run_node("supervisor", SupervisorNode, "The supervisor of a controller of the run: passes on what may act.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "supervisor", SupervisorNode, "The supervisor of a controller of the run: passes on what may act."
+)

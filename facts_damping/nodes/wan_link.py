@@ -199,10 +199,6 @@ class WanLink:
         return bool(self.missing) or self.tick + 1 < self.case.ticks
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping wan_link`."""
-    run_node("wan_link", WanLink, "A wide-area link: delivers PMU frames to controllers and setpoints to the plant.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "wan_link", WanLink, "A wide-area link: delivers PMU frames to controllers and setpoints to the plant."
+)
