@@ -72,6 +72,15 @@ class Started:
     def returncode(self) -> int | None:
         return self.poll()
 
+    def finish(self) -> None:
+        """Wait until it has ended with status 0 and without an error."""
+        assert (self.communicate(PATIENCE_S)[1], self.returncode) == ("", 0)
+
+    def stop(self, number: int = signal.SIGTERM) -> None:
+        """Send a signal and wait until it has ended."""
+        self.send_signal(number)
+        self.communicate(PATIENCE_S)
+
     def send_signal(self, number: int) -> None:
         if self.poll() is None:
             os.kill(self.pid, number)

@@ -62,7 +62,6 @@ def test_what_is_forged_with_the_graphs_key_changes_no_bit(loopback: Any, tmp_pa
 def test_a_graph_ends_when_it_is_not_wanted_any_more(
     domain: int, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its nodes are only just starting, and obey; they need not be killed, however slow the machine is."""
     monkeypatch.setattr(graph, "STOP_S", PATIENCE_S)
     with pytest.raises(RunError, match="interrupted"):
         run_with_fault(load_case(RUN, ["duration=1000"]), LOCKSTEP, tmp_path, NOTHING, domain, lambda: False)

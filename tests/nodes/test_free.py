@@ -1,7 +1,4 @@
-"""Nodes that are started one by one and run free: nobody waits, everybody comes, goes and comes again.
-
-On the loopback, and one of them on DDS, too: nodes that begin again make all that they have there anew.
-"""
+"""Nodes in mode free, started one by one: no node waits, and each may leave and come again."""
 
 from __future__ import annotations
 
@@ -57,7 +54,6 @@ def stop(*nodes: Any) -> None:
 def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     loopback: Any, start: Callable[..., Any], client: Any, tmp_path: Path
 ) -> None:
-    """All of it is in a recording that began under way, which is replayed to the bit."""
     common = {**FREE, "duration": WHOLE_S, "scenario": "large"}
     part = WHOLE_S / 60.0
     plant = start("plant_sim", **common)
@@ -79,8 +75,7 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     until(plant, 47 * part)
     rearmed = client(Trigger, "/plant_sim/rearm", Trigger.Request())
     assert (rearmed.success, rearmed.message) == (True, "re-armed: sssc")
-    _, errors = plant.communicate(timeout=PATIENCE_S)
-    assert (plant.returncode, errors) == (0, "")
+    plant.finish()
     stop(*nodes, recorder)
 
     record = load(tmp_path / "bag")
@@ -110,7 +105,6 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
 def test_the_default_run_stands_at_rest_until_an_event_is_called_for(
     loopback: Any, start: Callable[..., Any], client: Any, tmp_path: Path
 ) -> None:
-    """By a parameter; one that cannot be is refused with its reason."""
     recorder = start("recorder", output=tmp_path / "bag", **FREE)
     plant = start("plant_sim", **FREE)
     until(plant, 1.0)
@@ -173,7 +167,6 @@ def assert_followed(start: Callable[..., Any], tmp_path: Path, stamp: str) -> No
 
 
 def test_the_clock_is_the_simulated_time(loopback: Any, start: Callable[..., Any]) -> None:
-    """Of a node of anybody's with `use_sim_time`; ours take it, too."""
     plant = start("plant_sim", use_sim_time="true", **FREE)
     controller = start("controller", use_sim_time="true", **FREE)
     link = start("wan_link", use_sim_time="true", **FREE)

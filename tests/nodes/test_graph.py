@@ -198,7 +198,6 @@ def test_dead_or_silent_node_is_named(
 
 
 def test_a_silent_node_is_named_on_dds(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
-    """One that is killed: below, and test_kills.py."""
     assert_named([], tmp_path, started, "wan_link", signal.SIGSTOP, "wan_link is silent")
 
 
@@ -267,7 +266,6 @@ def command(domain: int, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 def test_interrupted_command_leaves_no_process_and_a_sound_recording(
     command: subprocess.Popen[str], tmp_path: Path, number: signal.Signals
 ) -> None:
-    """Meanwhile another graph in its domain is kept apart."""
     wait_until_recording(tmp_path)
     if number == signal.SIGTERM:
         assert_kept_apart(["duration=5"], tmp_path / "second")

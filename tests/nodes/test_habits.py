@@ -301,7 +301,6 @@ warmup.compile_once()
 
 
 def test_who_is_started_in_lockstep_by_hand_ends_with_the_run(start: Any, tmp_path: Path) -> None:
-    """With status 0 and no Ctrl-C, since the plant says that the run has ended; the recording is whole."""
     common = {"duration": 2.0, "progress": "false", "recorder": "true", "start_timeout": PATIENCE_S}
     recorder = start("recorder", output=tmp_path / "bag", **common)
     nodes = [recorder, *(start(name, **common) for name in ("wan_link", "controller", "plant_sim"))]
@@ -312,7 +311,6 @@ def test_who_is_started_in_lockstep_by_hand_ends_with_the_run(start: Any, tmp_pa
 
 
 def test_a_launch_may_be_interrupted_while_python_starts() -> None:
-    """The signal waits, as `run.launch.py` asks for, until the node takes it."""
     command = ["env", "--block-signal=INT", sys.executable, str(BIN / "wan_link")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as node:
         wait_until(lambda: Path(f"/proc/{node.pid}/exe").resolve() == Path(sys.executable).resolve())

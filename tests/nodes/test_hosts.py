@@ -104,7 +104,6 @@ def shell(alone: None, domain: int, tmp_path: Path) -> Iterator[Callable[[str], 
 def test_nodes_on_several_hosts_give_the_bits_of_the_in_process_run(
     shell: Callable[[str], subprocess.CompletedProcess[str]], tmp_path: Path
 ) -> None:
-    """In lockstep, whatever the real delay; and nothing of the recipe is left behind."""
     done = shell(HOSTS + CABLE + NODES + AWAY)
     assert done.returncode == 0, done.stderr
     recorded = load(tmp_path / "recording")

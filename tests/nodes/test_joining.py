@@ -1,4 +1,4 @@
-"""Nodes that are started again in real time take the place of dead ones: disarmed, until an operator arms them."""
+"""Nodes that are started again in real time replace dead ones; they are disarmed until an operator arms them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RATE = 60
 
 
 class Graph:
-    """A graph of nodes that are started one by one, in real time, until it is told to stop."""
+    """A graph in real time whose nodes are started one by one."""
 
     def __init__(self, start: Callable[..., Any], folder: Path, **more: Any) -> None:
         self.start, self.folder = start, folder
@@ -49,10 +49,8 @@ class Graph:
         plant = self.nodes["plant_sim"]
         self.run_until(ticks(plant) + RATE // 2)
         plant.terminate()
-        _, errors = plant.communicate(timeout=PATIENCE_S)
-        assert (plant.returncode, errors) == (0, "")
-        self.recorder.send_signal(signal.SIGTERM)
-        self.recorder.communicate(timeout=PATIENCE_S)
+        plant.finish()
+        self.recorder.stop()
         return load(self.folder / "bag")
 
 
@@ -62,7 +60,7 @@ def graph(start: Callable[..., Any], tmp_path: Path) -> Callable[..., Graph]:
 
 
 def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client: Any) -> None:
-    """It is let in within 2 s, long before DDS has seen that the first one is gone."""
+    """It is admitted within 2 s, long before DDS notices that the first one was killed."""
     run = graph()
     run.add("wan_link", join="true")
     first = run.add("controller", join="true")
@@ -110,8 +108,7 @@ def test_a_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, clie
     run.add("plant_sim")
     run.run_until(RATE)
     for one in (link, identifier):
-        one.terminate()
-        one.communicate(timeout=PATIENCE_S)
+        one.stop()
     learnt = read_table(weights)["identifier"]
     successors = [run.add("identifier", join="true", save=weights, resume="true"), run.add("wan_link", join="true")]
     for one in successors:
@@ -151,7 +148,6 @@ def test_what_cannot_be_joined_is_refused(
 
 
 def test_saved_weights_are_begun_with(tmp_path: Path) -> None:
-    """By a node whose `resume` is true; those of another controller are refused in a line."""
     case = load_case(None, ["controllers.0.name=HBsWC", "duration=1"])
     built = loop.build_loop(case)
     loop.finish(case, built)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +30,6 @@ LOCKSTEP = {"scenario": "large", "duration": 2.0, "recorder": "true", "autostart
 
 @pytest.fixture
 def change(client: Any) -> Callable[[str, str], bool]:
-    """Asks a node for a transition; whether it was done."""
 
     def ask(node: str, label: str) -> bool:
         request = ChangeState.Request(transition=Transition(label=label))
@@ -42,7 +40,6 @@ def change(client: Any) -> Callable[[str, str], bool]:
 
 @pytest.fixture
 def state(client: Any) -> Callable[[str], str]:
-    """State of a node."""
     return lambda node: str(client(GetState, f"/{node}/get_state", GetState.Request()).current_state.label)
 
 
@@ -57,12 +54,15 @@ def test_the_loopback_has_the_states_and_transitions_of_ros() -> None:
     context.try_shutdown()
 
 
+def start_all(start: Callable[..., Any], folder: Path, parameters: dict[str, Any]) -> dict[str, Any]:
+    more = {"recorder": {"output": folder / "bag"}}
+    return {name: start(name, **parameters, **more.get(name, {})) for name in NODES}
+
+
 def test_a_run_that_is_brought_up_in_order_has_the_same_bits(
     loopback: Any, start: Callable[..., Any], change: Any, state: Any, tmp_path: Path
 ) -> None:
-    running = {
-        name: start(name, **LOCKSTEP, **({"output": tmp_path / "bag"} if name == "recorder" else {})) for name in NODES
-    }
+    running = start_all(start, tmp_path, LOCKSTEP)
     assert {state(name) for name in NODES} == {"unconfigured"}
     assert not change("plant_sim", "activate")  # what is not configured cannot be
     assert all(change(name, "configure") for name in NODES)
@@ -74,18 +74,14 @@ def test_a_run_that_is_brought_up_in_order_has_the_same_bits(
     assert state("controller") == "active"
     running["plant_sim"].communicate(timeout=PATIENCE_S)
     for name in NODES[:-1]:
-        running[name].send_signal(signal.SIGTERM)
-        running[name].communicate(timeout=PATIENCE_S)
+        running[name].stop()
     assert_same(load(tmp_path / "bag"), loop.run(load_case(None, ["scenario=large", "duration=2"])))
 
 
 def test_the_plant_s_inactive_state_is_the_paused_run(
     loopback: Any, start: Any, change: Any, state: Any, tmp_path: Path
 ) -> None:
-    common = LOCKSTEP | {"autostart": "true", "duration": 10.0}
-    running = {
-        name: start(name, **common, **({"output": tmp_path / "bag"} if name == "recorder" else {})) for name in NODES
-    }
+    running = start_all(start, tmp_path, LOCKSTEP | {"autostart": "true", "duration": 10.0})
     plant = running["plant_sim"]
     plant.wait(lambda: ticks(plant) > RATE, PATIENCE_S)
     assert change("plant_sim", "deactivate")
@@ -93,8 +89,7 @@ def test_the_plant_s_inactive_state_is_the_paused_run(
     assert change("plant_sim", "activate")
     plant.communicate(timeout=PATIENCE_S)
     for name in NODES[:-1]:
-        running[name].send_signal(signal.SIGTERM)
-        running[name].communicate(timeout=PATIENCE_S)
+        running[name].stop()
     record = load(tmp_path / "bag")
     assert [one.kind for one in record.changes] == ["pause", "resume"]
     assert_same(record, rerun(load_case(None, ["scenario=large", "duration=10"]), record.changes))

@@ -1,4 +1,4 @@
-"""What is not this graph's, or not what it should be, acts on nothing, ends nobody, and is counted."""
+"""Foreign and faulty messages have no effect, end no node, and are counted."""
 
 from __future__ import annotations
 

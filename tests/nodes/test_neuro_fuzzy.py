@@ -180,7 +180,6 @@ def test_an_unstable_run_with_identifier_ends_where_the_in_process_run_ends(tmp_
 
 @pytest.mark.parametrize("loss", ["", ", {model: bernoulli, loss: 0.1}"])
 def test_a_graph_with_prediction_is_the_in_process_run_bit_for_bit(tmp_path: Path, loss: str) -> None:
-    """With constant delays, and where frames are lost: what is predicted is recorded, too."""
     link = f"link.up=[{{delay: 0.1}}{loss}]"
     case = load_case(
         None, [*HBSWC, "controllers.0.compensation=prediction", link, "link.down=[{delay: 0.1}]", "duration=3"]

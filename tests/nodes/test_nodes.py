@@ -30,8 +30,7 @@ def test_nodes_started_one_by_one_give_the_in_process_run(start: Any, tmp_path: 
     plant = start("plant_sim", cold=True, **common)
     start("wan_link", **common)
     start("controller", "-r", "__node:=damper", **common)
-    _, errors = plant.communicate(timeout=PATIENCE_S)
-    assert (plant.returncode, errors) == (0, "")
+    plant.finish()
     recorder.terminate()
     output, errors = recorder.communicate(timeout=PATIENCE_S)
     assert (recorder.returncode, output, errors) == (0, "lost 0\n", "")
@@ -116,7 +115,6 @@ def test_missing_peer_is_named(loopback: Any, start: Any) -> None:
 
 
 def test_first_answer_is_waited_for_as_long_as_the_start(loopback: Any, start: Any, client: Any) -> None:
-    """A node may be there, and known to the others, before it works."""
     request = GetParameters.Request(names=["duration"])
     common = {"duration": 0.1, "timeout": 2.0, "start_timeout": PATIENCE_S}
     link, controller = start("wan_link", **common), start("controller", **common)
@@ -127,12 +125,10 @@ def test_first_answer_is_waited_for_as_long_as_the_start(loopback: Any, start: A
     time.sleep(2.0 * common["timeout"])
     assert (plant.poll(), link.poll()) == (None, None)
     controller.send_signal(signal.SIGCONT)
-    _, errors = plant.communicate(timeout=PATIENCE_S)
-    assert (plant.returncode, errors) == (0, "")
+    plant.finish()
 
 
 def test_a_loss_of_synchronism_is_said_by_every_node(loopback: Any, start: Any, tmp_path: Path) -> None:
-    """And nobody takes the end of the plant for silence."""
     sets = ["frame_rate=30", "link=satellite", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
     computed = loop.run(load_case(None, ["scenario=large", *sets]))
     common = {"scenario": "large", "set": str(sets), "timeout": 0.5, "start_timeout": PATIENCE_S, "recorder": "true"}

@@ -1,7 +1,4 @@
-"""Nobody outside the loop holds it up: not a reader that has stopped, not the recorder.
-
-Nodes publish by a profile with which DDS waits for nobody, and the recorder says what it has lost.
-"""
+"""Neither a stopped reader nor the recorder delays the loop; the recorder reports what it has lost."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""A node of a user's own in the graph: bit for bit its law in process; missing, late, silent, dying it is named.
-
-Its command is tested on DDS, with processes; what it does in a graph, on the loopback.
-"""
+"""A user's own node in the graph: same bits as its law in process; named if it is missing, late, silent or ends."""
 
 from __future__ import annotations
 
@@ -88,7 +85,6 @@ def test_the_example_is_what_the_page_says_it_is() -> None:
 
 
 def test_started_by_the_graph_it_is_replayed_with_others(domain: int, tmp_path: Path) -> None:
-    """Behind a link of its own, in a namespace; by its command again, too."""
     placed: dict[str, Any] = {"link": "delay_100ms", "namespace": "area_1", "parameters": {"gain": 12}}
     outcome = run(tmp_path, by_command("duration=1.5", **placed))
     assert_same_law(load(outcome.recording), in_process("duration=1.5", **placed))
@@ -165,7 +161,6 @@ def test_it_ends_with_a_command_that_is_killed(domain: int, tmp_path: Path) -> N
 
 
 def left() -> list[str]:
-    """Example nodes of this domain that run."""
     found = []
     for entry in Path("/proc").iterdir():
         try:

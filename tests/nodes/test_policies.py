@@ -112,7 +112,6 @@ def diagnostics(recording: Path, of: str) -> list[str]:
 def test_an_fmu_in_a_graph_is_the_one_in_process_bit_for_bit(
     domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its node leaves nothing in the temporary folder."""
     (tmp_path / "passing").mkdir()
     monkeypatch.setenv("TMPDIR", str(tmp_path / "passing"))
     fmu = build(tmp_path, EXAMPLES, 3)

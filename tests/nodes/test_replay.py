@@ -195,7 +195,6 @@ def test_bags_of_other_recorders_are_replayed(
 
 
 def count_before(chunks: Chunks, tick: int) -> int:
-    """Number of messages before those of a tick."""
     return sum(at < tick for chunk in chunks for _, at in chunk)
 
 
@@ -214,7 +213,6 @@ def test_a_recorder_that_came_late_is_said(
 
 
 def test_a_recorder_may_come_between_the_messages_of_a_tick(in_order: tuple[Path, Chunks], tmp_path: Path) -> None:
-    """Wherever in a tick the first message falls, from the first whole tick on all is there."""
     folder, chunks = in_order
     began, end = count_before(chunks, 90), count_before(chunks, 96)
     whole = load(copy(folder, tmp_path / "whole", "mcap", end=end))
@@ -376,8 +374,7 @@ def test_a_player_at_recorded_times_drives_the_nodes(
     topics = [one for one in before if one.endswith(("/estimate", f"{nodes[0]}/setpoints"))]
     assert len(topics) == len(nodes)
     _play(topic, messages, 1 + len(nodes), lambda: _wait_for(tmp_path / "new", dict.fromkeys(topics, len(messages))))
-    recorder.send_signal(signal.SIGINT)
-    recorder.communicate(timeout=PATIENCE_S)
+    recorder.stop(signal.SIGINT)
     played = payloads(tmp_path, name="new")
     assert [len(played[one]) for one in topics] == [len(messages)] * len(nodes)
     if name == "large":

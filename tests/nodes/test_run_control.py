@@ -34,7 +34,6 @@ SETS = [
 def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     start: Callable[..., Any], tmp_path: Path, client: Callable[..., Any]
 ) -> None:
-    """Parameters, the link, an event, a reset, a release with re-arming, pauses: as told, and replayed as well."""
 
     def trigger(name: str) -> None:
         answer = client(Trigger, f"/plant_sim/{name}", Trigger.Request())
@@ -110,7 +109,6 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
 
 
 def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_path: Path) -> None:
-    """Also where it is longer than others' patience with a plant that is silent."""
     common = {"recorder": "true", "start_timeout": PATIENCE_S, "timeout": 1.5, "duration": 2}
     recorder = start("recorder", output=tmp_path / "recording", **common)
     plant = start("plant_sim", **common)
@@ -123,8 +121,7 @@ def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_pat
     assert client(Trigger, "/plant_sim/resume", Trigger.Request()).success
     assert plant.communicate(timeout=PATIENCE_S)[1] == ""
     assert [plant.returncode, *(node.poll() for node in nodes)] == [0, None, None]
-    recorder.terminate()
-    recorder.communicate(timeout=PATIENCE_S)
+    recorder.stop()
     diagnostics = payloads(tmp_path, until_ns)["/diagnostics"]
     assert not any(b"nothing has come" in data for data in diagnostics if b"wan_link" in data)
 

@@ -59,13 +59,13 @@ while True:
 
 @pytest.fixture
 def elsewhere(module_domain: int, domain: int) -> dict[str, str]:
-    """Nodes that do not hear those of the test's own domain."""
+    """Environment of nodes in another ROS domain."""
     return {**os.environ, "ROS_DOMAIN_ID": str(module_domain)}
 
 
 @pytest.fixture
 def streams(tmp_path: Path) -> Callable[..., str]:
-    """Writes a file of streams, that wait for a loaded machine."""
+    """Writes a file of streams with a wait for a loaded machine."""
 
     def write(*servers: str) -> str:
         path = tmp_path / "streams.yaml"
@@ -76,12 +76,12 @@ def streams(tmp_path: Path) -> Callable[..., str]:
 
 
 def clients(server: Any) -> int:
-    """How many a server has told of so far."""
+    """Number of clients that a server has reported last."""
     return sum(int(count) for count in re.findall(r"0 frames, (\d+) clients", server.texts()[0])[-1:])
 
 
 def both(sets: list[str], folder: Path, file: str, other: dict[str, str], there: Callable[[], bool]) -> list[Record]:
-    """Records of a graph, and of one elsewhere that hears its stream; the first begins once somebody is `there`."""
+    """Records of a graph and of one in another domain that receives its streams; it begins once `there` is true."""
     case = load_case(RUN, sets)
     failed = threading.Event()
 
@@ -193,7 +193,7 @@ class Played:
 
 @pytest.fixture
 def serve(port: int) -> Iterator[Callable[[int], Played]]:
-    """Begins to serve a run; whatever was begun ends with the test."""
+    """Serves a run until the end of the test."""
     begun: list[Played] = []
 
     def begin(epoch_s: int) -> Played:
@@ -208,21 +208,21 @@ def serve(port: int) -> Iterator[Callable[[int], Played]]:
 def test_a_server_that_leaves_and_comes_back(
     domain: int, serve: Callable[[int], Played], tmp_path: Path, port: int
 ) -> None:
-    """Ticks go on without frames, then with those of the server that came back, whose stamps are of another time."""
+    """Ticks go on without frames, then with those of the new server, whose stamps are of another time."""
     first = serve(1_700_000_000)
 
-    def strike() -> None:
+    def restart() -> None:
         wait_until(lambda: first.servers[0].counts.frames >= 60)
         first.end()
         time.sleep(1.5)
         serve(1_000_000_000)
 
     with ThreadPoolExecutor(1) as beside:
-        struck = beside.submit(strike)
+        restarted = beside.submit(restart)
         given = ["--run", "two_area_supervised", "--set", "duration=7", "--timeout", str(LOADED_S)]
         files = ["--out", str(tmp_path / "out"), "--json", str(tmp_path / "result.json")]
         status = main(["pmu-listen", f"tcp://{HERE}:{port}", *given, *files])
-        struck.result()
+        restarted.result()
     assert status in (0, 3)  # 3: a loaded machine was behind when the run ended
     record, result = load(tmp_path / "out" / "recording"), json.loads((tmp_path / "result.json").read_text())
     there = record.measured_ns[:, 0] != LOST

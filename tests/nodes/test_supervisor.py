@@ -131,7 +131,6 @@ SERVED = [
 def test_services_do_what_an_operator_asks_for_or_say_why_not(
     start: Callable[..., Any], client: Callable[..., Any], tmp_path: Path
 ) -> None:
-    """Refusals with reasons; what was done is told, recorded, and gives the same bits again."""
     common = {"set": str(SERVED), "recorder": "true", "start_timeout": PATIENCE_S, "timeout": LOADED_S}
     recorder = start("recorder", output=tmp_path / "recording", **common)
     plant = start("plant_sim", **common)
@@ -167,8 +166,7 @@ def test_services_do_what_an_operator_asks_for_or_say_why_not(
     assert asked("disarm") == (False, "disarmed; allowed: disarm while shadow, armed, fallback, tripped")
     assert client(Trigger, "/plant_sim/resume", Trigger.Request()).success
     plant.communicate(timeout=PATIENCE_S)
-    recorder.terminate()
-    recorder.communicate(timeout=PATIENCE_S)
+    recorder.stop()
     record = load(tmp_path / "recording")
     own = [(one.tick, one.kind) for one in record.changes if one.role == "supervisor"]
     assert own == [(30, "probe"), (240, "arm"), (320, "reset"), (322, "disarm")]
@@ -246,7 +244,6 @@ def test_a_fallback_takes_over_from_a_controller_that_leaves_in_real_time(
 def test_a_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_by_an_operator(
     start: Callable[..., Any], client: Callable[..., Any], tmp_path: Path
 ) -> None:
-    """Its device lets go meanwhile; the run goes on."""
     run = Graph(start, tmp_path, set=str(["supervision=standard", "arm_at=0.5"]))
     run.add("wan_link", join="true")
     run.add("controller", join="true")

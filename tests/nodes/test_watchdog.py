@@ -39,7 +39,6 @@ def test_release_and_return_of_a_graph_are_those_of_the_in_process_run(loopback:
 def test_a_plant_that_is_slow_lets_go_by_the_clock(
     loopback: Any, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In real time, of a link that has stopped: before so much simulated time has passed."""
     advance = LivePlant.advance
 
     def slowly(self: LivePlant, *given: Any) -> None:
@@ -62,7 +61,6 @@ def test_a_plant_that_is_slow_lets_go_by_the_clock(
 def test_a_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(
     loopback: Any, start: Any, client: Any, tmp_path: Path
 ) -> None:
-    """In real time, by the clock; the answer names the re-armed devices."""
     common = {"scenario": "large", "duration": 4.0, "mode": "realtime", "recorder": "true", "start_timeout": 60.0}
     recorder = start("recorder", output=tmp_path / "bag", **common)
     start("wan_link", **common)
@@ -75,8 +73,7 @@ def test_a_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(
     assert (rearmed.success, rearmed.message) == (True, "re-armed: sssc")
     plant.communicate(timeout=PATIENCE_S)
     controller.send_signal(signal.SIGKILL)
-    recorder.send_signal(signal.SIGTERM)
-    recorder.communicate(timeout=PATIENCE_S)
+    recorder.stop()
     record = load(tmp_path / "bag")
     first, second = summarise(record)["releases"]  # it lets go again: nobody has come back
     assert first["rearmed_s"] is not None
