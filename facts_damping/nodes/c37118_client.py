@@ -104,8 +104,7 @@ class C37118Client:
             for tick in self.sources.following.take(time.monotonic()):
                 if self.tick + 1 < self.ticks:
                     self.publish(tick)
-            if self.source.progress_is_due() or self.tick + 1 == self.ticks:
-                self.source.progress(self.tick + 1, self.misses)
+            self.source.progress(self.tick + 1, self.misses, now=self.tick + 1 == self.ticks)
         until = time.monotonic() + LAST_S
         while min(self.source.answered.values(), default=self.tick) < self.tick and time.monotonic() < until:
             self.spinner.spin_once(SPIN_S)

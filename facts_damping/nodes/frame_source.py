@@ -94,14 +94,14 @@ class FrameSource:
         message = RunState(state=state, tick=max(tick, 0), reason=reason, in_synchronism=sound)
         self._to_state.publish(stamped(message, tick_ns(max(tick, 0), self._case.run.frame_rate)))
 
-    def progress(self, done: int, misses: int, ticks: int | None = None) -> None:
-        """Write the progress line `tick DONE TICKS MISSES` for the program that runs the graph."""
-        self._reported_s = time.monotonic()
-        self._log.line(f"tick {done} {ticks or self.ticks} {misses}")
+    def progress(self, done: int, misses: int, now: bool = True) -> None:
+        """Write the progress line `tick DONE TICKS MISSES` for the program that runs the graph.
 
-    def progress_is_due(self) -> bool:
-        """Whether the last progress line is older than `PROGRESS_S`."""
-        return time.monotonic() - self._reported_s > PROGRESS_S
+        If not `now`: unless the last one is younger than `PROGRESS_S`.
+        """
+        if now or time.monotonic() - self._reported_s > PROGRESS_S:
+            self._reported_s = time.monotonic()
+            self._log.line(f"tick {done} {self.ticks} {misses}")
 
     def wait_for_answers(self, spinner: Spinner, tick: int, what: str) -> None:
         """Wait until all have answered a tick. Raises `RunError` naming silent nodes; `what`: missing message."""

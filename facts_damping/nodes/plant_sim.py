@@ -92,9 +92,9 @@ class PlantSim:
             log.info(f"{device} takes setpoints again from {at:.3f} s on")
         self.released = now
 
-    def progress(self) -> None:
-        """Write a progress line."""
-        self.source.progress(self.plant.tick + 1, self.misses)
+    def progress(self, now: bool = True) -> None:
+        """Write a progress line, if not `now` only when it is due."""
+        self.source.progress(self.plant.tick + 1, self.misses, now)
 
     def wait_paced(self, tick: int, wall_end: float) -> None:
         """Take messages until the end of the tick in wall time; count a deadline miss if setpoints have not come.
@@ -136,8 +136,7 @@ class PlantSim:
                 wall_start = time.monotonic()  # pacing starts when all nodes have answered once
             if self.options.paced:
                 self.wait_paced(k, wall_start + plant.start(k + 1) * 1e-9)
-            if self.source.progress_is_due() or k + 1 == self.source.ticks or not plant.sound:
-                self.progress()
+            self.progress(now=k + 1 == self.source.ticks or not plant.sound)
             if not plant.sound:
                 break
             plant.advance([rows for kept in self.waiting.values() for rows in kept])

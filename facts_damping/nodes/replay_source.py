@@ -94,6 +94,7 @@ class ReplaySource:
     def run(self) -> None:
         """Replay all ticks, each when all controllers have answered the one before."""
         events, ticks = list(self.record.events), self.record.ticks.tolist()
+        self.source.ticks = len(ticks)
         self.source.publish_state(RunState.RUNNING, ticks[0], "begins")
         for at, (tick, start) in enumerate(zip(ticks, self.record.time_ns.tolist(), strict=True)):
             check_wanted()
@@ -102,8 +103,7 @@ class ReplaySource:
             while events and events[0]["time_ns"] <= start:
                 self.source.to_events.publish(grid_event(events.pop(0)))
             self.source.wait_for_answers(self.spinner, tick, "no answer to")
-            if self.source.progress_is_due() or at + 1 == len(ticks):
-                self.source.progress(at + 1, 0, len(ticks))
+            self.source.progress(at + 1, 0, now=at + 1 == len(ticks))
         self.source.end(ticks[-1], bool(self.record.in_synchronism[-1]))
         self.source.finish(*self.delivered, *self.applied)
 

@@ -35,7 +35,6 @@ from tests.nodes.graphs import LOADED_S, assert_same, odd_requests, quiet, someb
 from tests.nodes.hostile import HEARD, IDENTIFIER, SETS, forgeries, hostile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from rclpy.node import Node
@@ -146,9 +145,7 @@ def pause(started: dict[str, Any], number: int) -> None:
     os.kill(started[IDENTIFIER].process.pid, number)
 
 
-def test_nothing_of_another_participant_acts(
-    domain: int, tmp_path: Path, started: dict[str, Any], client: Callable[[Any, str, Any], Any]
-) -> None:
+def test_nothing_of_another_participant_acts(domain: int, tmp_path: Path, started: dict[str, Any], client: Any) -> None:
     """As above over DDS; the run pauses until the other participant is found."""
     case = load_case(None, [*SETS, "duration=2"])
     attackers: list[Attacker] = []

@@ -30,7 +30,6 @@ from tests.nodes.graphs import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 # Of 60 s: the recorder comes at 5 s, link and controller at 10 s, leave at 30 s, come again at 40 s.
@@ -52,7 +51,7 @@ def stop(*nodes: Any) -> None:
 
 
 def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
-    loopback: Any, start: Callable[..., Any], client: Any, tmp_path: Path
+    loopback: Any, start: Any, client: Any, tmp_path: Path
 ) -> None:
     common = {**FREE, "duration": WHOLE_S, "scenario": "large"}
     part = WHOLE_S / 60.0
@@ -103,7 +102,7 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
 
 
 def test_the_default_run_stands_at_rest_until_an_event_is_called_for(
-    loopback: Any, start: Callable[..., Any], client: Any, tmp_path: Path
+    loopback: Any, start: Any, client: Any, tmp_path: Path
 ) -> None:
     recorder = start("recorder", output=tmp_path / "bag", **FREE)
     plant = start("plant_sim", **FREE)
@@ -135,17 +134,15 @@ def test_an_hour_at_rest_and_a_swing_that_settles() -> None:
 
 
 @pytest.mark.parametrize("stamp", ["simulated", "wall"])
-def test_another_plant_is_followed_and_ends_a_recording(
-    loopback: Any, start: Callable[..., Any], tmp_path: Path, stamp: str
-) -> None:
+def test_another_plant_is_followed_and_ends_a_recording(loopback: Any, start: Any, tmp_path: Path, stamp: str) -> None:
     assert_followed(start, tmp_path, stamp)
 
 
-def test_another_plant_is_followed_on_dds(start: Callable[..., Any], tmp_path: Path) -> None:
+def test_another_plant_is_followed_on_dds(start: Any, tmp_path: Path) -> None:
     assert_followed(start, tmp_path, "simulated")
 
 
-def assert_followed(start: Callable[..., Any], tmp_path: Path, stamp: str) -> None:
+def assert_followed(start: Any, tmp_path: Path, stamp: str) -> None:
     """By link, controller and identifier, who begin again; a recording is of one run."""
     common = {**FREE, "set": str(["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])}
     recorder = start("recorder", output=tmp_path / "bag", **common)
@@ -166,7 +163,7 @@ def assert_followed(start: Callable[..., Any], tmp_path: Path, stamp: str) -> No
     assert len(record.estimates) > 0
 
 
-def test_the_clock_is_the_simulated_time(loopback: Any, start: Callable[..., Any]) -> None:
+def test_the_clock_is_the_simulated_time(loopback: Any, start: Any) -> None:
     plant = start("plant_sim", use_sim_time="true", **FREE)
     controller = start("controller", use_sim_time="true", **FREE)
     link = start("wan_link", use_sim_time="true", **FREE)
@@ -179,9 +176,7 @@ def test_the_clock_is_the_simulated_time(loopback: Any, start: Callable[..., Any
 
 
 @pytest.mark.parametrize("executable", ["plant_sim", "wan_link", "controller"])
-def test_a_killed_plant_or_peer_leaves_the_others_running(
-    loopback: Any, start: Callable[..., Any], executable: str
-) -> None:
+def test_a_killed_plant_or_peer_leaves_the_others_running(loopback: Any, start: Any, executable: str) -> None:
     nodes = {name: start(name, **FREE) for name in ("plant_sim", "wan_link", "controller")}
     until(nodes["plant_sim"], 1.5)
     nodes.pop(executable).send_signal(signal.SIGKILL)
@@ -190,15 +185,10 @@ def test_a_killed_plant_or_peer_leaves_the_others_running(
     stop(*nodes.values())
 
 
-def test_stamps_may_be_wall_time(loopback: Any, start: Callable[..., Any], tmp_path: Path) -> None:
+def test_stamps_may_be_wall_time(loopback: Any, start: Any, tmp_path: Path) -> None:
     """On the wire, so that `ros2 topic delay` is sensible; what is read of the recording begins with 0."""
-    common = {
-        "mode": "realtime",
-        "recorder": "true",
-        "duration": 3.0,
-        "start_timeout": PATIENCE_S,
-        "set": str(["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "scenario=large"]),
-    }
+    sets = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "scenario=large"]
+    common = {"mode": "realtime", "recorder": "true", "duration": 3.0, "start_timeout": PATIENCE_S, "set": str(sets)}
     recorder = start("recorder", output=tmp_path / "recording", **common)
     for name in ("wan_link", "controller", "identifier"):
         start(name, **common)
@@ -222,7 +212,7 @@ def test_stamps_may_be_wall_time(loopback: Any, start: Callable[..., Any], tmp_p
     assert_replayed(record)
 
 
-def test_stamps_in_lockstep_are_simulated(loopback: Any, start: Callable[..., Any]) -> None:
+def test_stamps_in_lockstep_are_simulated(loopback: Any, start: Any) -> None:
     plant = start("plant_sim", stamp="wall")
     errors = plant.communicate(timeout=PATIENCE_S)[1]
     assert (plant.returncode, errors) == (2, "plant_sim: stamp: 'wall' given; allowed with mode lockstep: simulated\n")

@@ -30,7 +30,7 @@ RATE = 60
 class Graph:
     """A graph in real time whose nodes are started one by one."""
 
-    def __init__(self, start: Callable[..., Any], folder: Path, **more: Any) -> None:
+    def __init__(self, start: Any, folder: Path, **more: Any) -> None:
         self.start, self.folder = start, folder
         self.common = {"scenario": "large", "duration": 60.0, "mode": "realtime", "recorder": "true", **more}
         self.common["start_timeout"] = PATIENCE_S
@@ -55,7 +55,7 @@ class Graph:
 
 
 @pytest.fixture
-def graph(start: Callable[..., Any], tmp_path: Path) -> Callable[..., Graph]:
+def graph(start: Any, tmp_path: Path) -> Callable[..., Graph]:
     return lambda **more: Graph(start, tmp_path, **more)
 
 

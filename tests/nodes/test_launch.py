@@ -231,7 +231,7 @@ def test_arguments_that_are_not_there_are_refused(launched: Any, monkeypatch: py
 
 @pytest.mark.parametrize("name", ["centralised", "decentralised"])
 def test_what_is_launched_below_a_namespace_is_the_in_process_run(
-    capsys: pytest.CaptureFixture[str], launched: Any, loopback: Any, tmp_path: Path, name: str
+    capsys: Any, launched: Any, loopback: Any, tmp_path: Path, name: str
 ) -> None:
     """As `launch` would start it in a group with a namespace pushed."""
     run, short = f"two_area_{name}", "duration=4.0"

@@ -54,13 +54,13 @@ def test_the_loopback_has_the_states_and_transitions_of_ros() -> None:
     context.try_shutdown()
 
 
-def start_all(start: Callable[..., Any], folder: Path, parameters: dict[str, Any]) -> dict[str, Any]:
+def start_all(start: Any, folder: Path, parameters: dict[str, Any]) -> dict[str, Any]:
     more = {"recorder": {"output": folder / "bag"}}
     return {name: start(name, **parameters, **more.get(name, {})) for name in NODES}
 
 
 def test_a_run_that_is_brought_up_in_order_has_the_same_bits(
-    loopback: Any, start: Callable[..., Any], change: Any, state: Any, tmp_path: Path
+    loopback: Any, start: Any, change: Any, state: Any, tmp_path: Path
 ) -> None:
     running = start_all(start, tmp_path, LOCKSTEP)
     assert {state(name) for name in NODES} == {"unconfigured"}
@@ -96,7 +96,7 @@ def test_the_plant_s_inactive_state_is_the_paused_run(
 
 
 def test_an_inactive_controller_takes_part_and_has_no_effect(
-    loopback: Any, start: Callable[..., Any], change: Any, state: Any, client: Any, tmp_path: Path
+    loopback: Any, start: Any, change: Any, state: Any, client: Any, tmp_path: Path
 ) -> None:
     run = Graph(start, tmp_path)
     run.add("wan_link")
@@ -119,7 +119,7 @@ def test_an_inactive_controller_takes_part_and_has_no_effect(
     assert_replayed(record)
 
 
-def test_cleanup_begins_again(loopback: Any, start: Callable[..., Any], change: Any, state: Any) -> None:
+def test_cleanup_begins_again(loopback: Any, start: Any, change: Any, state: Any) -> None:
     start("wan_link", mode="free", autostart="false")
     assert change("wan_link", "configure")
     assert change("wan_link", "cleanup")
@@ -127,7 +127,7 @@ def test_cleanup_begins_again(loopback: Any, start: Callable[..., Any], change: 
     assert change("wan_link", "configure")
 
 
-def test_over_dds_too_until_shutdown(start: Callable[..., Any], change: Any, state: Any) -> None:
+def test_over_dds_too_until_shutdown(start: Any, change: Any, state: Any) -> None:
     link = start("wan_link", mode="free", autostart="false")
     assert change("wan_link", "configure")
     assert change("wan_link", "activate")
@@ -137,9 +137,7 @@ def test_over_dds_too_until_shutdown(start: Callable[..., Any], change: Any, sta
     assert (link.returncode, link.texts()[1]) == (0, "")
 
 
-def test_bad_input_leaves_a_node_unconfigured(
-    loopback: Any, start: Callable[..., Any], change: Any, state: Any
-) -> None:
+def test_bad_input_leaves_a_node_unconfigured(loopback: Any, start: Any, change: Any, state: Any) -> None:
     node = start("controller", autostart="false", index=7)
     assert not change("controller", "configure")
     assert state("controller") == "unconfigured"

@@ -244,13 +244,8 @@ def test_a_graph_with_namespaces_moves_below_another(start: Any, tmp_path: Path)
 
 
 def test_a_delay_may_be_changed_while_the_link_runs(start: Any, client: Any, tmp_path: Path) -> None:
-    common = {
-        "set": "[link.up.0.delay=0.02]",
-        "recorder": "true",
-        "start_timeout": PATIENCE_S,
-        "mode": "realtime",
-        "duration": 1000.0,
-    }
+    common = {"set": "[link.up.0.delay=0.02]", "mode": "realtime", "duration": 1000.0}
+    common |= {"recorder": "true", "start_timeout": PATIENCE_S}
     recorder = start("recorder", output=tmp_path / "bag", **common)
     for name in ("wan_link", "controller"):
         start(name, **common)

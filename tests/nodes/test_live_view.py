@@ -35,7 +35,7 @@ from facts_damping.simulation import loop
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, nodes_left, payloads, quiet, wait_until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
     from websockets.sync.client import ClientConnection
@@ -208,7 +208,7 @@ def test_port_that_is_taken_is_named(domain: int, tmp_path: Path) -> None:
 
 
 def test_view_by_hand_serves_graph_after_graph_and_ends_quietly(
-    domain: int, tmp_path: Path, port: int, start: Callable[..., Any]
+    domain: int, tmp_path: Path, port: int, start: Any
 ) -> None:
     view = start("live_view", port=port)
     client = Client(port)

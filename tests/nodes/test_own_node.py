@@ -183,11 +183,11 @@ def left() -> list[str]:
         ({"external": True, "compensation": "lead"}, "compensation: 'lead' given; allowed: none for mine"),
     ],
 )
-def test_in_process_it_is_refused(fields: dict[str, Any], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_in_process_it_is_refused(fields: dict[str, Any], expected: str, capsys: Any) -> None:
     assert_one_line(2, ["simulate", *changes(own(**fields))], expected, capsys)
 
 
-def test_a_command_that_is_not_there_starts_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_command_that_is_not_there_starts_nothing(tmp_path: Path, capsys: Any) -> None:
     command = ["run", *changes(own(command=["no_such_program"])), "--out", str(tmp_path / "out")]
     text = "controllers.0.command: 'no_such_program' given; allowed: a program that is there"
     assert_one_line(2, command, text, capsys)

@@ -45,7 +45,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return outcome.recording
 
 
-def test_a_recording_runs_its_code_when_asked_to_alone(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_runs_its_code_when_asked_to_alone(recording: Path, capsys: Any) -> None:
     text = f"controllers.0.policy: '{LEAD_LAG}' given by the recording; allowed: --policy"
     assert_one_line(2, ["replay", str(recording)], text, capsys)
     for more in (["--policy"], ["--set", "controllers.0.name=LLC"], ["--set", f"controllers.0.policy={LEAD_LAG}"]):
@@ -79,7 +79,7 @@ def test_a_class_that_fails_is_named_and_its_recording_is_readable(loopback: Any
         assert getattr(recorded, name)[:60].tobytes() == getattr(before, name)[:60].tobytes()
 
 
-def test_nothing_is_started_for_a_class_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_started_for_a_class_that_is_not_there(tmp_path: Path, capsys: Any) -> None:
     command = ["run", *changes(own("nowhere.py:Mine")), "--out", str(tmp_path / "out")]
     assert_one_line(2, command, "controllers.0.policy: nowhere.py: no such file", capsys)
     assert not (tmp_path / "out").exists()

@@ -100,7 +100,7 @@ def test_in_process_it_is_identical_and_says_so(graphs: dict[str, Path], capsys:
 
 @pytest.mark.parametrize(("name", "place"), [("decentralised", "loopback"), ("centralised", "domain")])
 def test_nodes_in_lockstep_give_the_whole_recording_again(
-    request: pytest.FixtureRequest, graphs: dict[str, Path], tmp_path: Path, capsys: Any, name: str, place: str
+    request: Any, graphs: dict[str, Path], tmp_path: Path, capsys: Any, name: str, place: str
 ) -> None:
     request.getfixturevalue(place)
     status, out, errors = called(capsys, "replay", str(graphs[name]), *BY_NODES, "--out", str(tmp_path / "out"))
@@ -273,7 +273,7 @@ def test_recordings_cut_short_are_replayed_as_far_as_they_go(
 
 
 def test_a_message_that_is_missing_ends_the_replay_there_whatever_it_is(
-    loopback: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    loopback: Any, tmp_path: Path, capsys: Any
 ) -> None:
     case = load_case("two_area_supervised", ["duration=2", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
     content = scan(graph.run(case, "lockstep", tmp_path / "whole", quiet, LOADED_S).recording)
@@ -323,9 +323,7 @@ def test_messages_of_a_database_out_of_order(graphs: dict[str, Path], tmp_path: 
         assert getattr(turned, array).tobytes() == getattr(whole, array).tobytes(), array
 
 
-def test_tools_of_others_read_every_message_without_a_warning(
-    graphs: dict[str, Path], capfd: Any, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_tools_of_others_read_every_message_without_a_warning(graphs: dict[str, Path], capfd: Any, caplog: Any) -> None:
     """Warnings are errors in all tests; besides, nothing is printed or logged."""
     kinds: set[str] = set()
     for folder in graphs.values():
@@ -427,9 +425,7 @@ class Slow:
 
 
 @pytest.mark.parametrize("controller", ["indirect", "late"])
-def test_a_supervised_run_by_the_clock_is_replayed_to_the_bit(
-    controller: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_supervised_run_by_the_clock_is_replayed_to_the_bit(controller: str, tmp_path: Path, capsys: Any) -> None:
     """With an identifier; and with a controller that is late, so that deadlines are missed."""
     (tmp_path / "slow.py").write_text(SLOW)
     late = f"controllers=[{{name: slow, policy: {tmp_path / 'slow.py'}:Slow}}]"

@@ -108,7 +108,7 @@ def both(sets: list[str], folder: Path, file: str, other: dict[str, str], there:
 
 
 def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
-    start: Callable[..., Any], elsewhere: dict[str, str], streams: Callable[..., str], tmp_path: Path, port: int
+    start: Any, elsewhere: dict[str, str], streams: Any, tmp_path: Path, port: int
 ) -> None:
     """Over a link with random delays, by its own seed; and another program's client gets the same values."""
     sets = [f"duration={SECONDS}", "link=pdci", "measurement=p_class", "controllers.0.signals=[frequency]"]
@@ -154,7 +154,7 @@ def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
 
 
 def test_each_station_alone_behind_a_link_by_datagrams(
-    start: Callable[..., Any], elsewhere: dict[str, str], streams: Callable[..., str], tmp_path: Path, port: int
+    start: Any, elsewhere: dict[str, str], streams: Any, tmp_path: Path, port: int
 ) -> None:
     """Five streams, put together again by their stamps: each PMU's frames as the link delivered them."""
     low = min(port, 60000)
@@ -205,9 +205,7 @@ def serve(port: int) -> Iterator[Callable[[int], Played]]:
         one.end()
 
 
-def test_a_server_that_leaves_and_comes_back(
-    domain: int, serve: Callable[[int], Played], tmp_path: Path, port: int
-) -> None:
+def test_a_server_that_leaves_and_comes_back(domain: int, serve: Any, tmp_path: Path, port: int) -> None:
     """Ticks go on without frames, then with those of the new server, whose stamps are of another time."""
     first = serve(1_700_000_000)
 
@@ -244,13 +242,13 @@ def test_a_server_that_leaves_and_comes_back(
 )
 def test_a_stream_that_does_not_fit_is_said(
     domain: int,
-    serve: Callable[[int], Played],
+    serve: Any,
     tmp_path: Path,
     port: int,
     sets: list[str],
     file: dict[str, Any],
     expected: str,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Any,
 ) -> None:
     serve(1_700_000_000)
     path = tmp_path / "streams.yaml"

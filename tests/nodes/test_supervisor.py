@@ -40,7 +40,6 @@ from tests.nodes.graphs import (
 from tests.nodes.test_joining import Graph
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from facts_damping.signals import Record
@@ -51,6 +50,7 @@ OUTAGE = [{"delay": 0.02}, {"model": "bernoulli", "loss": 1.0, "start": 2.0, "du
 LOCAL = {"name": "LLC", "signals": ["power_rate"], "parameters": {"gain": 0.05}, "fallback_of": 0}
 ON = ["supervision=standard", "arm_at=0.5", "scenario=large", "duration=4"]
 FALLBACK = [f"controllers={json.dumps([{'name': 'LLC'}, {**LOCAL, 'link': 'csg'}])}", "supervision.arming.recovery=1"]
+FAULTS = [{"kind": "weights", "start": 1.5}, {"kind": "dead", "start": 2.0, "duration": 0.3}]
 NETWORKS: list[dict[str, object]] = [
     {
         "name": "HBsWC",
@@ -59,9 +59,8 @@ NETWORKS: list[dict[str, object]] = [
         "signals": ["speed", "power"],
         "namespace": "area_1",
     },
-    {"name": "ANFTSC", "scheme": "direct", "devices": ["sssc"], "link": "csg", "namespace": "tie"},
+    {"name": "ANFTSC", "scheme": "direct", "devices": ["sssc"], "link": "csg", "namespace": "tie", "faults": FAULTS},
 ]
-NETWORKS[1]["faults"] = [{"kind": "weights", "start": 1.5}, {"kind": "dead", "start": 2.0, "duration": 0.3}]
 GRAPHS = {
     "fallback by a link of its own": [
         *FALLBACK,
@@ -128,9 +127,7 @@ SERVED = [
 ]
 
 
-def test_services_do_what_an_operator_asks_for_or_say_why_not(
-    start: Callable[..., Any], client: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_services_do_what_an_operator_asks_for_or_say_why_not(start: Any, client: Any, tmp_path: Path) -> None:
     common = {"set": str(SERVED), "recorder": "true", "start_timeout": PATIENCE_S, "timeout": LOADED_S}
     recorder = start("recorder", output=tmp_path / "recording", **common)
     plant = start("plant_sim", **common)
@@ -171,11 +168,8 @@ def test_services_do_what_an_operator_asks_for_or_say_why_not(
     own = [(one.tick, one.kind) for one in record.changes if one.role == "supervisor"]
     assert own == [(30, "probe"), (240, "arm"), (320, "reset"), (322, "disarm")]
     assert states(record) == [
-        ("shadow", ""),
-        ("armed", "operator"),
-        ("tripped", "missing"),
-        ("shadow", "operator"),
-        ("disarmed", "operator"),
+        *(("shadow", ""), ("armed", "operator"), ("tripped", "missing")),
+        *(("shadow", "operator"), ("disarmed", "operator")),
     ]
     case = load_case(None, SERVED)
     assert_same(record, rerun(case, record.changes))
@@ -242,7 +236,7 @@ def test_a_fallback_takes_over_from_a_controller_that_leaves_in_real_time(
 
 
 def test_a_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_by_an_operator(
-    start: Callable[..., Any], client: Callable[..., Any], tmp_path: Path
+    start: Any, client: Any, tmp_path: Path
 ) -> None:
     run = Graph(start, tmp_path, set=str(["supervision=standard", "arm_at=0.5"]))
     run.add("wan_link", join="true")

@@ -67,25 +67,12 @@ def check_wanted() -> None:
         raise Stopped
 
 
-class Refuses(Protocol):
-    """Interface of a message filter, as far as a spinner uses it."""
-
-    def done(self) -> bool:
-        """Whether the node should end, as the run is over."""
-
-    def refuse(self, topic: str, cause: str) -> None:
-        """Count a refused request."""
-
-    def remark(self) -> str:
-        """Text to append to an error."""
-
-
 class Filtered(Protocol):
     """Interface of a node with a message filter, such as Member."""
 
     @property
-    def message_filter(self) -> Refuses:
-        """Its message filter."""
+    def message_filter(self) -> Any:
+        """Its MessageFilter."""
 
     def report(self, last: bool = False) -> None:
         """Publish pending reports. Called periodically."""
@@ -172,7 +159,7 @@ class Spinner:
 
     def remark(self) -> str:
         """Text that the node's message filter appends to an error."""
-        return "" if self._member is None else self._member.message_filter.remark()
+        return "" if self._member is None else str(self._member.message_filter.remark())
 
     def close(self) -> None:
         """Report for the last time and release all entities."""
