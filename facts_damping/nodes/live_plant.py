@@ -91,22 +91,22 @@ class LivePlant:
 
         Raises `InputError` if the event cannot happen then.
         """
-        asked = with_event(self._case, text, self.start(self.tick + 1))
-        plant, self._case = build_plant(asked).plant, asked
+        changed = with_event(self._case, text, self.start(self.tick + 1))
+        plant, self._case = build_plant(changed).plant, changed
 
         def act(tick: int) -> None:
-            self._plant, self.events = plant, pending(asked, self.events, self.start(tick))
+            self._plant, self.events = plant, pending(changed, self.events, self.start(tick))
 
         return act
 
     def ask_reset(self) -> Callable[[int], None]:
         """Prepare a reset at the next tick: equilibrium, and the scenario from its start. Returns what applies it."""
-        built, asked = reset_plant(self._begun, self.start(self.tick + 1))
-        self._case = replace(self._case, scenario=asked.scenario)
+        built, changed = reset_plant(self._begun, self.start(self.tick + 1))
+        self._case = replace(self._case, scenario=changed.scenario)
 
         def act(tick: int) -> None:
             self._plant, self.state = built.plant, built.state
-            self.events = pending(asked, self.events, self.start(tick))
+            self.events = pending(changed, self.events, self.start(tick))
             self._accepted = initial_clock_state(len(self.devices))
 
         return act

@@ -37,8 +37,8 @@ class RunControl:
         self._source, self._member, self._plant, self._progress = source, source.member, plant, progress
         self._paused: bool = False
         self._steps = 0
-        for name in ("pause", "resume", "reset", "rearm"):
-            node.create_service(Trigger, f"~/{name}", getattr(self, f"on_{name}"))
+        for answer in (self.on_pause, self.on_resume, self.on_reset, self.on_rearm):
+            node.create_service(Trigger, f"~/{answer.__name__.removeprefix('on_')}", answer)
         node.create_service(Step, "~/step", self.on_step)
         node.create_service(Apply, "~/apply", self.on_apply)
         text = "an event, as in a scenario, without its time: it happens now, or where it is given at the start, then"

@@ -91,17 +91,16 @@ class WanLink:
     def on_apply(self, request: Apply.Request, response: Apply.Response) -> Apply.Response:
         """Replace the link by another one from the next tick on."""
         try:
-            asked = with_link(self.now, self.index, request.change)
+            changed = with_link(self.now, self.index, request.change)
         except InputError as error:
             response.message = one_line(error)
             return response
 
         def act(_tick: int) -> None:
-            self.now = asked
-            self.links = relinked(self.links, asked, self.index)
+            self.now, self.links = changed, relinked(self.links, changed, self.index)
 
-        self.stages.replace(asked.links[self.index])
-        self.member.change("link", "", asked.links[self.index].model_dump(), act)  # in full, not by name
+        self.stages.replace(changed.links[self.index])
+        self.member.change("link", "", changed.links[self.index].model_dump(), act)  # in full, not by name
         response.success, response.message = True, f"from tick {self.tick + 1} on"
         return response
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import Counter
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from facts_damping_msgs.msg import RunState
@@ -69,7 +70,7 @@ class MessageFilter:
         self._last = sys.maxsize if options.free else case.ticks - 1  # last tick that the run can have
         self._graph = graph
         self.senders = Publishers(node, options, graph)
-        self._own: list[Subscription[Any]] = []  # subscriptions made here
+        self._subscriptions: list[Subscription[Any]] = []  # subscriptions made here
         self.refusals = Refusals(node, graph, send_refusals, peer=peer)
         self._peers: dict[str, bool] = {}  # nodes that have sent messages, and whether they are still there
         self._checked_at = 0.0
@@ -96,12 +97,8 @@ class MessageFilter:
         """
         state = TopicState(self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads)
         self.senders.topics.append(state)
-
-        def take(data: bytes, information: Any) -> bool:
-            return self.take(state, data, information)
-
-        callback: Any = take  # returns whether the message was admitted, for the spinner
-        self._own.append(self.node.create_subscription(kind, topic, callback, qos, raw=True))
+        callback: Any = partial(self.take, state)  # returns whether the message was admitted, for the spinner
+        self._subscriptions.append(self.node.create_subscription(kind, topic, callback, qos, raw=True))
 
     def subscribe_run_state(self, topic: str = PLANT_STATE) -> None:
         """Subscribe to the state of the run, which tells whether and why it has ended.
@@ -138,7 +135,7 @@ class MessageFilter:
             return
         self._checked_at = now
         newest: dict[str, TopicState] = {}  # topic of the newest message, by node
-        for state in sorted(self.senders.topics, key=lambda one: one.at):
+        for state in sorted(self.senders.topics, key=lambda state: state.at):
             if state.publisher is not None and not state.common and state.tick >= 0:
                 newest[self.senders.name(state.topic, state.publisher)] = state
         for name, state in newest.items():
@@ -160,7 +157,7 @@ class MessageFilter:
         noticed that its predecessor is silent.
         """
         if not self._options.free:
-            topics = [one.topic for one in self.senders.topics if not one.common and not one.silent]
+            topics = [state.topic for state in self.senders.topics if not state.common and not state.silent]
             peers = f"{self._graph}{REFUSALS}"
             wait_for_peers(self.node, expected, topics, self.node.resolve_topic_name(peers), self._options, serve)
         if self._options.late or (self._options.paced and self._leads):
@@ -173,7 +170,7 @@ class MessageFilter:
 
     def _skip(self) -> None:
         """Skip the messages that came while the node waited to join, except the newest of each topic."""
-        for subscription in self._own:
+        for subscription in self._subscriptions:
             newest: Any = None
             for _ in range(DEPTH):
                 message = take(subscription)
@@ -210,12 +207,9 @@ class MessageFilter:
             self._count(state, publisher, information["publication_sequence_number"])
             if self.senders.another_plant(state, publisher):
                 raise BeginAgain
-            if state.read is None:
-                message: tuple[Any, ...] = (data, information)
-            else:
-                message = state.read(data)
-                if not state.common:
-                    self._check_tick(state, message[0], publisher)
+            message: tuple[Any, ...] = (data, information) if state.read is None else state.read(data)
+            if state.read is not None and not state.common:
+                self._check_tick(state, message[0], publisher)
         except Refused as refused:
             stamps.restore(epoch)  # a refused message must not set the epoch
             self.refusals.add(state.topic, refused.cause, publisher)
@@ -272,6 +266,5 @@ class MessageFilter:
     def remark(self) -> str:
         """Text to append to an error: a peer that seems silent may be one whose messages were refused; else empty."""
         foreign = self.refusals.foreign()
-        if not foreign:
-            return ""
-        return f"; {foreign} messages of others were refused: another graph in this ROS_DOMAIN_ID (0 to 101)?"
+        text = f"; {foreign} messages of others were refused: another graph in this ROS_DOMAIN_ID (0 to 101)?"
+        return text if foreign else ""

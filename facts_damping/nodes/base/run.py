@@ -67,11 +67,11 @@ def _set_up_middleware() -> None:
         os.environ[RANGE] = "SYSTEM_DEFAULT"  # the profile limits discovery instead
 
 
-def run_node(name: str, make: Callable[[ManagedNode], NodeBody], does: str) -> None:
+def run_node(name: str, make: Callable[[ManagedNode], NodeBody], description: str) -> None:
     """Make a node, run it and exit: status 0 done or interrupted, 1 failed, 2 bad input.
 
-    An error is logged in one line. `does`: first line of `--help`. The node is made anew when the plant of a free graph
-    was replaced, and after `cleanup`.
+    An error is logged in one line. `description`: first line of `--help`. The node is made anew when the plant of a
+    free graph was replaced, and after `cleanup`.
     """
     _set_up_middleware()
     stop_by_signals()
@@ -88,7 +88,7 @@ def run_node(name: str, make: Callable[[ManagedNode], NodeBody], does: str) -> N
         except Exception as error:  # noqa: BLE001 (arguments of ROS 2 that rclpy cannot use, each kind in its own way)
             sys.stderr.write(f"{name}: {one_line(error)}\n")
             sys.exit(2)
-        status = _run(node, usage_of=does if asks_for_help else "")
+        status = _run(node, usage_of=description if asks_for_help else "")
         autostart = not node.cleaned and (node.autostart or node.active)
         if status is not None:
             _limit_the_end(status)

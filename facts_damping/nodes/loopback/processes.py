@@ -114,10 +114,10 @@ class World:
         process = Process(self, name, [name, *arguments], dict(environment), output, errors, pid)
         process.until_ns = self.now_ns
         self.processes.append(process)
-        threading.Thread(target=self._be, args=(process, run), daemon=True, name=name).start()
+        threading.Thread(target=self._run, args=(process, run), daemon=True, name=name).start()
         return process
 
-    def _be(self, process: Process, run: Callable[[], Any]) -> None:
+    def _run(self, process: Process, run: Callable[[], Any]) -> None:
         process.turn.acquire()
         current.set(process)
         status: Any = 0
