@@ -245,10 +245,9 @@ def graph(
     streams: str | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> Iterator[dict[str, Process]]:
-    """Start the nodes of a case; at exit, stop the source first and the recorder last.
+    """Start the nodes of a case; at exit, stop the source first and the recorder last. Arguments: as of `run`.
 
-    `view_port`: of a live view; `replayed`: a recording that replaces plant and links; identifiers then receive its
-    setpoints; `streams`: replaces the plant (parameters.streams.read_streams); `environment`: of the nodes.
+    In a replay, identifiers receive the recorded setpoints.
     """
     run_file = out / RUN_FILE
     unsigned = {} if replayed is None else {"security": None}  # a recording has no keys

@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from facts_damping_msgs.msg import (
-    ControllerState,
-    DeviceState,
-    GridEvent,
-    JacobianEstimate,
-    LinkChannelStatistics,
-    LinkStatistics,
-    MachineState,
-    PlantState,
-    RunState,
-    SupervisorState,
-)
+from facts_damping_msgs import msg
 
 from facts_damping.case.names import controller_names, identifier_names
 from facts_damping.control.bank import controller_network
@@ -61,9 +50,9 @@ class PlantStateMessage:
 
     def __init__(self, case: Case) -> None:
         """Lay out one entry per machine and per device."""
-        machines = [MachineState(machine=m.name) for m in case.system.machines]
-        devices = [DeviceState(device=name) for name in case.run.devices]
-        self._template = t = Template(PlantState(machines=machines, devices=devices))
+        machines = [msg.MachineState(machine=m.name) for m in case.system.machines]
+        devices = [msg.DeviceState(device=name) for name in case.run.devices]
+        self._template = t = Template(msg.PlantState(machines=machines, devices=devices))
         names = [truth_field(name) for name in MACHINE_TRUTH.names or ()]
         self._machines = t.index(f"machines.{i}.{name}" for i in range(len(machines)) for name in names)
         self._devices = {
@@ -109,7 +98,7 @@ class ControllerStateMessage:
             "parameter_norms": len(names),
             "learning_rates": outputs * len(names),
         }
-        message = ControllerState(controller=controller_names(case)[index], parameter_groups=names)
+        message = msg.ControllerState(controller=controller_names(case)[index], parameter_groups=names)
         message.input_names, message.output_names = controller.signals, controller.devices
         message.heard = ["estimate"] if index in identifier_names(case) else []
         message.heard_ticks = [-1] * len(message.heard)
@@ -179,7 +168,7 @@ class SupervisorStateMessage:
         return t.data()
 
     def _laid_out(self, state: int, cause: int, refused: int) -> tuple[Template, Field, Field, Field]:
-        message = SupervisorState(controller=self._controller, state=STATES[state])
+        message = msg.SupervisorState(controller=self._controller, state=STATES[state])
         message.cause, message.refused = cause_name(cause), cause_name(refused)
         message.monitors, message.limits = list(MONITORS), self._limits.tolist()
         message.values = [0.0] * len(MONITORS)
@@ -210,7 +199,7 @@ class Estimates:
         names = groups(identifier_network(controller)) if controller.scheme == "indirect" else []
         self._groups = len(names)
         self._template = t = Template(
-            JacobianEstimate(
+            msg.JacobianEstimate(
                 identifier=identifier_names(case)[index],
                 heard=["setpoints"],
                 heard_ticks=[-1],
@@ -266,10 +255,10 @@ def stamped(message: M, start_ns: int) -> M:
     return message
 
 
-def grid_event(event: dict[str, Any]) -> GridEvent:
+def grid_event(event: dict[str, Any]) -> msg.GridEvent:
     """Message of a grid event."""
     fields = {name: event[name] for name in ("kind", "element", "value", "location")}
-    return stamped(GridEvent(**fields), event["time_ns"])
+    return stamped(msg.GridEvent(**fields), event["time_ns"])
 
 
 class Health(NamedTuple):
@@ -289,7 +278,7 @@ def diagnostics(node: str, hardware: str, health: Health, start_ns: int) -> Diag
 
 def run_state(data: bytes) -> tuple[int, bool, str]:
     """State, synchronism and reason of a RunState message. Raises `Refused` if it is no such message."""
-    found = content(data, RunState)
+    found = content(data, msg.RunState)
     return found.state, bool(found.in_synchronism), found.reason
 
 
@@ -300,17 +289,17 @@ def synchronism_lost(at_ns: int) -> str:
 
 def link_statistics(
     tick: int, start_ns: int, up: dict[str, NDArray[Any]], down: dict[str, NDArray[Any]]
-) -> LinkStatistics:
+) -> msg.LinkStatistics:
     """Message of a link's statistics; `up`, `down`: a row of STATISTICS per channel."""
     up_rows, down_rows = ([_channel(name, row) for name, row in rows.items()] for rows in (up, down))
-    return stamped(LinkStatistics(tick=tick, up=up_rows, down=down_rows), start_ns)
+    return stamped(msg.LinkStatistics(tick=tick, up=up_rows, down=down_rows), start_ns)
 
 
-def _channel(name: str, row: NDArray[Any]) -> LinkChannelStatistics:
+def _channel(name: str, row: NDArray[Any]) -> msg.LinkChannelStatistics:
     sent, delivered, lost, duplicated, held, total, low, high = (int(value) for value in row.tolist())
     delays_ns = (total / delivered, low, high) if delivered > 0 else (math.nan,) * 3
     counts = {"sent": sent, "delivered": delivered, "lost": lost, "duplicated": duplicated, "held": held}
     names = ("delay_mean_s", "delay_min_s", "delay_max_s")
     delays = {name: delay_ns / NANOSECONDS for name, delay_ns in zip(names, delays_ns, strict=True)}
     in_flight = sent + duplicated + held - delivered - lost
-    return LinkChannelStatistics(channel=name, **counts, in_flight=in_flight, **delays)
+    return msg.LinkChannelStatistics(channel=name, **counts, in_flight=in_flight, **delays)
