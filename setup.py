@@ -105,9 +105,10 @@ setup(
     package_data={
         "": ["py.typed"],
         NAME: ["templates/*/*.txt"],
+        f"{NAME}.cli": ["commands.yaml"],
         f"{NAME}.compiling": ["objects/*.o"],  # where `make wheel` has put them
         f"{NAME}.nodes": ["fast*.xml"],
-        f"{NAME}.report": ["page.*"],
+        f"{NAME}.report": ["page.*", "sentences.yaml"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -20,10 +20,9 @@ from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.c37118.system_pmus import Pmu
 from facts_damping.parameters.streams import server as address
 from facts_damping.signals import CHANNELS
-from facts_damping.streaming.alignment import PmuReport
 from facts_damping.streaming.client import Client
 from facts_damping.streaming.server import Server
-from facts_damping.streaming.stream_clock import Following
+from facts_damping.streaming.stream_clock import Following, PmuReport
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,17 +63,17 @@ def parts(formats: bool) -> dict[str, float]:
     made, values, receiver, following = stream(formats), measured(), Receiver(), Following(PMUS, RATE, 0.2)
     receiver.take(session.answers(made, "send_configuration_3", 0, 0))
     where = mapping.places(made.configuration, GRID, {})
-    raw = [session.told(made, instant(k, values)) for k in range(FRAMES)]
+    raw = [session.data_frame(made, instant(k, values)) for k in range(FRAMES)]
     come = [one for one in receiver.take(raw) if isinstance(one, Instant)]
 
     def follow(k: int) -> None:
-        found, status, absent = mapping.told(where, come[k].data)
+        found, status, absent = mapping.values_of(where, come[k].data)
         following.put(k, PmuReport(where.pmus, found, status, absent), k / RATE)
         list(following.take(k / RATE))
 
     return {
         "to V, A, kW and STAT": took(lambda k: instant(k, values)),
-        "to bytes": took(lambda k: session.told(made, come[k])),
+        "to bytes": took(lambda k: session.data_frame(made, come[k])),
         "from bytes": took(lambda k: receiver.feed(raw[k])),
         "to PMUs and ticks": took(follow),
     }
@@ -110,8 +109,8 @@ def listen(port: int) -> tuple[str, float, int]:
         if isinstance(what, Instant):
             number = what.soc * RATE + round(what.fraction * RATE / 1e6)
             now = time.monotonic()
-            following.put(number, PmuReport(where.pmus, *mapping.told(where, what.data)), now)
-            count += sum(tick.said is not None for tick in following.take(now))
+            following.put(number, PmuReport(where.pmus, *mapping.values_of(where, what.data)), now)
+            count += sum(tick.frame is not None for tick in following.take(now))
 
     async def whole() -> None:
         task = asyncio.ensure_future(Client(address(f"tcp://127.0.0.1:{port}/1"), take).run())

@@ -61,7 +61,7 @@ def parts_of_a_run(plan: sweep.Plan) -> None:
         "  case": lambda: batch.make(plan.base, task.changes),
         "  closed loop, plant shared": lambda: batch.closed_loop(case),
         "    closed loop by itself, for comparison": lambda: loop.run(case),
-        "  figures": lambda: batch.figures(record, modes=True),
+        "  figures": lambda: batch.figures(record, summarise(record), modes=True),
         "    modes": lambda: ringdown_modes(t, signals, 1.0),
         "    verdict": lambda: judge(t, signals, 1.0),
         "    settling time": lambda: settling_time(t, signals, 1.0),

@@ -22,14 +22,14 @@ def digest(record: Record) -> str:
 
     Left out is what the run does not determine: the configuration's text, refused messages, publishers.
     """
-    told = sha256(repr([list(getattr(record, name)) for name in NAMES]).encode())
+    hashed = sha256(repr([list(getattr(record, name)) for name in NAMES]).encode())
     for one in fields(record):
         value = getattr(record, one.name)
         if isinstance(value, np.ndarray):
             table = canonical(value)
-            told.update(repr((one.name, table.dtype.descr, table.shape)).encode())
-            told.update(table.tobytes())
-    return told.hexdigest()[:LENGTH]
+            hashed.update(repr((one.name, table.dtype.descr, table.shape)).encode())
+            hashed.update(table.tobytes())
+    return hashed.hexdigest()[:LENGTH]
 
 
 def canonical(table: NDArray[Any]) -> NDArray[Any]:

@@ -35,9 +35,13 @@ def findings(record: Record, summary: Mapping[str, Any]) -> list[str]:
 
     `summary`: of the record (`analysis.summarise`). If the record holds its run, it is also simulated without control.
     """
-    told = [title(record), _verdict(summary), *_index(record, summary)]
-    told += [f"supervisor of {one['controller']}: {history_text(one)}" for one in summary["supervision"]]
-    return [*told, *(f"warning: {line}" for line in summary["warnings"])]
+    return [
+        title(record),
+        _verdict(summary),
+        *_index(record, summary),
+        *(f"supervisor of {row['controller']}: {history_text(row)}" for row in summary["supervision"]),
+        *(f"warning: {line}" for line in summary["warnings"]),
+    ]
 
 
 def title(record: Record) -> str:
@@ -76,11 +80,11 @@ def _parts(record: Record) -> tuple[str, ...]:
     """Texts: grid and events, controllers, network, measurement, seed."""
     run = record.configuration
     grid = clause(run["system"])
-    told = [grid[0].upper() + grid[1:], *_events(run.get("scenario") or [])]
+    what = ", ".join([grid[0].upper() + grid[1:], *_events(run.get("scenario") or [])])
     named = isinstance(record.asked.get("link"), str)
     network = f"{clause(run['link']) or 'a network'}{'' if named else ', changed'}"
     who = _several([row["name"] for row in run.get("controllers") or []]) or "no control"
-    return ", ".join(told), who, network, clause(run.get("measurement") or {}), f"seed {run.get('seed')}"
+    return what, who, network, clause(run.get("measurement") or {}), f"seed {run.get('seed')}"
 
 
 def clause(table: Mapping[str, Any]) -> str:
@@ -99,9 +103,9 @@ def _events(events: Sequence[Mapping[str, Any]]) -> list[str]:
             kind = KINDS.get(event["kind"], event["kind"].replace("_", " "))
             kinds = by_element.setdefault(element.replace("_", " "), [])
             kinds += [] if kind in kinds else [kind]
-    told = [f"{_several(kinds)} of {element}" for element, kinds in by_element.items()]
-    more = [f"{len(told) - MAXIMUM} more"] if len(told) > MAXIMUM else []
-    return [_several([*told[:MAXIMUM], *more])] if told else []
+    texts = [f"{_several(kinds)} of {element}" for element, kinds in by_element.items()]
+    more = [f"{len(texts) - MAXIMUM} more"] if len(texts) > MAXIMUM else []
+    return [_several([*texts[:MAXIMUM], *more])] if texts else []
 
 
 def _several(words: Sequence[str]) -> str:
@@ -119,21 +123,22 @@ def _verdict(summary: Mapping[str, Any]) -> str:
 
 def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
     """ITAE of a run with an event, compared with the same run without control."""
-    own = (summary["indices"] or {}).get("ITAE")
-    if own is None or not record.configuration.get("scenario"):
+    index = (summary["indices"] or {}).get("ITAE")
+    if index is None or not record.configuration.get("scenario"):
         return []
+    text = f"ITAE {index:.3g}"
     if not record.configuration.get("controllers"):
-        return [f"ITAE {own:.3g}"]
+        return [text]
     try:
         free = without_control(record)
     except FactsDampingError as error:
-        return [f"ITAE {own:.3g}; without control it cannot be simulated: {one_line(error)}"]
+        return [f"{text}; without control it cannot be simulated: {one_line(error)}"]
     if not free.in_synchronism.all():
-        return [f"ITAE {own:.3g}; without control synchronism is lost at {free.time_s[-1]:.1f} s"]
+        return [f"{text}; without control synchronism is lost at {free.time_s[-1]:.1f} s"]
     other = summarise(free, method=None)["indices"]["ITAE"]
-    change = round(100.0 * (own / other - 1.0))
+    change = round(100.0 * (index / other - 1.0))
     beside = f"{abs(change)} % {'more' if change > 0 else 'less'}" if change else "the same"
-    return [f"ITAE {own:.3g}, without control {other:.3g}: {beside}"]
+    return [f"{text}, without control {other:.3g}: {beside}"]
 
 
 def without_control(record: Record) -> Record:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Complex2, Float2
+from facts_damping.compiling.structs import Bool2, Complex1, Complex2, Float1, Float2, Int1
 from facts_damping.phasors import magnitudes, over
 
 if TYPE_CHECKING:
@@ -54,33 +54,30 @@ def size_of_pivot(z: Any) -> float:
 
 
 @compiled
-def _eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
-    """Solve a x = b by Gaussian elimination with pivoting; x replaces `b`. False if a pivot is zero."""
-    n, columns = b.shape
+def eliminate(a: NDArray[Any]) -> bool:
+    """Solve a[:, :n] x = a[:, n:] by Gaussian elimination with pivoting; x replaces a[:, n:]. False if singular."""
+    n, width = a.shape
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
             if size_of_pivot(a[i, k]) > size_of_pivot(a[pivot, k]):
                 pivot = i
-        if a[pivot, k] == 0.0:
+        if not size_of_pivot(a[pivot, k]) > 0.0:
             return False
-        for j in range(n):
-            a[k, j], a[pivot, j] = a[pivot, j], a[k, j]
-        for j in range(columns):
-            b[k, j], b[pivot, j] = b[pivot, j], b[k, j]
+        if pivot != k:
+            for j in range(k, width):
+                a[k, j], a[pivot, j] = a[pivot, j], a[k, j]
         for i in range(k + 1, n):
             factor = a[i, k] / a[k, k]
             if factor != 0.0:
-                for j in range(k + 1, n):
+                for j in range(k + 1, width):
                     a[i, j] -= factor * a[k, j]
-                for j in range(columns):
-                    b[i, j] -= factor * b[k, j]
     for k in range(n - 1, -1, -1):
-        for i in range(k + 1, n):
-            for j in range(columns):
-                b[k, j] -= a[k, i] * b[i, j]
-        for j in range(columns):
-            b[k, j] /= a[k, k]
+        for j in range(n, width):
+            total = a[k, j]
+            for i in range(k + 1, n):
+                total -= a[k, i] * a[i, j]
+            a[k, j] = total / a[k, k]
     return True
 
 
@@ -122,13 +119,13 @@ def _multiply_complex(a: Complex2, b: Complex2, out: Complex2) -> None:
 
 
 @entry_point
-def _eliminate_real(a: Float2, b: Float2) -> bool:
-    return _eliminate(a, b)
+def _eliminate_real(a: Float2) -> bool:
+    return eliminate(a)
 
 
 @entry_point
-def _eliminate_complex(a: Complex2, b: Complex2) -> bool:
-    return _eliminate(a, b)
+def _eliminate_complex(a: Complex2) -> bool:
+    return eliminate(a)
 
 
 def _plain(values: NDArray[Any], kind: Any) -> NDArray[Any]:
@@ -149,15 +146,14 @@ def product(first: NDArray[Any], *others: NDArray[Any]) -> NDArray[Any]:
 
 def solve(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
     """Solution x of a x = b for a vector or matrix b. Raises `LinAlgError` if a is singular."""
-    kind = np.result_type(a, b, float)
-    x = _plain(b, kind)
-    eliminate = _eliminate_complex if kind == np.complex128 else _eliminate_real
-    if not eliminate(_plain(a, kind), x):
+    kind, n = np.result_type(a, b, float), len(a)
+    both = np.ascontiguousarray(np.column_stack([a, b]), kind)
+    if not (_eliminate_complex if kind == np.complex128 else _eliminate_real)(both):
         raise np.linalg.LinAlgError("singular matrix")
-    return x.reshape(b.shape)
+    return both[:, n:].reshape(b.shape)
 
 
-def exponential(a: NDArray[np.float64]) -> NDArray[np.float64]:
+def exponential(a: Float2) -> Float2:
     """exp(a) by Taylor's series of a / 2^s, squared s times."""
     norm = np.abs(a).sum(axis=1).max(initial=0.0)
     halved = max(0, math.frexp(norm)[1] + 1)
@@ -170,7 +166,7 @@ def exponential(a: NDArray[np.float64]) -> NDArray[np.float64]:
     return found
 
 
-def _divided(a: NDArray[np.float64], q: NDArray[np.float64]) -> Pair:
+def _divided(a: Float2, q: Float2) -> Pair:
     """Limits of a <- (a + a^-1) / 2 and q <- (q + a^-1 q a^-T) / 2: the sign of a, and twice `lyapunov`."""
     one = np.eye(len(a))
     for _ in range(MAXIMUM):
@@ -182,19 +178,17 @@ def _divided(a: NDArray[np.float64], q: NDArray[np.float64]) -> Pair:
     raise np.linalg.LinAlgError("an eigenvalue on the imaginary axis")
 
 
-def sign(a: NDArray[np.float64]) -> NDArray[np.float64]:
+def sign(a: Float2) -> Float2:
     """The matrix with the eigenvectors of a, and the signs of the real parts of its eigenvalues as eigenvalues."""
     return _divided(a, np.zeros_like(a))[0]
 
 
-def lyapunov(a: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
+def lyapunov(a: Float2, q: Float2) -> Float2:
     """Solution x of a x + x a^T + q = 0 for a stable a."""
     return _divided(a, q)[1] / 2.0
 
 
-def riccati(
-    a: NDArray[np.float64], b: NDArray[np.float64], q: NDArray[np.float64], r: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def riccati(a: Float2, b: Float2, q: Float2, r: Float2) -> Float2:
     """Stabilising solution x of x = a^T x a - a^T x b (r + b^T x b)^-1 b^T x a + q; q and r symmetric.
 
     After k steps x is the minimum cost over 2^k frames, and a the closed-loop transition over them. Raises
@@ -214,7 +208,7 @@ def riccati(
     raise np.linalg.LinAlgError("Riccati's equation has no solution that stabilises")
 
 
-def singular(a: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def singular(a: Float2) -> tuple[Float2, Float1, Float2]:
     """U, s and V of a = U diag(s) V^T, s descending; columns of U are zero where s is."""
     u, v = _plain(a.T, float), np.eye(a.shape[1])
     _rotate(u, v)
@@ -224,16 +218,14 @@ def singular(a: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.fl
     return (u / np.where(s > 0.0, s, 1.0)[:, None]).T, s, v.T
 
 
-def least_squares(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def least_squares(a: Float2, b: Float1) -> Float1:
     """Minimum-norm vector x that minimises |a x - b|; singular values at round-off level are dropped."""
     u, s, v = singular(a)
     kept = s > np.finfo(float).eps * max(a.shape) * s.max(initial=0.0)
     return product(v[:, kept], product(u[:, kept].T, b) / s[kept])
 
 
-def eigenvalue_near(
-    a: NDArray[np.float64], guess: complex
-) -> tuple[complex, NDArray[np.complex128], NDArray[np.complex128]]:
+def eigenvalue_near(a: Float2, guess: complex) -> tuple[complex, Complex1, Complex1]:
     """The eigenvalue (1/s) nearest a guess, v of a v = lambda v and w of w a = lambda w, their largest entries 1.
 
     The guess may come from LAPACK: it is rounded to GRID, where all kernels agree. The shift lies a third of the grid
@@ -248,13 +240,13 @@ def eigenvalue_near(
     return complex(over(product(left, a, right), product(left, right))), right, left
 
 
-def root(gramian: NDArray[np.float64]) -> NDArray[np.float64]:
+def root(gramian: Float2) -> Float2:
     """S of S S^T = P for a symmetric positive semidefinite P."""
     axes, values, _ = singular((gramian + gramian.T) / 2.0)
     return axes * np.sqrt(values)
 
 
-def parts(joined: NDArray[np.bool_]) -> NDArray[np.int64]:
+def parts(joined: Bool2) -> Int1:
     """Index of the connected component of each element, in order of appearance; `joined`: (n, n), either direction."""
     label = np.full(len(joined), -1)
     either = joined | joined.T

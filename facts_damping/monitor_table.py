@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 DISARMED, SHADOW, ARMED, FALLBACK, TRIPPED = range(5)
 STATES = ("disarmed", "shadow", "armed", "fallback", "tripped")  # names in messages, YAML and pictures
@@ -208,6 +211,23 @@ def cause_name(code: int) -> str:
 def cause_code(name: str) -> int:
     """Code of a cause. Raises `KeyError` for an unknown name."""
     return CODES[name] if name in CODES else _CODES_OF_CAUSES[name]
+
+
+def reason_of(row: Any, thresholds: NDArray[Any], *, refused: bool = False) -> str:
+    """Text for the cause in a SUPERVISION record, or with `refused` for the refusal to arm."""
+    code = int(row["refused"] if refused else row["cause"])
+    if code >= 0:
+        monitor = MONITORS[_NAMES[code]]
+        value, limit = float(row["values"][code]), float(thresholds["limit"][code])
+        return f"{_NAMES[code]} ({monitor.description}): {value:.3g} {monitor.unit}; allowed: {limit:g}"
+    found = {
+        NOT_PROBED: "no probe; allowed: after ~/probe",
+        PROBE_WEAK: f"probe with coherence {row['probe_coherence']:.2f}: the answer is lost in others' noise",
+        PROBE_GAIN: f"probe with {row['probe_gain']:.2f} times the known answer",
+        PROBE_HARM: f"probe by which control would take {-row['added_damping']:.3g} 1/s of damping away",
+        PROBE_PHASE: f"probe with {math.degrees(row['probe_phase']):.0f} degrees off the known answer",
+    }
+    return found.get(code, cause_name(code))
 
 
 # Largest plausible deviation of each channel (signals.CHANNELS) from zero or, for frequency, from nominal.

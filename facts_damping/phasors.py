@@ -41,42 +41,36 @@ def _quotient(a: complex, b: complex) -> complex:
 
 @entry_point
 def _times(a: Complex1, b: Complex1, out: Complex1) -> None:
-    """Products."""
     for i in range(out.size):
         out[i] = _product(a[i], b[i])
 
 
 @entry_point
 def _over(a: Complex1, b: Complex1, out: Complex1) -> None:
-    """Quotients."""
     for i in range(out.size):
         out[i] = _quotient(a[i], b[i])
 
 
 @entry_point
 def _magnitudes(z: Complex1, out: Float1) -> None:
-    """Magnitudes."""
     for i in range(out.size):
         out[i] = magnitude(z[i])
 
 
 @entry_point
 def _angles(z: Complex1, out: Float1) -> None:
-    """Angles, rad."""
     for i in range(out.size):
         out[i] = phase(z[i])
 
 
 @entry_point
 def _turned(size: Float1, angle: Float1, out: Complex1) -> None:
-    """Numbers of given magnitudes and angles, rad."""
     for i in range(out.size):
         out[i] = rect(size[i], angle[i])
 
 
 @entry_point
 def _exponentials(z: Complex1, out: Complex1) -> None:
-    """e^z."""
     for i in range(out.size):
         out[i] = exp_complex(z[i])
 
@@ -124,53 +118,33 @@ def exponentials(z: ArrayLike) -> NDArray[np.complex128]:
     return _elementwise(_exponentials, complex, z)
 
 
-@compiled
-def _power(z: complex, n: int) -> complex:
-    """As `power`."""
-    found, square = complex(1.0, 0.0), z
+def power(z: complex, n: int) -> complex:
+    """The n-th power of z, n >= 0, by repeated squaring."""
+    found, square = complex(1.0, 0.0), complex(z)
     while n > 0:
         if n % 2 == 1:
-            found = found * square
-        square = square * square
+            found = _product(found, square)
+        square = _product(square, square)
         n //= 2
     return found
 
 
-@compiled
-def _line_factors(w: complex) -> tuple[complex, complex]:
-    """As `line_factors`."""
+@entry_point
+def _line_factors(w: Complex1, out: Complex1) -> None:
     whole = half = even = complex(1.0, 0.0)  # sinh(g) / g, sinh(g / 2) / (g / 2), cosh(g / 2)
     term = half_term = even_term = complex(1.0, 0.0)
     k = 0
     while abs(term.real) + abs(term.imag) > SERIES * (abs(whole.real) + abs(whole.imag)):
         k += 1
-        term = term * w / ((2.0 * k) * (2.0 * k + 1.0))
-        half_term = half_term * w / (4.0 * (2.0 * k) * (2.0 * k + 1.0))
-        even_term = even_term * w / (4.0 * (2.0 * k) * (2.0 * k - 1.0))
+        term = term * w[0] / ((2.0 * k) * (2.0 * k + 1.0))
+        half_term = half_term * w[0] / (4.0 * (2.0 * k) * (2.0 * k + 1.0))
+        even_term = even_term * w[0] / (4.0 * (2.0 * k) * (2.0 * k - 1.0))
         whole, half, even = whole + term, half + half_term, even + even_term
-    return whole, half / even
-
-
-@entry_point
-def _powers(z: Complex1, n: int, out: Complex1) -> None:
-    for i in range(out.size):
-        out[i] = _power(z[i], n)
-
-
-@entry_point
-def _factors(w: Complex1, out: Complex1) -> None:
-    out[0], out[1] = _line_factors(w[0])
-
-
-def power(z: complex, n: int) -> complex:
-    """The n-th power of z, n >= 0, by repeated squaring."""
-    out = np.zeros(1, complex)
-    _powers(np.array([z], complex), n, out)
-    return complex(out[0])
+    out[0], out[1] = whole, half / even
 
 
 def line_factors(w: complex) -> tuple[complex, complex]:
     """Factors sinh(g) / g and tanh(g / 2) / (g / 2) at w = g^2, by the series of sinh and cosh in w and w / 4."""
     out = np.zeros(2, complex)
-    _factors(np.array([w], complex), out)
+    _line_factors(np.array([w], complex), out)
     return complex(out[0]), complex(out[1])

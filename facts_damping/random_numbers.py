@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from facts_damping.compiling import branching, compiled, entry_point
+from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Array, Float1, Int1
 from facts_damping.elementary import exp, log, log1p, power
 from facts_damping.ziggurat import EXPONENTIAL_R, NORMAL_R, Ziggurat, exponential_layers, normal_layers
@@ -35,26 +35,25 @@ HALF = 2**32
 
 
 @compiled
-def _next(raw: NDArray[np.uint64], at: NDArray[np.int64]) -> np.uint64:
+def _next(raw: Raw, at: Int1) -> np.uint64:
     """The next number of the stream; zero beyond the numbers at hand, which ends any draw."""
     at[0] += 1
     return raw[at[0] - 1] if at[0] <= raw.size else np.uint64(0)  # type: ignore[no-any-return]
 
 
 @compiled
-def _double(raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
-    """A uniform number in [0, 1)."""
+def _double(raw: Raw, at: Int1) -> float:
     return (_next(raw, at) >> np.uint64(11)) * UNIT  # type: ignore[no-any-return]
 
 
 @compiled
-def _standard_normal(n: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+def _standard_normal(n: Ziggurat, raw: Raw, at: Int1) -> float:
     """A normal number of mean 0 and standard deviation 1."""
     while True:
-        drawn = _next(raw, at)
-        layer = np.int64(drawn & np.uint64(0xFF))
-        negative = (drawn >> np.uint64(8)) & np.uint64(1) != np.uint64(0)
-        bits = (drawn >> np.uint64(9)) & np.uint64(2**52 - 1)
+        word = _next(raw, at)
+        layer = np.int64(word & np.uint64(0xFF))
+        negative = (word >> np.uint64(8)) & np.uint64(1) != np.uint64(0)
+        bits = (word >> np.uint64(9)) & np.uint64(2**52 - 1)
         x = bits * n.width[layer]
         if negative:
             x = -x
@@ -74,11 +73,11 @@ def _standard_normal(n: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]
 
 
 @compiled
-def _standard_exponential(e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+def _standard_exponential(e: Ziggurat, raw: Raw, at: Int1) -> float:
     """An exponential number of mean 1."""
     while True:
-        drawn = _next(raw, at) >> np.uint64(3)
-        layer, bits = np.int64(drawn & np.uint64(0xFF)), drawn >> np.uint64(8)
+        word = _next(raw, at) >> np.uint64(3)
+        layer, bits = np.int64(word & np.uint64(0xFF)), word >> np.uint64(8)
         x = bits * e.width[layer]
         if bits < e.inside[layer]:
             return x  # type: ignore[no-any-return]
@@ -89,7 +88,7 @@ def _standard_exponential(e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.i
 
 
 @compiled
-def _standard_gamma(shape: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+def _standard_gamma(shape: float, n: Ziggurat, e: Ziggurat, raw: Raw, at: Int1) -> float:
     """A number of the gamma distribution of scale 1."""
     if shape == 0.0:
         return 0.0
@@ -122,46 +121,21 @@ def _standard_gamma(shape: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint
             return b * v
 
 
-@compiled
-def _normal_of(a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
-    return a + b * _standard_normal(n, raw, at)
+NORMAL, LOGNORMAL, EXPONENTIAL, GAMMA = range(4)
 
 
 @compiled
-def _lognormal_of(
-    a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]
-) -> float:
-    return exp(a + b * _standard_normal(n, raw, at))  # type: ignore[no-any-return]
-
-
-@compiled
-def _exponential_of(
-    _a: float, b: float, _n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]
-) -> float:
-    return b * _standard_exponential(e, raw, at)
-
-
-@compiled
-def _gamma_of(a: float, b: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
-    return b * _standard_gamma(a, n, e, raw, at)
-
-
-KINDS = [_normal_of, _lognormal_of, _exponential_of, _gamma_of]
-NORMAL, LOGNORMAL, EXPONENTIAL, GAMMA = range(len(KINDS))
-_one = branching(KINDS)
+def _one(kind: int, a: float, b: float, n: Ziggurat, e: Ziggurat, raw: Raw, at: Int1) -> float:
+    if kind == EXPONENTIAL:
+        return b * _standard_exponential(e, raw, at)
+    if kind == GAMMA:
+        return b * _standard_gamma(a, n, e, raw, at)
+    number = a + b * _standard_normal(n, raw, at)
+    return exp(number) if kind == LOGNORMAL else number
 
 
 @entry_point
-def _fill(
-    kind: int,
-    a: float,
-    b: float,
-    n: Ziggurat,
-    e: Ziggurat,
-    raw: Raw,
-    at: Int1,
-    out: Float1,
-) -> int:
+def _fill(kind: int, a: float, b: float, n: Ziggurat, e: Ziggurat, raw: Raw, at: Int1, out: Float1) -> int:
     """Draw until `out` is full or the stream at hand runs out; returns the number drawn, `at` points behind them."""
     for i in range(out.size):
         begun = at[0]
@@ -201,7 +175,7 @@ def uniform(generator: np.random.Generator, low: float, high: float, size: Size)
 
 
 def _drawn(generator: np.random.Generator, kind: int, a: float, b: float, size: Size) -> NDArray[np.float64]:
-    """Draws of one of `KINDS`; the generator then points behind the numbers used."""
+    """Draws of a kind; the generator then points behind the numbers used."""
     found, source = np.zeros(size), generator.bit_generator
     flat, before, raw, at = found.reshape(-1), source.state, np.zeros(0, np.uint64), np.zeros(1, np.int64)
     done = used = 0
@@ -249,14 +223,10 @@ def integers(generator: np.random.Generator, bound: int, size: Size) -> NDArray[
         raw = np.concatenate([raw, source.random_raw((flat.size - done) // 2 + 64)])
         done += _bounded(bound, raw, at, flat[done:])
     source.state = before
-    source.random_raw((int(at[0]) + 1) // 2, output=False)
-    _keep_half(source, raw, int(at[0]))
-    return found
-
-
-def _keep_half(source: np.random.BitGenerator, raw: NDArray[np.uint64], taken: int) -> None:
-    """Store the upper half of the last number, if unused, for the next draw of halves."""
-    state: Any = source.state
-    if taken % 2:
-        state["has_uint32"], state["uinteger"] = 1, int(raw[taken // 2]) >> 32
+    used = int(at[0])
+    source.random_raw((used + 1) // 2, output=False)
+    if used % 2:  # the upper half of the last number is for the next draw of halves
+        state: Any = source.state
+        state["has_uint32"], state["uinteger"] = 1, int(raw[used // 2]) >> 32
         source.state = state
+    return found

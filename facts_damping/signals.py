@@ -163,6 +163,17 @@ DeviceTruths = Annotated[NDArray[Any], Array(DEVICE_TRUTH, 1)]
 
 
 @dataclass(frozen=True)
+class GridEvent:
+    """An event of the grid: a line, bus, load or machine, and what changes there; NaN: not given."""
+
+    time_ns: int
+    kind: str
+    element: str
+    value: float = np.nan  # relative change
+    location: float = np.nan  # of a fault on a line
+
+
+@dataclass(frozen=True)
 class RunChange:
     """A change during a run, effective from a tick on, and the node that made it."""
 
@@ -227,7 +238,7 @@ class Record:
     supervised: NDArray[Any] = field(default_factory=lambda: np.zeros(0, SETPOINT))
     supervision: NDArray[Any] = field(default_factory=lambda: np.zeros(0, SUPERVISION))
     learning: NDArray[Any] = field(default_factory=lambda: np.zeros(0, LEARNING))
-    events: list[dict[str, Any]] = field(default_factory=list)
+    events: list[GridEvent] = field(default_factory=list)
     refused: list[dict[str, Any]] = field(default_factory=list)
     joined: list[dict[str, Any]] = field(default_factory=list)
     changes: list[RunChange] = field(default_factory=list)

@@ -19,6 +19,7 @@ from facts_damping.escaping import escaped, shortened
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from typing_extensions import Self
 
 exit_now = os._exit  # kept for contexts in which user code may not call it
 CM, USUAL_PT, PRINT_DPI = 2.54, 10.0, 300  # cm per inch; usual text size of pictures; resolution if a width is given
@@ -59,16 +60,23 @@ class Progress:
 
     def __str__(self) -> str:
         """The line."""
-        took, done, of = time.monotonic() - self._began, self._done, self._of
-        width = 30
-        bar = "#" * (width * done // of)
-        left = took * (of - done) / (done - self._before) if done > self._before else 0.0
-        still = f", {duration(left)} left" if left >= 1.0 else ""
-        return f"\r{self._label} [{bar:<{width}}] {done}/{of} {self._unit}, {duration(took)}{still}\033[K"
+        elapsed, done, of = time.monotonic() - self._began, self._done, self._of
+        bar = "#" * (30 * done // of)
+        left = elapsed * (of - done) / (done - self._before) if done > self._before else 0.0
+        rest = f", {duration(left)} left" if left >= 1.0 else ""
+        return f"\r{self._label} [{bar:<30}] {done}/{of} {self._unit}, {duration(elapsed)}{rest}\033[K"
 
     def resume(self, done: int) -> None:
         """Set the number done before this start, which does not count in the estimate of remaining time."""
         self._before = done
+
+    def __enter__(self) -> Self:
+        """Return the progress, which the end of the block closes."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the line."""
+        self.close()
 
     def close(self) -> None:
         """End the line."""
@@ -100,25 +108,25 @@ def busy_line(name: str) -> Iterator[None]:
     """
     began, over = time.monotonic(), threading.Event()
 
-    def tell() -> None:
+    def refresh() -> None:
         while not over.wait(1.0):
-            took, line = time.monotonic() - began, Progress.shown
+            elapsed, line = time.monotonic() - began, Progress.shown
             if line is not None:
                 os.write(2, str(line).encode())
-            elif took >= SILENCE_S:
+            elif elapsed >= SILENCE_S:
                 _waiting.set()
-                os.write(2, f"\r{name}: {duration(took)}\033[K".encode())
+                os.write(2, f"\r{name}: {duration(elapsed)}\033[K".encode())
 
     if not sys.stderr.isatty():
         yield
         return
-    teller = threading.Thread(target=tell, daemon=True)
-    teller.start()
+    thread = threading.Thread(target=refresh, daemon=True)
+    thread.start()
     try:
         yield
     finally:
         over.set()
-        teller.join()
+        thread.join()
         clear_line()
 
 
@@ -186,15 +194,15 @@ def interruptions_held() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
-    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in INTERRUPTIONS}
+    received: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: received.append(number)) for number in INTERRUPTIONS}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
-        if came:
-            signal.raise_signal(came[0])
+        if received:
+            signal.raise_signal(received[0])
 
 
 def write_whole(path: Path, text: str) -> None:
@@ -235,9 +243,9 @@ def save_picture(figure: Any, path: Path, **options: Any) -> Path:
         width, height = figure.get_size_inches()
         figure.set_size_inches(look.width_cm / CM, height * look.width_cm / CM / width)
         options["dpi"] = PRINT_DPI
-    given = options if look.format == "png" else {name: options[name] for name in options.keys() & {"dpi"}}
+    kept = options if look.format == "png" else {name: options[name] for name in options.keys() & {"dpi"}}
     with replacing(place) as beside:
-        figure.savefig(beside, format=look.format, **given)
+        figure.savefig(beside, format=look.format, **kept)
     return place
 
 
@@ -271,9 +279,8 @@ def clean_up_first() -> None:
 
 def write_json(target: str | None, content: Any) -> None:
     """Write JSON to a file, or to standard output for `-`."""
-    if target is None:
-        return
-    write_text(target, json.dumps(finite(content), indent=2, allow_nan=False) + "\n")
+    if target is not None:
+        write_text(target, json.dumps(finite(content), indent=2, allow_nan=False) + "\n")
 
 
 def write_text(target: str, text: str) -> None:

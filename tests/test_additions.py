@@ -267,7 +267,7 @@ def test_an_lqg_is_designed_for_the_mean_of_its_links_delay(carried: Carried) ->
 
 def test_the_event_acts_and_is_published(carried: Carried) -> None:
     (event,) = load(carried.folder / "ran" / "recording").events
-    assert (event["kind"], event["element"]) == ("load_shedding", "B9")
+    assert (event.kind, event.element) == ("load_shedding", "B9")
 
 
 def test_the_stage_delays_by_chance_but_never_less_than_its_delay(carried: Carried) -> None:

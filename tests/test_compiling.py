@@ -42,7 +42,7 @@ ROOMS = ("facts_damping.nodes.transport.packing", "facts_damping.environment.man
 EXACT = {"ceil", "floor", "memcpy", "memmove", "memset", "rint", "trunc"}
 # Compiled for more than one combination of types, on purpose: real and complex matrices, frames and setpoints.
 SEVERAL = {
-    *("facts_damping.matrices._multiply", "facts_damping.matrices._eliminate", "facts_damping.matrices.size_of_pivot"),
+    *("facts_damping.matrices._multiply", "facts_damping.matrices.eliminate", "facts_damping.matrices.size_of_pivot"),
     *(f"facts_damping.link.transfer.{name}" for name in ("_push", "_first_before", "_count_delivered")),
     *(f"facts_damping.plant.grid.sparse.{name}" for name in ("_eliminate", "_substitute", "_reach")),
     "facts_damping.simulation.tick._append",
@@ -196,7 +196,7 @@ def test_of_an_entry_point_that_is_called_types_count_alone() -> None:
         ("facts_damping.plant.machines.governor", {"derivatives", "measure"}),
         ("facts_damping.link.chain", {"uplink", "downlink"}),
         ("facts_damping.neurofuzzy.consequent", {"forward", "by_inputs"}),
-        ("facts_damping.supervision.monitors", {"_take_frames", "_judge"}),
+        ("facts_damping.supervision.monitors", {"_process_frames", "_judge"}),
     ],
 )
 def test_a_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]) -> None:
@@ -212,8 +212,8 @@ def test_a_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]
 def test_nothing_is_compiled_twice_for_types_that_differ_by_accident() -> None:
     """A process tells of each part for how many combinations of types it would be compiled; of the whole graph."""
     command = [sys.executable, "-m", "tests.types_of_kernels", *ROOMS]
-    told = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
-    counts = {name: int(many) for name, many in (line.split() for line in told.splitlines())}
+    output = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    counts = {name: int(many) for name, many in (line.split() for line in output.splitlines())}
     assert len(counts) > 100
     assert {name for name, many in counts.items() if many > 1} == SEVERAL
 

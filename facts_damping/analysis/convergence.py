@@ -20,23 +20,23 @@ MARK = "~"  # prefix of a figure that is not converged
 FIGURES = ("settling_time_s", "roughness", "max_injected_voltage_pu")  # their changes only set the digits shown
 
 
-def compare(told: Mapping[str, Any], finer: Mapping[str, Any]) -> dict[str, Any]:
+def compare(summary: Mapping[str, Any], finer: Mapping[str, Any]) -> dict[str, Any]:
     """Compare two summaries: `converged`, `step_change` (relative change of each figure) and `warnings`.
 
     The second summary is of half the step. The change is infinite if only one of the two has the figure, or if it is
     zero in the second alone. The warnings are those of the first, and one more if it is not converged.
     """
-    pairs = {name: ((told["indices"] or {}).get(name), (finer["indices"] or {}).get(name)) for name in INDICES}
-    pairs |= {name: (told[name], finer[name]) for name in FIGURES}
+    pairs = {name: ((summary["indices"] or {}).get(name), (finer["indices"] or {}).get(name)) for name in INDICES}
+    pairs |= {name: (summary[name], finer[name]) for name in FIGURES}
     changes = {name: _change(*pair) for name, pair in pairs.items()}
     flaws = [
-        f"the {what} is {finer[what]} instead of {told[what]}"
+        f"the {what} is {finer[what]} instead of {summary[what]}"
         for what in ("verdict", "instability")
-        if told[what] != finer[what]
+        if summary[what] != finer[what]
     ]
     flaws += [f"{name} changes by {100 * changes[name]:.0f} %" for name in INDICES if changes[name] > TOLERANCE]
     line = [f"not converged: at half the integration step {', '.join(flaws)}"] if flaws else []
-    return {"converged": not flaws, "step_change": changes, "warnings": told["warnings"] + line}
+    return {"converged": not flaws, "step_change": changes, "warnings": summary["warnings"] + line}
 
 
 def text(value: float, change: float, form: str = f".{DIGITS}g") -> str:

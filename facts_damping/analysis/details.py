@@ -26,14 +26,13 @@ def details(record: Record) -> dict[str, Any]:
     `regions`: for each index over time (figure 4.4) `cliff_from_s`, `cliff_to_s` and `slope`, None if the index stays
     0; empty unless stable. `latency_hops_ms`: {hop: {name: mean, p50, p99, max}}, see `hops_ms`.
     """
-    found: dict[str, Any] = {}
+    bends: dict[str, Any] = {}
     if is_stable(record):
         time, curves = index_curves(record.time_s, columns(speed_differences(record)))
-        for name, curve in curves.items():
-            one = regions(time, curve)
-            found[name] = one and one._asdict()
+        found = {name: regions(time, curve) for name, curve in curves.items()}
+        bends = {name: region and region._asdict() for name, region in found.items()}
     hops = {hop: {who: statistics(values) for who, values in parts.items()} for hop, parts in hops_ms(record).items()}
-    return {"regions": found, "latency_hops_ms": hops}
+    return {"regions": bends, "latency_hops_ms": hops}
 
 
 def compare(results: Sequence[dict[str, Any]], baseline: int) -> None:
@@ -43,8 +42,8 @@ def compare(results: Sequence[dict[str, Any]], baseline: int) -> None:
     """
     first = _judged(results[baseline])
     for result in results:
-        own = _judged(result)
-        result["improvement_percent"] = improvement(first, own) if first and own else None
+        other = _judged(result)
+        result["improvement_percent"] = improvement(first, other) if first and other else None
 
 
 def lines(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: int) -> Iterator[str]:
@@ -53,33 +52,28 @@ def lines(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: 
     yield "modes, half the width of their intervals of 95 %, and how often setpoints are at their limits"
     for name, result in zip(names, results, strict=True):
         fit = result["ringdown"]
-        told = "no modes" if fit is None else "{order} poles, {snr_db:.1f} dB over the residual".format(**fit)
-        duty = (
-            f"{device} {100 * fraction:.1f} % of the frames" for device, fraction in result["saturation_duty"].items()
-        )
-        yield f"{name}: {'; '.join([told, *duty])}"
+        text = "no modes" if fit is None else "{order} poles, {snr_db:.1f} dB over the residual".format(**fit)
+        duty = (f"{device} {100 * part:.1f} % of the frames" for device, part in result["saturation_duty"].items())
+        yield f"{name}: {'; '.join([text, *duty])}"
         yield from (f"  {_mode(mode)}" for mode in result["modes"])
     rows = [
-        [f"{name}: {hop}, {HOPS[hop]}, {together(who)}", *(f"{value:.2f}" for value in told)]
+        [f"{name}: {hop}, {HOPS[hop]}, {together(who)}", *(f"{value:.2f}" for value in values)]
         for name, result in zip(names, results, strict=True)
         for hop in PARTS
-        for told, who in alike(_values(result["latency_hops_ms"][hop])).items()
+        for values, who in alike({key: (*row.values(),) for key, row in result["latency_hops_ms"][hop].items()}).items()
     ]
     if rows:
         yield ""
         yield from table(["latency by hop [ms]", "mean", "50 %", "99 %", "max"], rows)
     if len(results) > 1:
+        improvements = [result["improvement_percent"] or {} for result in results]
+        cells = [[figure, *(_percent(row.get(figure)) for row in improvements)] for figure in JUDGED]
         yield ""
-        yield from _improvements(names, results, baseline)
+        yield from table([f"improvement on {names[baseline]} [%]", *names], cells)
 
 
 def _judged(result: Mapping[str, Any]) -> dict[str, float] | None:
-    """Figures that improvement is computed from."""
     return result["indices"] and {**result["indices"], "roughness": result["roughness"]}
-
-
-def _values(parts: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, ...]]:
-    return {who: tuple(told.values()) for who, told in parts.items()}
 
 
 def together(names: Sequence[str]) -> str:
@@ -88,23 +82,14 @@ def together(names: Sequence[str]) -> str:
 
 
 def _mode(mode: Mapping[str, Any]) -> str:
-    return ", ".join(
-        f"{label} {mode[name]:.4f}{unit}{_width(mode[error])}"
-        for label, name, unit, error in (
-            ("frequency", "frequency_hz", " Hz", "frequency_error_hz"),
-            ("damping ratio", "damping_ratio", "", "damping_ratio_error"),
-        )
-    )
+    """Frequency and damping ratio with half the width of their 95 % intervals."""
+    texts = []
+    for label, name, unit in (("frequency", "frequency", "_hz"), ("damping ratio", "damping_ratio", "")):
+        error = mode[f"{name}_error{unit}"]
+        width = "" if error is None else f" ± {COVERED * error:.1g}"
+        texts.append(f"{label} {mode[name + unit]:.4f}{' Hz' if unit else ''}{width}")
+    return ", ".join(texts)
 
 
-def _width(error: float | None) -> str:
-    """Half-width of the 95 % interval."""
-    return "" if error is None else f" ± {COVERED * error:.1g}"
-
-
-def _improvements(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: int) -> list[str]:
-    rows = []
-    for figure in JUDGED:
-        found = [(result["improvement_percent"] or {}).get(figure) for result in results]
-        rows.append([figure, *("-" if one is None else f"{one:.2f}" for one in found)])
-    return table([f"improvement on {names[baseline]} [%]", *names], rows)
+def _percent(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

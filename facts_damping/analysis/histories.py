@@ -1,4 +1,4 @@
-"""Learning over time: Jacobians and learning rates, one curve each."""
+"""Quantities over time: what identifiers and networks learn, and the centre of angle of each area (4.107)."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.analysis.measures import inline_system
 from facts_damping.signals import group_by
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from facts_damping.signals import Record
+
+WHOLE = "system"  # area of machines without one
 
 
 class History(NamedTuple):
@@ -38,11 +43,11 @@ def learning_rate_histories(record: Record) -> dict[tuple[str, bool, int, int], 
     Keys: controller, whether the network is its identifier's, index of the output, index of the parameter group. If all
     groups have the same rate there is a single history, of group 0. Source: (4.39), (5.20) on.
     """
-    found = {}
-    for (c, identifier, output, group), rows in group_by(
-        record.learning, "controller", "identifier", "output", "group"
-    ):
-        found[_controller(record, c), bool(identifier), output, group] = _history(record, rows, "rate")
+    keys = ("controller", "identifier", "output", "group")
+    found = {
+        (_controller(record, c), bool(identifier), output, group): _history(record, rows, "rate")
+        for (c, identifier, output, group), rows in group_by(record.learning, *keys)
+    }
     return {key: one for key, one in found.items() if not key[3] or not _alike(one, found.get((*key[:3], 0)))}
 
 
@@ -60,3 +65,48 @@ def _controller(record: Record, index: int) -> str:
 
 def _alike(one: History, other: History | None) -> bool:
     return other is not None and np.array_equal(one.values, other.values, equal_nan=True)
+
+
+def centre_of_angle(angles: NDArray[np.float64], inertias: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`sum_k S_k H_k delta_k / sum_k S_k H_k`, rad, (ticks,).
+
+    `angles`: (ticks, machines), rad, of the machines of one area; `inertias`: (machines,), MVA s, rating S times
+    inertia constant H. Source: (4.107).
+    """
+    return np.asarray(angles @ inertias / inertias.sum())
+
+
+def centres_of_angle(record: Record) -> dict[str, NDArray[np.float64]]:
+    """Centre of angle of each area from the true rotor angles, which controllers do not have, rad, (ticks,).
+
+    Areas, ratings and inertia constants come from an inline system; empty without one. The reference is an infinite bus
+    if there is one, else the centre of all machines: after a change of load the system frequency changes, and all
+    angles against synchronous speed would drift.
+    """
+    areas = _areas(record)
+    if not areas:
+        return {}
+    angles, origin = np.asarray(record.machines["rotor_angle"]), np.zeros(len(record.machines))
+    if not inline_system(record.configuration).get("infinite_buses"):
+        every, inertias = (np.concatenate(parts) for parts in zip(*areas.values(), strict=True))
+        origin = centre_of_angle(angles[:, every], inertias)
+    return {area: centre_of_angle(angles[:, place], inertias) - origin for area, (place, inertias) in areas.items()}
+
+
+def mean_speeds(record: Record) -> dict[str, NDArray[np.float64]]:
+    """Mean speed deviation of each area, weighted by inertia, p.u., (ticks,): the rate of its centre of angle."""
+    speeds = np.asarray(record.machines["speed_deviation"])
+    return {area: centre_of_angle(speeds[:, place], inertias) for area, (place, inertias) in _areas(record).items()}
+
+
+def _areas(record: Record) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
+    """By area: indices of its machines in the record, and their inertias; empty if any is unknown."""
+    system = inline_system(record.configuration)
+    known: dict[str, Mapping[str, Any]] = {row["name"]: row for row in system.get("machines") or []}
+    rows = [known.get(name, {}) for name in record.machine_names]
+    if not rows or any("rating" not in row or "H" not in row for row in rows):
+        return {}
+    inertias = np.array([row["rating"] * row["H"] for row in rows])
+    areas = np.array([row.get("area") or WHOLE for row in rows])
+    places = {area: np.flatnonzero(areas == area) for area in dict.fromkeys(areas.tolist())}
+    return {area: (place, inertias[place]) for area, place in places.items()}

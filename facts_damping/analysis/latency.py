@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-Told = TypeVar("Told")
+Value = TypeVar("Value")
 MILLISECOND = 1_000_000  # ns
 HOPS = {
     "up": "measured to arrived",
@@ -25,13 +25,15 @@ HOPS = {
 }
 
 
-def ages_ms(record: Record) -> NDArray[np.float64]:
-    """Latency of each applied setpoint, ms of simulated time, (setpoints,); see `latency`.
+def ages_ms(record: Record, rows: NDArray[Any] | None = None) -> NDArray[np.float64]:
+    """Latency of each applied setpoint, or of `rows` of them, ms of simulated time, (setpoints,); see `latency`.
 
     NaN for an impossible value, negative or longer than the run so far: a wrong clock or a forged stamp. Setpoints that
     use no measurement are left out (`measured`).
     """
-    return _ages(record, measured(record))
+    rows = measured(record) if rows is None else rows
+    begins = rows["tick"] * NANOSECONDS // record.frame_rate
+    return _between(rows["measured_ns"], np.maximum(rows["effective_ns"], begins))
 
 
 def measured(record: Record) -> NDArray[Any]:
@@ -44,12 +46,6 @@ def measured(record: Record) -> NDArray[Any]:
     watched = np.isin(rows["controller"], record.supervision["controller"])
     silent = watched & (rows["measured_ns"] == rows["issued_ns"]) & (rows["issued_ns"] == ends)
     return np.asarray(rows[~silent])
-
-
-def _ages(record: Record, rows: NDArray[Any]) -> NDArray[np.float64]:
-    """Latency of applied setpoints, ms."""
-    begins = rows["tick"] * NANOSECONDS // record.frame_rate
-    return _between(rows["measured_ns"], np.maximum(rows["effective_ns"], begins))
 
 
 def _between(measured_ns: NDArray[np.int64], later_ns: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -82,11 +78,11 @@ def statistics(values: NDArray[np.float64]) -> dict[str, float | None]:
     return {"mean": float(values.mean()), "p50": float(p50), "p99": float(p99), "max": float(values.max())}
 
 
-def alike(told: Mapping[str, Told]) -> dict[Told, list[str]]:
+def alike(values: Mapping[str, Value]) -> dict[Value, list[str]]:
     """Group names by equal values."""
-    found: dict[Told, list[str]] = {}
-    for name, one in told.items():
-        found.setdefault(one, []).append(name)
+    found: dict[Value, list[str]] = {}
+    for name, value in values.items():
+        found.setdefault(value, []).append(name)
     return found
 
 
@@ -110,11 +106,14 @@ def hops_ms(record: Record) -> dict[str, dict[str, NDArray[np.float64]]]:
     up = _between(record.delivered["measured_ns"], record.delivered["arrival_ns"])
     down = _between(record.applied["issued_ns"], record.applied["effective_ns"])
     devices, whole = dict(enumerate(record.device_names)), measured(record)
+    links = np.unique(record.delivered["link"]).tolist()
+    suffixes = {link: f"/{link}" if len(links) > 1 else "" for link in links}
+    ways = {(i, link): name + suffix for i, name in enumerate(record.pmus) for link, suffix in suffixes.items()}
     return {
-        "up": _by(up, _ways(record), record.delivered[["pmu", "link"]]),
+        "up": _by(up, ways, record.delivered[["pmu", "link"]]),
         "wait": _by(_waits(record), dict(enumerate(record.controller_names)), record.issued["controller"]),
         "down": _by(down, devices, record.applied["device"]),
-        "whole": _by(_ages(record, whole), devices, whole["device"]),
+        "whole": _by(ages_ms(record, whole), devices, whole["device"]),
     }
 
 
@@ -124,15 +123,6 @@ def _by(values: NDArray[np.float64], names: Mapping[Any, str], keys: NDArray[Any
     return {name: part for name, part in parts.items() if len(part)}
 
 
-def _ways(record: Record) -> dict[tuple[int, int], str]:
-    """Names of the upward paths, by PMU and link."""
-    links = np.unique(record.delivered["link"]).tolist()
-    several = len(links) > 1
-    return {
-        (pmu, link): f"{name}/{link}" if several else name for pmu, name in enumerate(record.pmus) for link in links
-    }
-
-
 def _waits(record: Record) -> NDArray[np.float64]:
     """Time from the first arrival of a setpoint's newest frame, over its link, to its issue, ms, (setpoints,)."""
     waits = np.full(len(record.issued), np.nan)
@@ -140,22 +130,23 @@ def _waits(record: Record) -> NDArray[np.float64]:
         entries = record.delivered[record.delivered["link"] == link]
         entries = entries[np.lexsort((entries["arrival_ns"], entries["measured_ns"]))]
         measured, first = np.unique(entries["measured_ns"], return_index=True)
-        own = np.flatnonzero(record.issued["controller"] == controller)
+        rows = np.flatnonzero(record.issued["controller"] == controller)
         if not len(measured):
             continue
-        place = np.minimum(np.searchsorted(measured, record.issued["measured_ns"][own]), len(measured) - 1)
-        known = measured[place] == record.issued["measured_ns"][own]
+        issued = record.issued[rows]
+        place = np.minimum(np.searchsorted(measured, issued["measured_ns"]), len(measured) - 1)
+        known = measured[place] == issued["measured_ns"]
         arrived = entries["arrival_ns"][first[place]]
-        waits[own] = np.where(known, (record.issued["issued_ns"][own] - arrived) / MILLISECOND, np.nan)
+        waits[rows] = np.where(known, (issued["issued_ns"] - arrived) / MILLISECOND, np.nan)
     return waits
 
 
 def _links(record: Record) -> list[int]:
     """Index of each controller's link: 0 is the run's, if any controller uses it; own links follow in order."""
-    own = [bool(one.get("link")) for one in record.configuration.get("controllers") or ()]
-    own += [False] * (len(record.controller_names) - len(own))
-    places, following = [], 0 if all(own) else 1
-    for has in own:
+    with_link = [bool(row.get("link")) for row in record.configuration.get("controllers") or ()]
+    with_link += [False] * (len(record.controller_names) - len(with_link))
+    places, following = [], 0 if all(with_link) else 1
+    for has in with_link:
         places.append(following if has else 0)
         following += has
     return places
@@ -172,9 +163,9 @@ def frames_lost(record: Record) -> int:
     lost, end = 0, int(record.time_ns.max(initial=0))
     for link in range(record.links):
         for pmu in range(len(record.pmus)):
-            own = (rows["link"] == link) & (rows["pmu"] == pmu)
-            longest = int(late[own if own.any() else slice(None)].max(initial=0))
+            path = (rows["link"] == link) & (rows["pmu"] == pmu)
+            longest = int(late[path if path.any() else slice(None)].max(initial=0))
             stamps = record.measured_ns[:, pmu]
             measured = stamps[(stamps != LOST) & (stamps <= end - longest)]
-            lost += int(np.count_nonzero(~np.isin(measured, rows["measured_ns"][own])))
+            lost += int(np.count_nonzero(~np.isin(measured, rows["measured_ns"][path])))
     return lost

@@ -1,4 +1,4 @@
-"""Inputs of the evaluation: speed differences, and times of the events."""
+"""Inputs of the evaluation: speed differences, times of the events, and any signal by its name."""
 
 from __future__ import annotations
 
@@ -17,19 +17,27 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 SPEED = list(CHANNELS).index("speed_deviation")
+# Units of columns that may be analysed, as shown in pictures.
+UNITS = {"pu": "p.u.", "rad": "rad", "hz": "Hz", "hz_per_s": "Hz/s", "s": "s", "pu/pu": "p.u./p.u."}
 
 
 def speed_differences(record: Record) -> dict[str, NDArray[np.float64]]:
     """Local and interarea differences of true rotor speeds: name -> (ticks,), p.u. of synchronous speed.
 
-    `dw = sum_i c_i dw_i` over PMUs i with the weights c of `measure_weights`. Raises InputError if
-    they do not fit the record.
+    `dw = sum_i c_i dw_i` over PMUs i with the weights c of `measure_weights`. Raises InputError if they do not fit the
+    record.
     """
     weights = measure_weights(record.configuration)
     if not weights:
         raise InputError("measures: none given; allowed: speed differences, or PMUs at machines")
-    speeds = pmu_speeds(record)
-    return {name: _weighted(record, speeds, f"measures.{name}", one) for name, one in weights.items()}
+    speeds, found = pmu_speeds(record), {}
+    for name, parts in weights.items():
+        found[name] = np.zeros(len(record.time_ns))
+        for pmu, weight in parts.items():
+            if pmu not in record.pmus:
+                raise InputError(f"measures.{name}: no PMU {pmu!r}; allowed: {', '.join(record.pmus)}")
+            found[name] += float(weight) * speeds[:, record.pmus.index(pmu)]
+    return found
 
 
 def pmu_speeds(record: Record) -> NDArray[np.float64]:
@@ -95,7 +103,7 @@ def event_times(record: Record) -> list[float]:
     From the events in the record (`time_ns`), which include the clearing of faults; if there are none, from
     `configuration["events"]` (`time`, `duration`, s).
     """
-    times = [event["time_ns"] / NANOSECONDS for event in record.events]
+    times = [event.time_ns / NANOSECONDS for event in record.events]
     for event in () if times else record.configuration.get("events") or ():
         times += [event["time"]] + ([event["time"] + event["duration"]] if event.get("duration") else [])
     return sorted(time for time in times if len(record.time_ns) and time <= record.time_s[-1])
@@ -106,12 +114,27 @@ def columns(signals: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.column_stack(list(signals.values()))
 
 
-def _weighted(
-    record: Record, speeds: NDArray[np.float64], field: str, weights: Mapping[str, float]
-) -> NDArray[np.float64]:
-    total = np.zeros(len(record.time_ns))
-    for pmu, weight in weights.items():
-        if pmu not in record.pmus:
-            raise InputError(f"{field}: no PMU {pmu!r}; allowed: {', '.join(record.pmus)}")
-        total += float(weight) * speeds[:, record.pmus.index(pmu)]
-    return total
+def recorded(record: Record, name: str) -> tuple[NDArray[np.float64], str]:
+    """Values of a signal (ticks,), NaN where unknown, and its unit as shown in pictures, such as `p.u.` or `rad`.
+
+    `name`: a signal of the system, as its PMUs measure it, without washout; or a column of `record.arrays` with a
+    unit. Angles are unwrapped. Raises InputError for any other name.
+    """
+    signals = inline_system(record.configuration).get("signals") or {}
+    if name in signals:
+        channel = signals[name].get("channel", "speed_deviation")
+        column, weights = list(CHANNELS).index(channel), signals[name]["weights"].items()
+        values = sum(weight * record.frames[:, record.pmus.index(pmu), column] for pmu, weight in weights)
+        unit = CHANNELS[channel]
+    elif record.units.get(name) in UNITS and name != "time_s":
+        values, unit = record.arrays[name], record.units[name]
+    else:
+        columns = [column for column, unit in record.units.items() if unit in UNITS and column != "time_s"]
+        raise InputError(
+            f"signal: '{name}' given; allowed: {', '.join([*sorted(signals), *columns[:1], *columns[-1:]])}, "
+            "or any other column of `facts-damping export` that has a unit"
+        )
+    if unit == "rad":
+        values, known = values.copy(), np.isfinite(values)
+        values[known] = np.unwrap(values[known])
+    return values, UNITS[unit]

@@ -34,34 +34,29 @@ def refused_setpoints(record: Record) -> dict[str, dict[str, int]]:
     """Number of setpoints that each device's watchdog refused, by cause; devices without any are left out."""
     found = {}
     for d, device in enumerate(record.device_names):
-        counts = {field.removeprefix("refused_"): _last(record.devices[field][:, d]) for field in REFUSED}
+        columns = {field.removeprefix("refused_"): record.devices[field][:, d] for field in REFUSED}
+        known = {cause: column[np.isfinite(column)] for cause, column in columns.items()}
+        counts = {cause: int(column[-1]) if len(column) else 0 for cause, column in known.items()}
         if any(counts.values()):
             found[device] = counts
     return found
 
 
-def _last(counts: Any) -> int:
-    """The newest recorded count."""
-    known = counts[np.isfinite(counts)]
-    return int(known[-1]) if len(known) else 0
-
-
 def timeout(record: Record) -> float:
     """Timeout of a run's watchdogs, s."""
-    given = record.configuration.get("watchdog") or {}
-    return float(given.get("timeout", Watchdog().timeout))
+    return float((record.configuration.get("watchdog") or {}).get("timeout", Watchdog().timeout))
 
 
 def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
     """Rows of a table of runs: releases and refused setpoints by device, and nodes that joined."""
-    found = _told(summaries, "releases", "device", "released", released_text)
+    found = _rows(summaries, "releases", "device", "released", released_text)
     for device in dict.fromkeys(name for s in summaries for name in s.get("refused_setpoints") or {}):
         cells = [refused_text((s.get("refused_setpoints") or {}).get(device)) for s in summaries]
         found.append((f"{device} refused setpoints", cells))
-    return found + _told(summaries, "joined", "node", "joined", joined_text)
+    return found + _rows(summaries, "joined", "node", "joined", joined_text)
 
 
-def _told(
+def _rows(
     summaries: Sequence[Mapping[str, Any]], key: str, name: str, label: str, text: Callable[[dict[str, Any]], str]
 ) -> list[tuple[str, list[str]]]:
     """Rows of the lists under a key of the summaries, by name, as texts."""

@@ -1,38 +1,165 @@
-"""Warnings about a run's controllers, one line each: not armed, without effect, late, at their limits."""
+"""Warnings about a run: limits of the model that it left, and controllers that could not act as intended.
+
+The model has balanced phasors at one frequency, and machines and controls without protection. Beyond these limits
+relays would have acted, and the models of loads and converters are not valid.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from facts_damping.analysis.measures import exactly_measured, inline_system
 from facts_damping.analysis.supervision import cause_text
 from facts_damping.monitor_table import ARMED, STATES
+from facts_damping.signals import CHANNELS, NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from facts_damping.signals import Record
 
+FREQUENCY = 2.5  # Hz from nominal, at a machine
+VOLTAGE = (0.7, 1.2)  # p.u., at machines and PMUs outside of faults
 LATE_S = 2.0  # s; a longer mean latency suggests a mistake of units
 MOSTLY = 0.5  # fraction of the frames
+DRIFT = 0.5  # Hz, change of the machines' common frequency from start to end, without governors or an infinite bus
+VOLTAGE_CHANNEL = list(CHANNELS).index("voltage_magnitude")
 
 
-def odd_findings(
+def limit_warnings(record: Record) -> list[str]:
+    """A line for each limit that the run exceeded: what, when and for how long. Empty if it stayed within all.
+
+    Limits: frequency 2.5 Hz from nominal at a machine in service; voltage 0.7 to 1.2 p.u. at a machine or PMU
+    outside of faults; no separated part of the network; without governors and infinite bus, a change of the common
+    frequency of 0.5 Hz. All but the voltage are checked only if the configuration has the system inline.
+    """
+    if not len(record.time_ns):
+        return []
+    return [*_frequency(record), *_voltage(record), *_islands(record), *_drift(record)]
+
+
+def _frequency(record: Record) -> Iterator[str]:
+    nominal = inline_system(record.configuration).get("frequency")
+    if nominal is None:
+        return
+    away = np.where(_in_service(record), nominal * record.machines["speed_deviation"], 0.0)
+    texts = []
+    for name, deviation in zip(record.machine_names, away.T, strict=True):
+        beyond = np.abs(deviation) > FREQUENCY
+        if beyond.any():
+            worst = nominal + deviation[np.nanargmax(np.abs(deviation))]
+            texts.append(f"{name} {_when(record, beyond)} ({worst:.2f} Hz)")
+    if texts:
+        yield f"frequency beyond {nominal:g} ± {FREQUENCY:g} Hz: {', '.join(texts)}"
+
+
+def _voltage(record: Record) -> Iterator[str]:
+    """Voltages beyond the limits outside of faults; at PMUs only if these report exactly and without delay."""
+    sound = ~_burning(record)
+    service = _in_service(record)
+    places = {name: record.machines["terminal_voltage"][:, i] for i, name in enumerate(record.machine_names)}
+    reported = exactly_measured(record.configuration)
+    pmus = {name: record.frames[:, s, VOLTAGE_CHANNEL] for s, name in enumerate(record.pmus) if reported}
+    for word, limit, sign in (("below", VOLTAGE[0], 1.0), ("above", VOLTAGE[1], -1.0)):
+        texts = []
+        for name, voltage in {**pmus, **places}.items():
+            counted = sound & service[:, record.machine_names.index(name)] if name in places else sound
+            beyond = counted & (sign * voltage < sign * limit)
+            if beyond.any():
+                texts.append(f"{name} {_when(record, beyond)} ({sign * (sign * voltage[beyond]).min():.3f} p.u.)")
+        if texts:
+            yield f"voltage {word} {limit:g} p.u. without a fault: {', '.join(texts)}"
+
+
+def _islands(record: Record) -> Iterator[str]:
+    system = inline_system(record.configuration)
+    names = [bus["name"] for bus in system.get("buses") or () if isinstance(bus, dict)]
+    switched = [event for event in record.events if event.kind in ("line_out", "line_in")]
+    out: set[str] = set()
+    for event in switched if names else ():
+        (out.add if event.kind == "line_out" else out.discard)(str(event.element))
+        parts = _parts(system, names, out)
+        if len(parts) > 1:
+            buses = "; ".join(", ".join(part) for part in parts[1:])
+            time = event.time_ns / NANOSECONDS
+            yield f"the grid has split at {time:g} s; apart from the rest: buses {buses}"
+
+
+def _parts(system: Mapping[str, Any], names: list[str], out: set[str]) -> list[list[str]]:
+    """Connected groups of buses, the largest first. Series devices always connect; an HVDC link does not."""
+    series = [row for row in system.get("devices") or () if row.get("kind") != "hvdc"]
+    branches = [*(system.get("lines") or ()), *(system.get("transformers") or ()), *series]
+    group = {name: i for i, name in enumerate(names)}
+    for branch in branches:
+        ends = branch.get("from_bus", branch.get("from")), branch.get("to_bus", branch.get("to"))
+        if branch["name"] not in out and None not in ends:
+            first, second = (group[end] for end in ends)
+            group = {name: first if number == second else number for name, number in group.items()}
+    parts: dict[int, list[str]] = {}
+    for name, number in group.items():
+        parts.setdefault(number, []).append(name)
+    return sorted(parts.values(), key=len, reverse=True)
+
+
+def _drift(record: Record) -> Iterator[str]:
+    """Change of a common frequency that nothing controls."""
+    system = inline_system(record.configuration)
+    rows = {row["name"]: row for row in system.get("machines") or () if isinstance(row, dict)}
+    held = any(row.get("enabled", True) for row in system.get("governors") or ())
+    if system.get("infinite_buses") or held or set(rows) < set(record.machine_names) or not rows:
+        return
+    weights = np.array([rows[name]["rating"] * rows[name]["H"] for name in record.machine_names])
+    weights = weights * _in_service(record)
+    common = np.sum(weights * record.machines["speed_deviation"], axis=1) / np.maximum(weights.sum(axis=1), 1e-9)
+    moved = float(system["frequency"] * (common[-1] - common[0]))
+    if abs(moved) > DRIFT:
+        yield f"the common frequency has moved by {moved:+.2f} Hz at the end, and no governor holds it"
+
+
+def _when(record: Record, beyond: NDArray[np.bool_]) -> str:
+    """Text: duration and start."""
+    length = np.count_nonzero(beyond) / record.frame_rate
+    return f"{length:.2f} s from {record.time_s[np.argmax(beyond)]:.2f} s on"
+
+
+def _in_service(record: Record) -> NDArray[np.bool_]:
+    """Whether each machine is connected, (ticks, machines)."""
+    found = np.ones(record.machines.shape, np.bool_)
+    for event in record.events:
+        if event.kind == "generator_trip" and event.element in record.machine_names:
+            found[record.time_ns >= event.time_ns, record.machine_names.index(event.element)] = False
+    return found
+
+
+def _burning(record: Record) -> NDArray[np.bool_]:
+    """Whether a fault is present, (ticks,)."""
+    found = np.zeros(len(record.time_ns), np.bool_)
+    burning: set[str] = set()
+    for event in sorted(record.events, key=lambda event: event.time_ns):
+        if event.kind == "fault":
+            burning.add(event.element)
+        elif event.kind == "clear":
+            burning.discard(event.element)
+        found[record.time_ns >= event.time_ns] = bool(burning)
+    return found
+
+
+def controller_warnings(
     record: Record, supervision: Sequence[Mapping[str, Any]], latency: Mapping[str, Any], duty: Mapping[str, float]
 ) -> list[str]:
-    """Warnings that readers of the figures must know; empty if the controllers could act as intended.
+    """Controllers that were not armed, without effect, late, or at their limits, one line each.
 
     `supervision`, `latency`, `duty`: as in `analysis.summary`.
     """
-    mean = latency.get("mean")
-    late = (
-        [] if mean is None or mean < 1e3 * LATE_S else [f"latency {mean / 1e3:.1f} s on average, more than {LATE_S:g}"]
-    )
-    limited = [
-        f"{device} was at its limit {100 * fraction:.0f} % of the time"
-        for device, fraction in duty.items()
-        if fraction > MOSTLY
-    ]
-    return [*_not_armed(record, supervision), *_not_heard(record), *late, *limited]
+    mean = latency.get("mean") or 0.0
+    late = [f"latency {mean / 1e3:.1f} s on average, more than {LATE_S:g}"] if mean >= 1e3 * LATE_S else []
+    limits = {device: f"{100 * fraction:.0f} % of the time" for device, fraction in duty.items() if fraction > MOSTLY}
+    limited = [f"{device} was at its limit {text}" for device, text in limits.items()]
+    return [*_not_armed(record, supervision), *_without_effect(record), *late, *limited]
 
 
 def _not_armed(record: Record, supervision: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -43,18 +170,14 @@ def _not_armed(record: Record, supervision: Sequence[Mapping[str, Any]]) -> Iter
             yield f"{one['controller']} was never armed{why}: it controlled nothing"
 
 
-def _not_heard(record: Record) -> Iterator[str]:
+def _without_effect(record: Record) -> Iterator[str]:
     """Controllers without any setpoint that reached a device."""
     rows = record.configuration.get("controllers") or []
     fallbacks = {i for i, row in enumerate(rows) if row.get("fallback_of") is not None}
     for c, name in enumerate(record.controller_names):
         if c not in fallbacks and not (record.applied["controller"] == c).any():
             link = (rows[c].get("link") if c < len(rows) else None) or record.configuration.get("link") or {}
-            delay = _delay(link) if isinstance(link, dict) else 0.0
+            stages = [row for way in ("up", "down") for row in link.get(way) or ()] if isinstance(link, dict) else []
+            delay = sum(float(row.get("delay") or 0.0) for row in stages)
             why = f": its link delays by {delay:g} s" if delay > LATE_S else ""
             yield f"no setpoint of {name} came to a device in {record.time_s[-1]:.3g} s{why}"
-
-
-def _delay(link: Mapping[str, Any]) -> float:
-    """Sum of a link's constant delays, both ways, s."""
-    return sum(float(row.get("delay") or 0.0) for way in ("up", "down") for row in link.get(way) or ())

@@ -12,12 +12,12 @@ from facts_damping.analysis import convergence, releases, supervision
 from facts_damping.analysis.effort import max_injected_voltage, record_roughness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency, left_out
-from facts_damping.analysis.limits import warnings
 from facts_damping.analysis.measures import columns, event_times, speed_differences
 from facts_damping.analysis.modes import ambient
 from facts_damping.analysis.modes.oscillation import instability, is_stable, settling_time, unknown
 from facts_damping.analysis.modes.ringdown import METHOD, fit_ringdown
-from facts_damping.analysis.run_warnings import odd_findings
+from facts_damping.analysis.response import LAST, LIMITED, RUN, Judged, judge_ambient, judge_response, noisy, response
+from facts_damping.analysis.run_warnings import controller_warnings, limit_warnings
 from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED, judge
 
 if TYPE_CHECKING:
@@ -55,19 +55,22 @@ def summarise(
     differences: Mapping[str, NDArray[np.float64]] | None = None,
     *,
     method: str | None = AUTO,
+    mirror: Record | None = None,
 ) -> dict[str, Any]:
     """Figures of a run, ready for JSON: numbers, None and lists of them.
 
     `differences`: name -> (ticks,), p.u., the speed differences to judge; default: those of the configuration.
+    `mirror`: the same run with noise of the opposite sign (simulation/mirrored.py); verdict, modes and settling time
+    are then those of the response, half the sum of both. Without it, verdicts of runs with noise can be wrong.
     `method`: how modes are identified, one of `analysis.poles.METHODS` or `ambient.METHOD`; AUTO: from the noise if the
     run has load noise and no event, else from the ringdown; None: not at all. For a run that is not stable, or of
     unknown stability (`stable` None), indices and settling time are None and there are no modes. `indices` count from t
     = 0, `indices_since_event` from the first event; `roughness` is (5.34) over dt^2, `roughness_per_frame` without.
     Raises InputError if the speed differences do not fit the record, or for an unknown method.
     """
-    given = speed_differences(record) if differences is None else differences
-    stable = is_stable(record)
-    smooth, swings = record_roughness(record), _oscillation(record, given, method, stable)
+    judged = speed_differences(record) if differences is None else differences
+    stable, t = is_stable(record), record.time_s
+    smooth, swings = record_roughness(record), _oscillation(record, judged, method, stable, mirror)
     duty, late = saturation_duty(record), latency(record)
     watched = supervision.supervision(record, find(swings, ("modes", 0, "frequency_hz")))
     return {
@@ -75,7 +78,7 @@ def summarise(
         "stable": stable,
         "instability": instability(record),
         **swings,
-        "duration_s": _duration(record),
+        "duration_s": round(float(np.ptp(t) + np.median(np.diff(t))), 6) if len(t) > 1 else 0.0,  # the last frame too
         "roughness": smooth["per_second"],
         "roughness_per_frame": smooth["per_frame"],
         "max_injected_voltage_pu": max_injected_voltage(record),
@@ -88,7 +91,7 @@ def summarise(
         "refused_messages": record.refused,
         "joined": record.joined,
         "supervision": watched,
-        "warnings": [*odd_findings(record, watched, late, duty), *warnings(record)],
+        "warnings": [*controller_warnings(record, watched, late, duty), *limit_warnings(record)],
     }
 
 
@@ -98,9 +101,10 @@ def _run(record: Record) -> dict[str, Any]:
     for name in ("system", "model"):
         if isinstance(run.get(name), dict):
             run[name] = run[name].get("name")
-    rows = run.get("controllers") or []
-    given = [{name: value for name, value in row.items() if value not in UNSET} for row in rows]
-    return run | ({"controllers": given} if "controllers" in run else {})
+    if "controllers" in run:
+        rows = run["controllers"] or []
+        run["controllers"] = [{name: value for name, value in row.items() if value not in UNSET} for row in rows]
+    return run
 
 
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
@@ -112,20 +116,16 @@ def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
 
 def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
     """Optional rows of a table of runs, as texts; each is there if one of the runs has a value for it."""
-    found = _checked(summaries) + _cycles(summaries) + supervision.rows(summaries) + releases.rows(summaries)
+    converged = [s.get("converged") for s in summaries]  # whether, if the integration step was halved
+    found = [("converged", [WORDS[value] for value in converged])] if any(c is not None for c in converged) else []
+    found += _cycles(summaries) + supervision.rows(summaries) + releases.rows(summaries)
     if any(s.get("latencies_left_out") for s in summaries):
         found.append(("latencies that cannot be", [str(s.get("latencies_left_out", 0)) for s in summaries]))
     if any(s.get("refused_messages") for s in summaries):
-        rows = [s.get("refused_messages") or [] for s in summaries]  # each node counts the messages that it received
-        texts = [releases.by_cause((row["cause"], row["count"]) for row in own) for own in rows]
+        each = [s.get("refused_messages") or [] for s in summaries]  # each node counts the messages that it received
+        texts = [releases.by_cause((row["cause"], row["count"]) for row in rows) for rows in each]
         found.append(("refused messages", texts))
     return found
-
-
-def _checked(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
-    """Result of halving the integration step, if that was done."""
-    told = [s.get("converged") for s in summaries]
-    return [] if all(one is None for one in told) else [("converged", [WORDS[one] for one in told])]
 
 
 def _cycles(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
@@ -133,8 +133,8 @@ def _cycles(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]
     cycles = [s.get("limit_cycle") for s in summaries]
     if not any(cycles):
         return []
-    each = [c["saturation_duty"] if c else {} for c in cycles]
-    duties = [", ".join(f"{device} {100 * fraction:.0f}" for device, fraction in own.items()) for own in each]
+    fractions = [c["saturation_duty"] if c else {} for c in cycles]
+    duties = [", ".join(f"{device} {100 * part:.0f}" for device, part in parts.items()) for parts in fractions]
     return [
         ("limit cycle, amplitude [p.u.]", [f"{c['amplitude_pu']:.3g}" if c else "-" for c in cycles]),
         ("  setpoints at their limit [%]", [duty or "-" for duty in duties]),
@@ -142,37 +142,62 @@ def _cycles(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]
 
 
 def _oscillation(
-    record: Record, differences: Mapping[str, NDArray[np.float64]], method: str | None, stable: bool | None
+    record: Record,
+    differences: Mapping[str, NDArray[np.float64]],
+    method: str | None,
+    stable: bool | None,
+    mirror: Record | None,
 ) -> dict[str, Any]:
     """Figures that exist only for a run in synchronism to its end."""
     if not stable:
-        return {
-            "verdict": LOST if stable is False else UNDECIDED,
-            "verdict_because": instability(record) or unknown(record),
-            "damped": False,
-            "growth_per_s": None,
-            "limit_cycle": None,
-            "indices": None,
-            "indices_since_event": None,
-            "settling_time_s": None,
-            **_modes(None),
-        }
+        because = instability(record) or unknown(record)
+        none = ("verdict_of", "growth_per_s", "limit_cycle", "indices", "indices_since_event", "settling_time_s")
+        found = {"verdict": LOST if stable is False else UNDECIDED, "verdict_because": because, "damped": False}
+        return found | dict.fromkeys(none) | _modes(None)
     times = event_times(record) or [0.0]
-    t, last, signals = record.time_s, times[-1], columns(differences)
+    t, last, own = record.time_s, times[-1], columns(differences)
+    shared = response(mirror, own)
+    signals = own if shared is None else shared
     fit, how = _fit(record, signals, last, method)
-    found = judge(t, signals, last, list(differences), (lambda: fit) if how == METHOD else None)
-    cycle = {"amplitude_pu": found.amplitude_pu, "saturation_duty": saturation_duty(record, found.start_s)}
+    judged = _judge(record, shared, own, list(differences), (fit, how), mirror)
+    verdict = judged.judgement
+    cycle = {"amplitude_pu": verdict.amplitude_pu, "saturation_duty": saturation_duty(record, verdict.start_s)}
     return {
-        "verdict": found.verdict,
-        "verdict_because": found.because,
-        "damped": found.verdict == DAMPED,
-        "growth_per_s": found.growth and found.growth._asdict(),
-        "limit_cycle": cycle if found.verdict == LIMIT_CYCLE else None,
-        "indices": performance_indices(t, signals),
-        "indices_since_event": performance_indices(t, signals, times[0]),
-        "settling_time_s": settling_time(t, signals, last),
+        "verdict": verdict.verdict,
+        "verdict_because": verdict.because,
+        "verdict_of": judged.of,
+        "damped": verdict.verdict == DAMPED,
+        "growth_per_s": verdict.growth and verdict.growth._asdict(),
+        "limit_cycle": cycle if verdict.verdict == LIMIT_CYCLE else None,
+        "indices": performance_indices(t, own),
+        "indices_since_event": performance_indices(t, own, times[0]),
+        "settling_time_s": settling_time(t[: len(signals)], signals, last),
         **_modes(fit, how),
     }
+
+
+def _judge(
+    record: Record,
+    shared: NDArray[np.float64] | None,
+    own: NDArray[np.float64],
+    names: Sequence[str],
+    modes: tuple[Fit | None, str | None],
+    mirror: Record | None,
+) -> Judged:
+    """The verdict of a run: of its response `shared`, of its modes in noise alone, or of itself."""
+    fit, how = modes
+    t, times = record.time_s, event_times(record)
+    if how == ambient.METHOD and not times:
+        return judge_ambient(fit, own)
+    if mirror is not None and times:
+        ticks = len(own if shared is None else shared)
+        limited = max(saturation_duty(record, max(times[-1], t[-1] - LAST)).values(), default=0.0) > LIMITED
+        fit = fit_ringdown(t[:ticks], shared, times[-1]) if shared is not None and how != METHOD else fit
+        return judge_response(t[:ticks], shared, own[:ticks], times[-1], names, fit=fit, limited=limited)
+    found = judge(t, own, (times or [0.0])[-1], names, (lambda: fit) if how == METHOD else None)
+    if noisy(record.configuration):
+        found = found._replace(because=f"{found.because}; noise is in it")
+    return Judged(found, RUN, own)
 
 
 def _fit(
@@ -185,12 +210,11 @@ def _fit(
     if method is None:
         return None, None
     if method == ambient.METHOD:
-        return ambient.fit_ambient(record.time_s, signals, since), method
-    return fit_ringdown(record.time_s, signals, since, method), method
+        return ambient.fit_ambient(record.time_s[: len(signals)], signals, since), method
+    return fit_ringdown(record.time_s[: len(signals)], signals, since, method), method
 
 
 def _modes(fit: Fit | None, method: str | None = None) -> dict[str, Any]:
-    """Modes, their method, and the quality of the fit."""
     if fit is None:
         return {"modes": [], "modes_method": None, "ringdown": None}
     modes = [{key: _known(value) for key, value in mode._asdict().items() if key != "energy"} for mode in fit.modes]
@@ -203,12 +227,6 @@ def _known(value: float | tuple[float, ...]) -> float | list[float] | None:
     if isinstance(value, tuple):
         return list(value)
     return None if np.isnan(value) else value
-
-
-def _duration(record: Record) -> float:
-    """Simulated time of the record, s: the span of its stamps and one frame."""
-    t = record.time_s
-    return round(float(t[-1] - t[0] + np.median(np.diff(t))), 6) if len(t) > 1 else 0.0
 
 
 def find(summary: Any, path: Sequence[str | int]) -> Any:

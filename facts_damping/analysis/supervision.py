@@ -93,25 +93,18 @@ def supervision(record: Record, mode_hz: float | None = None) -> list[dict[str, 
     found = []
     for name, rows in supervised(record).items():
         changes = list(_changes(record, rows))
-        found.append(
-            {
-                "controller": name,
-                "state": changes[-1]["state"] if changes else STATES[SHADOW],
-                "fractions": _fractions(record, rows),
-                "changes": changes,
-                "trips": sum(row["state"] == STATES[TRIPPED] for row in changes),
-                "refusals": list(_refusals(record, rows)),
-                "probe": _probe(rows, mode_hz),
-            }
-        )
+        counts = {state: int(np.count_nonzero(rows["state"] == code)) for code, state in enumerate(STATES)}
+        history = {
+            "controller": name,
+            "state": changes[-1]["state"] if changes else STATES[SHADOW],
+            "fractions": {state: count / len(record.time_ns) for state, count in counts.items()},
+            "changes": changes,
+            "trips": sum(row["state"] == STATES[TRIPPED] for row in changes),
+            "refusals": list(_refusals(record, rows)),
+            "probe": _probe(rows, mode_hz),
+        }
+        found.append(history)
     return found
-
-
-def _fractions(record: Record, rows: NDArray[Any]) -> dict[str, float]:
-    """Fraction of the run's ticks in each state."""
-    return {
-        name: int(np.count_nonzero(rows["state"] == code)) / len(record.time_ns) for code, name in enumerate(STATES)
-    }
 
 
 def _changes(record: Record, rows: NDArray[Any]) -> Iterator[dict[str, Any]]:
@@ -128,9 +121,9 @@ def _changes(record: Record, rows: NDArray[Any]) -> Iterator[dict[str, Any]]:
         cause = int(rows["cause"][i])
         if changed[i]:
             bound = _bound(record, rows[i], cause)
-            yield {"state": STATES[rows["state"][i]], **_told(record, rows["tick"][i], cause_name(cause), bound)}
+            yield {"state": STATES[rows["state"][i]], **_row(record, rows["tick"][i], cause_name(cause), bound)}
         if silent[i]:
-            yield {"state": SILENT, **_told(record, ends[i], "", None)}
+            yield {"state": SILENT, **_row(record, ends[i], "", None)}
 
 
 def _refusals(record: Record, rows: NDArray[Any]) -> Iterator[dict[str, Any]]:
@@ -139,10 +132,10 @@ def _refusals(record: Record, rows: NDArray[Any]) -> Iterator[dict[str, Any]]:
         cause = int(rows["refused"][i])
         if cause != NO_CAUSE:
             bound = _bound(record, rows[max(i - 1, 0)], cause)
-            yield _told(record, rows["tick"][i], cause_name(cause), bound)
+            yield _row(record, rows["tick"][i], cause_name(cause), bound)
 
 
-def _told(record: Record, tick: int, cause: str, bound: Bound | None) -> dict[str, Any]:
+def _row(record: Record, tick: int, cause: str, bound: Bound | None) -> dict[str, Any]:
     """Time and cause of a change, with the value that exceeded its limit."""
     value, limit, unit = bound or (None, None, None)
     time_s = int(tick) * NANOSECONDS // record.frame_rate / NANOSECONDS
@@ -179,7 +172,7 @@ def _probe(rows: NDArray[Any], mode_hz: float | None) -> dict[str, Any] | None:
         return None
     row, margin = known[-1], math.degrees(float(known[-1]["phase_margin"]))
     delay = margin / 360.0 / mode_hz * 1e3 if mode_hz else math.nan
-    told = {
+    figures = {
         "gain": row["probe_gain"],
         "phase_deg": math.degrees(float(row["probe_phase"])),
         "coherence": row["probe_coherence"],
@@ -188,30 +181,30 @@ def _probe(rows: NDArray[Any], mode_hz: float | None) -> dict[str, Any] | None:
         "delay_margin_ms": delay,
         "gain_margin": row["gain_margin"],
     }
-    return {name: float(value) if math.isfinite(value) else None for name, value in told.items()}
+    return {name: float(value) if math.isfinite(value) else None for name, value in figures.items()}
 
 
 def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
     """Rows of a table of runs: history of each supervised controller, and its probe."""
     each = [{one["controller"]: one for one in s.get("supervision") or ()} for s in summaries]
     found = []
-    for name in dict.fromkeys(name for own in each for name in own):
-        told = [own.get(name) for own in each]
-        found.append((name, ["-" if one is None else history_text(one) for one in told]))
-        if any(one and one["probe"] for one in told):
-            found.append((f"{name} probe", [probe_text(one["probe"] if one else None) for one in told]))
+    for name in dict.fromkeys(name for run in each for name in run):
+        histories = [run.get(name) for run in each]
+        found.append((name, ["-" if one is None else history_text(one) for one in histories]))
+        if any(one and one["probe"] for one in histories):
+            found.append((f"{name} probe", [probe_text(one["probe"] if one else None) for one in histories]))
     return found
 
 
-def history_text(told: Mapping[str, Any]) -> str:
+def history_text(history: Mapping[str, Any]) -> str:
     """Actions of a supervisor in one line."""
-    parts = sorted([*told["changes"], *told["refusals"]], key=lambda row: float(row["time_s"]))
+    parts = sorted([*history["changes"], *history["refusals"]], key=lambda row: float(row["time_s"]))
     texts, seen = [], set()
     for row in parts:
         state = row.get("state", "not armed")
         texts.append(change_text(row, again=state in seen))
         seen.add(state)
-    if not told["changes"]:
+    if not history["changes"]:
         texts.append(f"{STATES[SHADOW]} to the end")
     if len(texts) > MAXIMUM:
         texts[MAXIMUM - 2 : -1] = [f"{len(texts) - MAXIMUM + 1} more changes"]
@@ -253,20 +246,17 @@ def probe_text(probe: Mapping[str, Any] | None) -> str:
     return "; ".join(texts)
 
 
-def trips(told: Sequence[Mapping[str, Any]]) -> list[tuple[float, str, str]]:
+def trips(histories: Sequence[Mapping[str, Any]]) -> list[tuple[float, str, str]]:
     """Time (s), controller and cause of each trip."""
     return [
         (row["time_s"], one["controller"], row["cause"])
-        for one in told
+        for one in histories
         for row in one["changes"]
         if row["state"] == STATES[TRIPPED]
     ]
 
 
-def tripped_texts(told: Sequence[Mapping[str, Any]]) -> list[str]:
+def tripped_texts(histories: Sequence[Mapping[str, Any]]) -> list[str]:
     """One line per tripped controller, about its last trip."""
-    found = []
-    for one in told:
-        own = [row for row in one["changes"] if row["state"] == STATES[TRIPPED]]
-        found += [f"{one['controller']} was {change_text(own[-1])}"] if own else []
-    return found
+    last = {one["controller"]: row for one in histories for row in one["changes"] if row["state"] == STATES[TRIPPED]}
+    return [f"{controller} was {change_text(row)}" for controller, row in last.items()]

@@ -139,18 +139,15 @@ def envelopes(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], N
 
 
 def _signal(part: _Part, i: int, waves: Callable[[], Fit | None]) -> Judgement:
-    """Judgement of signal i."""
     points, sizes = part.points, part.sizes
     if sizes[points >= points[-1] - LAST + HANN / 2].max() < part.floor:
         above = np.flatnonzero(sizes >= part.floor / 2)
         end = 2 + int(above[-1] if len(above) else -1)  # growth until the amplitude became negligible
-        because = "what remains is below 5 % of the largest amplitude"
-        return Judgement(
-            DAMPED, because, _growth(part, 0, end, 2 * FREE), float(points[0]) - HANN / 2, float(np.median(sizes))
-        )
+        because, growth = "what remains is below 5 % of the largest amplitude", _growth(part, 0, end, 2 * FREE)
+        return Judgement(DAMPED, because, growth, float(points[0]) - HANN / 2, float(np.median(sizes)))
     logs = np.log(np.maximum(sizes, RESOLUTION))
     whole = _growth(part, 0, len(points))
-    if whole is not None and _spread(points, logs) <= STRAIGHT:
+    if whole is not None and float(np.sqrt(np.mean(_straight(points, logs)[1] ** 2))) <= STRAIGHT:
         return _decide(part, whole, 0)
     fit = waves()
     clear = _of_waves(part, i, fit) if fit is not None and fit.snr_db >= CLEAR_DB else None
@@ -174,8 +171,8 @@ def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
         return Judgement(UNDECIDED, f"{length:.1f} s of it are too short", None, start, size)
     if growth.high < 0.0 and growth.value * length < -STEADY:
         return Judgement(DAMPED, "it decays", growth, start, size)
-    own = part.samples[len(part.samples) - round(length / part.dt) :]
-    if _tone(own, part.dt) < TONE:
+    rest = part.samples[len(part.samples) - round(length / part.dt) :]
+    if _tone(rest, part.dt) < TONE:
         return Judgement(UNDECIDED, "what remains is noise, no oscillation", growth, start, size)
     if growth.high < 0.0:
         return Judgement(DAMPED, "it decays", growth, start, size)
@@ -253,15 +250,15 @@ def _bend(hinges: NDArray[np.float64], rest: NDArray[np.float64]) -> int | None:
     for enough in BETTER:
         dots, norms = hinges @ rest, np.maximum(np.sum(hinges**2, axis=1), np.finfo(float).tiny)
         k = int(np.argmax(dots**2 / norms))
-        own = hinges[k]
+        hinge = hinges[k]
         explained += float(dots[k] ** 2 / norms[k])
-        if abs(dots[k]) / norms[k] * np.ptp(own) < DEPTH:
+        if abs(dots[k]) / norms[k] * np.ptp(hinge) < DEPTH:
             return None
         found.append(k)
         if explained >= enough * squares:
             return max(found)
-        rest = rest - dots[k] / norms[k] * own
-        hinges = hinges - np.outer(hinges @ own / norms[k], own)
+        rest = rest - dots[k] / norms[k] * hinge
+        hinges = hinges - np.outer(hinges @ hinge / norms[k], hinge)
         hinges[np.sum(hinges**2, axis=1) < 1e-6 * norms] = 0.0  # nearly the same as the first
     return None
 
@@ -271,11 +268,6 @@ def _straight(t: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, ND
     u = t - t.mean()
     slope = float(u @ y / (u @ u))
     return slope, np.asarray(y - y.mean() - slope * u)
-
-
-def _spread(t: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    """Root mean square about the least-squares line."""
-    return float(np.sqrt(np.mean(_straight(t, y)[1] ** 2)))
 
 
 def _tone(x: NDArray[np.float64], dt: float) -> float:

@@ -3,8 +3,7 @@
 What is exported here stays; all else is private. Errors are those of the commands, one line; nothing is printed.
 """
 
-from facts_damping.analysis.summary import summarise
-from facts_damping.api.results import Result, load_recording, simulate
+from facts_damping.api.results import Result, load_recording, simulate, summarise
 from facts_damping.api.stepping import Simulation
 from facts_damping.api.sweeps import Sweep, sweep
 from facts_damping.api.systems import linear_plant, modes

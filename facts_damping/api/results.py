@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping import findings
-from facts_damping.analysis.summary import summarise
-from facts_damping.api.cases import case_of
-from facts_damping.api.short_traceback import short_traceback
+from facts_damping.analysis import summary as figures
+from facts_damping.api.cases import case_of, short_traceback
 from facts_damping.case.names import asked_label
 from facts_damping.digest import digest
 from facts_damping.extras import library
 from facts_damping.recording import reader
 from facts_damping.signals import Record
 from facts_damping.simulation import loop
+from facts_damping.simulation.mirrored import mirror_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ class Result(Record):
     @cached_property
     def summary(self) -> dict[str, Any]:
         """The figures of the run, as JSON has them (docs/results_json.md)."""
-        return summarise(self)
+        return figures.summarise(self, mirror=mirror_of(self))
 
     @property
     def indices(self) -> dict[str, float] | None:
@@ -103,6 +103,11 @@ class Result(Record):
 def of(record: Record) -> Result:
     """A record as a result."""
     return Result(**{one.name: getattr(record, one.name) for one in fields(Record)})
+
+
+def summarise(record: Record) -> dict[str, Any]:
+    """The figures of a record (docs/results_json.md), its verdict free of noise (docs/verdicts.md)."""
+    return of(record).summary
 
 
 @short_traceback

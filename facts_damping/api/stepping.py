@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.api.cases import case_of
+from facts_damping.api.cases import case_of, short_traceback
 from facts_damping.api.results import Result, of
-from facts_damping.api.short_traceback import short_traceback
 from facts_damping.case.names import label
 from facts_damping.errors import InputError
 from facts_damping.signals import NANOSECONDS
@@ -83,9 +82,8 @@ class Simulation:
         """
         given = None if u is None else np.atleast_1d(np.asarray(u, np.float64))
         if given is not None and given.shape != (len(self.devices),):
-            raise InputError(
-                f"u: shape {given.shape} given; allowed: ({len(self.devices)},): {', '.join(self.devices)}"
-            )
+            allowed = f"({len(self.devices)},): {', '.join(self.devices)}"
+            raise InputError(f"u: shape {given.shape} given; allowed: {allowed}")
         return self._stepper.step(given)
 
     def record(self) -> Result:
@@ -94,6 +92,5 @@ class Simulation:
 
     def __repr__(self) -> str:
         """In a line."""
-        return (
-            f"<Simulation {label(self._case.summary())}: tick {self.tick} of {self._case.ticks}, {self.time_s:.3f} s>"
-        )
+        name = label(self._case.summary())
+        return f"<Simulation {name}: tick {self.tick} of {self._case.ticks}, {self.time_s:.3f} s>"

@@ -9,8 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.analysis.indices import INDICES
-from facts_damping.api.cases import plain
-from facts_damping.api.short_traceback import short_traceback
+from facts_damping.api.cases import plain, short_traceback
 from facts_damping.extras import library
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.api.short_traceback import short_traceback
+from facts_damping.api.cases import short_traceback
 from facts_damping.case import loading
 from facts_damping.small_signal import linear_plant as linear
 from facts_damping.small_signal import modal_analysis
@@ -20,9 +20,8 @@ def modes(system: str, devices: list[str] | None = None) -> Modal:
     `system`: name under config/systems, or a path; `devices`: that are installed, none: those of a run that it has.
     """
     found = loading.load_system(system)
-    return modal_analysis.analyse(
-        found, loading.installed(found, None if devices is None else ",".join(devices) or "none")
-    )
+    names = None if devices is None else ",".join(devices) or "none"
+    return modal_analysis.analyse(found, loading.installed(found, names))
 
 
 @short_traceback

@@ -140,7 +140,6 @@ def _indices(parts: int) -> list[int]:
 
 
 def _joined(bodies: list[bytes]) -> bytes:
-    """Join the parts of a configuration 3 in their order."""
     indices = [_Reader(body).take("H", "CONT_IDX")[0] for body in bodies]
     wanted = _indices(len(bodies))
     if indices != wanted:
@@ -164,9 +163,11 @@ def _pmu(pmu: PmuConfiguration, *, long: bool) -> bytes:
     parts.append(struct.pack(">4H", form, len(pmu.phasors), len(pmu.analogs), len(pmu.digitals)))
     parts += [_name(name, "CHNAM", long=long) for name in names]
     if long:
-        parts += [struct.pack(">Iff", p.flags << 16 | p.current << 11 | 1 << 8, *_scaled(pmu, p)) for p in pmu.phasors]
-        whole = pmu.float_analogs
-        parts += [struct.pack(">ff", *((1.0, 0.0) if whole else (a.scale, a.offset))) for a in pmu.analogs]
+        plain = 1.0, 0.0  # scale and angle or offset of floats, which are already scaled (table 9)
+        for p in pmu.phasors:
+            scaled = plain if pmu.float_phasors else (p.scale, p.angle)
+            parts.append(struct.pack(">Iff", p.flags << 16 | p.current << 11 | 1 << 8, *scaled))
+        parts += [struct.pack(">ff", *(plain if pmu.float_analogs else (a.scale, a.offset))) for a in pmu.analogs]
     else:
         units = [p.current << 24 | _count(p.scale / UNIT, 0, "PHUNIT") for p in pmu.phasors]
         units += [a.kind << 24 | _count(a.scale, -(1 << 23), "ANUNIT") for a in pmu.analogs]
@@ -178,13 +179,7 @@ def _pmu(pmu: PmuConfiguration, *, long: bool) -> bytes:
     return b"".join([*parts, struct.pack(">HH", pmu.nominal_hz == 50, pmu.changes)])
 
 
-def _scaled(pmu: PmuConfiguration, phasor: Phasor) -> tuple[float, float]:
-    """Scale and angle of a phasor in configuration 3; floats are already scaled (table 9)."""
-    return (1.0, 0.0) if pmu.float_phasors else (phasor.scale, phasor.angle)
-
-
 def _count(value: float, minimum: int, field: str) -> int:
-    """An integer of 24 bits."""
     whole, maximum = round(value), minimum + (1 << 24) - 1
     if not minimum <= whole <= maximum:
         raise FrameError(f"{field}: {value:g} counts; allowed: {minimum} to {maximum} (6.4)")

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.c37118.configuration import Configuration, PmuConfiguration
+    from facts_damping.compiling.structs import Bool1, Float1, Int1
 
 MISSING = -32768  # 0x8000: no value; for a float NaN
 RADIAN, MILLIHERTZ, CENTIHERTZ = 1e-4, 1e-3, 1e-2  # per count of angle, frequency, rate of change of frequency
@@ -31,8 +32,8 @@ class Data(NamedTuple):
     phasors: NDArray[np.float64]  # magnitude, V or A, and angle, rad, (all phasors, 2)
     frequency: NDArray[np.float64]  # Hz, (PMUs,)
     rocof: NDArray[np.float64]  # Hz/s, (PMUs,)
-    analogs: NDArray[np.float64]  # (all analogs,)
-    digitals: NDArray[np.int64]  # (all digital words,)
+    analogs: Float1  # (all analogs,)
+    digitals: Int1  # (all digital words,)
 
 
 class Layout(NamedTuple):
@@ -45,7 +46,7 @@ class Layout(NamedTuple):
     scale: NDArray[np.float64]
     offset: NDArray[np.float64]
     field: NDArray[np.int64]  # index in FIELDS
-    polar: NDArray[np.bool_]  # (phasors,)
+    polar: Bool1  # (phasors,)
     turn: NDArray[np.float64]  # rad, subtracted from a phasor's angle, (phasors,)
 
 
@@ -88,7 +89,7 @@ def layout(c: Configuration) -> Layout:
     return Layout(size, np.array([0, *ends[:-1]]), wide, signed, scale, offset, field, polar, turn)
 
 
-def _turned(angle: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
+def _turned(angle: Float1, turn: Float1) -> Float1:
     """Angles plus `turn`, within -pi to pi; unchanged if `turn` is zero."""
     return np.where(turn == 0.0, angle, np.remainder(angle + turn + np.pi, 2.0 * np.pi) - np.pi)
 

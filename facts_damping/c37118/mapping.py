@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from facts_damping.c37118.configuration import Configuration, PmuConfiguration
     from facts_damping.c37118.data import Data
     from facts_damping.c37118.system_pmus import Pmu
+    from facts_damping.compiling.structs import Bool1, Float2, Int1, Int2
 
 NAMES = dict(zip(UNITS, (*system_pmus.PHASORS, *system_pmus.ANALOGS), strict=True))  # channel names of our servers
 VOLTAGE, CURRENT, ACTIVE, REACTIVE, SPEED = range(len(UNITS))
@@ -29,8 +31,8 @@ class Places(NamedTuple):
 
     pmus: NDArray[np.int64]  # indices in the grid
     blocks: NDArray[np.int64]  # indices of their PMUs in the stream
-    channels: NDArray[np.int64]  # (PMUs, UNITS): indices of the stream's phasors or analogs; -1: not sent
-    scale: NDArray[np.float64]  # (PMUs, UNITS): p.u. per unit of the stream; negative: opposite sign
+    channels: Int2  # (PMUs, UNITS): indices of the stream's phasors or analogs; -1: not sent
+    scale: Float2  # (PMUs, UNITS): p.u. per unit of the stream; negative: opposite sign
 
 
 def places(c: Configuration, grid: Sequence[Pmu], wanted: Mapping[str, Channels]) -> Places:
@@ -38,11 +40,13 @@ def places(c: Configuration, grid: Sequence[Pmu], wanted: Mapping[str, Channels]
 
     Raises `InputError` if a PMU has no channel of a requested name.
     """
-    phasors, analogs = _before([len(p.phasors) for p in c.pmus]), _before([len(p.analogs) for p in c.pmus])
+    phasors = [0, *accumulate(len(p.phasors) for p in c.pmus)]
+    analogs = [0, *accumulate(len(p.analogs) for p in c.pmus)]
     rows = []
     for s, pmu in enumerate(grid):
         asked = wanted.get(pmu.name, Channels())
-        p = _pmu(c, pmu.name if asked.pmu is None else asked.pmu)
+        named = pmu.name if asked.pmu is None else asked.pmu
+        p = next((i for i, sent in enumerate(c.pmus) if named in (sent.name, sent.idcode)), None)
         if p is None:
             continue
         where, scale = zip(*(_channel(pmu, quantity, asked, c.pmus[p]) for quantity in UNITS), strict=True)
@@ -56,15 +60,6 @@ def places(c: Configuration, grid: Sequence[Pmu], wanted: Mapping[str, Channels]
         np.array(found[2], np.int64).reshape(shape),
         np.array(found[3], float).reshape(shape),
     )
-
-
-def _before(counts: Sequence[int]) -> list[int]:
-    return [sum(counts[:i]) for i in range(len(counts))]
-
-
-def _pmu(c: Configuration, named: str | int) -> int | None:
-    """Index of a PMU by its name or IDCODE."""
-    return next((i for i, configured in enumerate(c.pmus) if named in (configured.name, configured.idcode)), None)
 
 
 def _channel(pmu: Pmu, quantity: str, asked: Channels, configured: PmuConfiguration) -> tuple[int, float]:
@@ -87,7 +82,7 @@ def _channel(pmu: Pmu, quantity: str, asked: Channels, configured: PmuConfigurat
     return names.index(channel.channel), (-unit if channel.reverse else unit) / pmu.one(quantity)
 
 
-def told(found: Places, data: Data) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
+def values_of(found: Places, data: Data) -> tuple[Float2, Int1, Bool1]:
     """Values of the PMUs in a frame (PMUs, CHANNELS), status bits, and whether a PMU is absent.
 
     Powers that are not sent are computed from the phasors: P + jQ = V I*.
@@ -100,7 +95,8 @@ def told(found: Places, data: Data) -> tuple[NDArray[np.float64], NDArray[np.int
         (system_pmus.CURRENT, system_pmus.CURRENT_ANGLE, amperes, CURRENT),
     ):
         values[:, magnitude] = sent[:, 0] * np.abs(found.scale[:, of])
-        values[:, angle] = np.where(found.scale[:, of] < 0.0, _opposite(sent[:, 1]), sent[:, 1])
+        opposite = np.where(sent[:, 1] > 0.0, sent[:, 1] - np.pi, sent[:, 1] + np.pi)
+        values[:, angle] = np.where(found.scale[:, of] < 0.0, opposite, sent[:, 1])
     power = values[:, system_pmus.MAGNITUDE] * values[:, system_pmus.CURRENT]
     between = values[:, system_pmus.ANGLE] - values[:, system_pmus.CURRENT_ANGLE]
     for column, of, own in (
@@ -114,8 +110,3 @@ def told(found: Places, data: Data) -> tuple[NDArray[np.float64], NDArray[np.int
     values[:, system_pmus.ROCOF] = data.rocof[found.blocks]
     words = data.status[found.blocks]
     return values, stat.status(words), stat.absent(words, values)
-
-
-def _opposite(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """An angle plus half a turn, within -pi to pi."""
-    return np.where(angle > 0.0, angle - np.pi, angle + np.pi)

@@ -46,7 +46,7 @@ def stream(idcode: int, made: Configuration, header: str = "") -> Stream:
     return one
 
 
-def told(one: Stream, instant: Instant) -> bytes:
+def data_frame(one: Stream, instant: Instant) -> bytes:
     """A data frame."""
     body = data.encode(one.layout, instant.data)
     return frame.encode(Frame("data", one.idcode, instant.soc, instant.fraction, body, instant.quality))

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from facts_damping.compiling.structs import Bool1, Float1, Float2, Int1
+
 
 DATA_ERROR, TEST_MODE = 1 << 15, 1 << 14  # of a frame's status (PmuFrame.msg)
 COMMON = 0x3E00  # bits 13 to 9, with equal meaning in both
@@ -20,9 +21,7 @@ MESSAGE_S = np.array([10.0**n for n in range(-9, 2)])  # MSG_TQ 1 to 11: within 
 FAULT = 15  # MSG_TQ: the time is unreliable
 
 
-def word(
-    status: NDArray[np.int64], there: NDArray[np.bool_], error_s: NDArray[np.float64], unlocked_s: NDArray[np.float64]
-) -> NDArray[np.int64]:
+def word(status: Int1, there: Bool1, error_s: Float1, unlocked_s: Float1) -> Int1:
     """STAT of PMUs, (PMUs,).
 
     `there`: whether a PMU has sent anything; `unlocked_s`: time since its clock lost UTC, 0: locked; `error_s`: largest
@@ -35,19 +34,19 @@ def word(
     return np.asarray(top << 14 | status & COMMON | quality << 6 | unlocked << 4, np.int64)
 
 
-def status(words: NDArray[np.int64]) -> NDArray[np.int64]:
+def status(words: Int1) -> Int1:
     """A frame's status bits from STAT, (PMUs,)."""
     top = words >> 14
     found = np.where((top == NO_INFORMATION) | (top == DO_NOT_USE), DATA_ERROR, np.where(top == ABSENT, TEST_MODE, 0))
     return np.asarray(found | words & COMMON, np.int64)
 
 
-def absent(words: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.bool_]:
+def absent(words: Int1, values: Float2) -> Bool1:
     """Whether a PMU is absent: tagged as absent and without values, (PMUs, channels)."""
     return np.asarray((words >> 14 == ABSENT) & np.isnan(values).all(axis=1))
 
 
-def message_quality(error_s: NDArray[np.float64]) -> int:
+def message_quality(error_s: Float1) -> int:
     """MSG_TQ of a frame, from the worst clock; `error_s`: of unlocked clocks, as in `word`."""
     if error_s.size == 0:
         return 0

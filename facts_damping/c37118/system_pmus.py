@@ -7,7 +7,7 @@ power and the rotor's speed deviation, which only an ideal PMU has. Quantities n
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from facts_damping.signals import CHANNELS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from facts_damping.compiling.structs import Float2, Int1
 
 PHASORS = ("V1", "I1")
 ANALOGS = ("P kW", "Q kvar", "SPEED ppm")
@@ -60,24 +60,15 @@ def configuration(
     first_idcode: int = 1,
 ) -> Configuration:
     """The stream of PMUs; formats as in `PmuConfiguration`; ranges: largest voltage and current in integers, p.u."""
-    return Configuration(
-        tuple(
-            PmuConfiguration(
-                pmu.name,
-                first_idcode + i,
-                (
-                    Phasor(PHASORS[0], current=False, scale=_scale(ranges[0] * pmu.volts)),
-                    Phasor(PHASORS[1], current=True, scale=_scale(ranges[1] * pmu.amperes)),
-                ),
-                tuple(Analog(name, 1, _whole(name, ranges[1] * pmu.base_mva * 1e3)) for name in ANALOGS),
-                nominal_hz=nominal_hz,
-                site=site or Site(),
-                **formats,  # type: ignore[arg-type]
-            )
-            for i, pmu in enumerate(pmus)
-        ),
-        rate,
-    )
+    made = []
+    for i, pmu in enumerate(pmus):
+        voltage, current = _scale(ranges[0] * pmu.volts), _scale(ranges[1] * pmu.amperes)
+        phasors = Phasor(PHASORS[0], scale=voltage), Phasor(PHASORS[1], current=True, scale=current)
+        power = float(math.ceil(ranges[1] * pmu.base_mva * 1e3 / COUNTS))
+        analogs = tuple(Analog(name, 1, scale) for name, scale in zip(ANALOGS, (power, power, 1.0), strict=True))
+        own = pmu.name, first_idcode + i, phasors, analogs
+        made.append(PmuConfiguration(*own, nominal_hz=nominal_hz, site=site or Site(), **formats))  # type: ignore[arg-type]
+    return Configuration(tuple(made), rate)
 
 
 def _scale(largest: float) -> float:
@@ -85,25 +76,12 @@ def _scale(largest: float) -> float:
     return float(np.float32(math.ceil(largest / COUNTS / UNIT) * UNIT))
 
 
-def _whole(name: str, largest: float) -> float:
-    return 1.0 if name == ANALOGS[2] else float(math.ceil(largest / COUNTS))
-
-
-def to_data(pmus: Sequence[Pmu], values: NDArray[np.float64], status: NDArray[np.int64]) -> Data:
+def to_data(pmus: Sequence[Pmu], values: Float2, status: Int1) -> Data:
     """Simultaneous measurements of PMUs, (PMUs, CHANNELS), in the units of a stream."""
-    volts, amperes, power = _bases(pmus)
+    volts, amperes, power = np.array([(pmu.volts, pmu.amperes, pmu.base_mva * 1e3) for pmu in pmus]).reshape(-1, 3).T
     first = np.column_stack([values[:, MAGNITUDE] * volts, values[:, ANGLE]])
     second = np.column_stack([values[:, CURRENT] * amperes, values[:, CURRENT_ANGLE]])
     analogs = np.column_stack([values[:, ACTIVE] * power, values[:, REACTIVE] * power, values[:, SPEED] / PPM])
     phasors = np.stack([first, second], axis=1).reshape(-1, 2)
     none = np.zeros(0, np.int64)
     return Data(status, phasors, values[:, FREQUENCY], values[:, ROCOF], analogs.ravel(), none)
-
-
-def _bases(pmus: Sequence[Pmu]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """V, A and kW of 1 p.u., each (PMUs,)."""
-    return (
-        np.array([s.volts for s in pmus]),
-        np.array([s.amperes for s in pmus]),
-        np.array([s.base_mva * 1e3 for s in pmus]),
-    )

@@ -8,8 +8,6 @@ from json import dumps
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.links import open_own
-from facts_damping.case.measurement import FOLDER
-from facts_damping.case.supervision import FOLDER as SUPERVISION
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import each_path, find, read_table, set_field, shipped
 from facts_damping.parameters.profile import Profile
@@ -20,14 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
 # Fields of a run that may name a file, and the folders of the shipped files.
-FOLDERS = {
-    "system": "systems",
-    "model": "systems",
-    "scenario": "scenarios",
-    "measurement": FOLDER,
-    "link": "links",
-    "supervision": SUPERVISION,
-}
+FOLDERS = {"system": "systems", "model": "systems", "scenario": "scenarios", "link": "links"}
+FOLDERS |= {name: name for name in ("measurement", "supervision")}
 STANDARD = "standard"  # supervision to start from when `--set` changes a field of one and the run has none
 PROFILE = "profile"  # the field of a run that names a profile
 
@@ -85,9 +77,8 @@ def _open_name(content: dict[str, Any], key: str) -> None:
         return
     if top == "scenario":
         system = content.get("system", Run.model_fields["system"].default)
-        own = system if isinstance(system, dict) else read_table(find("systems", str(system)))
-        within = own.get("name", "")
-        scenario = read_table(find("scenarios", named, f"{within}/"))
+        table = system if isinstance(system, dict) else read_table(find("systems", str(system)))
+        scenario = read_table(find("scenarios", named, f"{table.get('name', '')}/"))
         content.setdefault("duration", scenario.get("duration", Scenario.model_fields["duration"].default))
         content[top] = scenario.get("events", [])
         if scenario.get("dispatch"):
@@ -115,22 +106,18 @@ def take_profile(content: dict[str, Any], given: Any, where: str, kept: Collecti
     content[PROFILE] = given
     _open_name(content, "system.name")
     if not isinstance(content["system"], dict):
-        raise InputError(
-            f"{where}: system: {short(content['system'])} given; allowed: a name, a YAML file, or a system"
-        )
+        given = short(content["system"])
+        raise InputError(f"{where}: system: {given} given; allowed: a name, a YAML file, or a system")
     values = {**profile.set, **profile.systems.get(str(content["system"].get("name")), {})}
     for path in sorted(values, key=lambda key: key.count(".")):
-        for key in each_path(content, path, partial(_open_name, content)) if _there(content, path, kept) else []:
+        into_list = path.startswith("system.") and ".*" in path
+        if path in kept or (into_list and not content["system"].get(path.split(".")[1])):
+            continue  # a path into a list needs a list with entries
+        for key in each_path(content, path, partial(_open_name, content)):
             set_field(content, key, deepcopy(values[path]), f"{where}: {path}")
     _take_signals(content, profile, only_usual=PROFILE in kept)
     if profile.fixed_model and "model" not in kept:
         content["model"] = deepcopy(content["system"])
-
-
-def _there(content: Mapping[str, Any], path: str, kept: Collection[str]) -> bool:
-    """Whether a profile's path applies: not in `kept`, and a path into a list needs a list with entries."""
-    rows = content["system"].get(path.split(".")[1]) if path.startswith("system.") and ".*" in path else True
-    return path not in kept and bool(rows)
 
 
 def _take_signals(content: dict[str, Any], profile: Profile, *, only_usual: bool) -> None:

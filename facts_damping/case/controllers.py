@@ -11,16 +11,13 @@ from facts_damping.case.links import mean_delays
 from facts_damping.control import bank, identifier_model
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.table import RENAMED, Parameter, Value, defaults, kind, kind_of
-from facts_damping.errors import InputError, check_known
 from facts_damping.input_files import is_file
 from facts_damping.parameters import files
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller, Tuned, Weights
-from facts_damping.parameters.validation import check, origin
+from facts_damping.parameters.validation import FieldError, check, check_known, of_field, worded
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from facts_damping.parameters.link import Link
     from facts_damping.parameters.plant.system import System
 
@@ -32,8 +29,6 @@ def filled(
     here: str,
     system: System,
     link: Link,
-    source: str,
-    sets: dict[str, str] | None,
     frame_rate: int,
     latency: float = 0.0,
     measurement: str = "ideal",
@@ -43,54 +38,46 @@ def filled(
 
     `latency`: s, of the PMUs' filter; `measurement`: its name; `tuning`: the profile of the tuned parameters.
     """
-
-    def where(field: str) -> str:
-        return origin(f"{here}.{field}", source, sets)
-
-    row = kind_of(controller, where("name"))
-    controller = with_law(controller, f"{here}.linear", frame_rate, source, sets)
+    name = controller.name
+    with of_field(f"{here}.name"):
+        row = kind_of(controller, f"{here}.name")
+    controller = with_law(controller, f"{here}.linear", frame_rate)
     if row.network is None and controller.scheme is not None:
-        raise InputError(f"{where('scheme')}: '{controller.scheme}' given; allowed: none for {controller.name}")
+        raise FieldError(f"{here}.scheme", f"'{controller.scheme}' given; allowed: none for {name}")
     scheme = None if row.network is None else controller.scheme or "indirect"
     if not row.compensates and controller.compensation != "none":
         reason = "reckons with its delay by itself" if row.design else "has no parameters of one"
-        raise InputError(
-            f"{where('compensation')}: '{controller.compensation}' given; allowed: none for {controller.name}, which "
-            + reason
-        )
+        given = f"'{controller.compensation}' given"
+        raise FieldError(f"{here}.compensation", f"{given}; allowed: none for {name}, which {reason}")
     if controller.compensation in OF_IDENTIFIERS and scheme != "indirect":
-        raise InputError(
-            f"{where('compensation')}: '{controller.compensation}' given; allowed: {', '.join(COMPENSATIONS)} for "
-            f"{controller.name}{f' {scheme}' if scheme else ''}, or an indirect controller, whose identifier predicts"
-        )
+        own = f"{', '.join(COMPENSATIONS)} for {name}{f' {scheme}' if scheme else ''}"
+        allowed = f"{own}, or an indirect controller, whose identifier predicts"
+        raise FieldError(f"{here}.compensation", f"'{controller.compensation}' given; allowed: {allowed}")
     counts = sizes(controller)
-    for name, value in () if row.program or row.node else controller.parameters.items():
-        check_parameter(where(f"parameters.{name}"), name, value, row.parameters, counts)
-    given = controller.signals, controller.devices
-    known = tuned(system.name, *given, measurement, tuning, controller.compensation)
-    if controller.name == "LLC-tuned" and (controller.name, None) not in known and not controller.parameters:
-        raise InputError(
-            f"{where('name')}: 'LLC-tuned' given, which is not tuned for {system.name} with these signals and devices; "
-            f"allowed: LLC, or `facts-damping tune {system.name}` first (tuning: {tuning})"
-        )
-    own = defaults(row, controller.profile, *counts.values())
-    values = {**own, **known.get((controller.name, scheme), {}), **controller.parameters}
+    for parameter, value in () if row.program or row.node else controller.parameters.items():
+        check_parameter(f"{here}.parameters.{parameter}", parameter, value, row.parameters, counts)
+    ports = controller.signals, controller.devices
+    known = tuned(system.name, *ports, measurement, tuning, controller.compensation)
+    if name == "LLC-tuned" and (name, None) not in known and not controller.parameters:
+        given = f"'LLC-tuned' given, which is not tuned for {system.name} with these signals and devices"
+        allowed = f"LLC, or `facts-damping tune {system.name}` first (tuning: {tuning})"
+        raise FieldError(f"{here}.name", f"{given}; allowed: {allowed}")
+    usual = defaults(row, controller.profile, *counts.values())
+    values = {**usual, **known.get((name, scheme), {}), **controller.parameters}
     if controller.compensation in OF_IDENTIFIERS and "identifier_span" not in controller.parameters:
         values["identifier_span"] = SPAN
     order = identifier_model.past_values(values.get("identifier_span"))
     if order > 1 and "identifier" not in controller.parameters:
         values["identifier"] = "ANFTSI"  # its consequents are affine then
     if values.get("identifier") == "ANFGuMoI" and max(*counts.values(), order) > 1:
-        raise InputError(
-            f"{where('parameters.identifier')}: 'ANFGuMoI' given; "
-            "allowed: ANFTSI with several signals or devices, or an identifier_span"
-        )
+        allowed = "ANFTSI with several signals or devices, or an identifier_span"
+        raise FieldError(f"{here}.parameters.identifier", f"'ANFGuMoI' given; allowed: {allowed}")
     whole, down = mean_delays(controller, system, link)
     if values.get("loop_delay") == -1.0:
         values["loop_delay"] = latency + whole
     if values.get("down_delay") == -1.0:
         values["down_delay"] = down
-    weights = _weights(controller, scheme, values, where)
+    weights = _weights(controller, scheme, values, f"{here}.weights")
     return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})
 
 
@@ -99,24 +86,24 @@ def sizes(controller: Controller) -> dict[str, int]:
     return {"signal": len(controller.signals), "device": len(controller.devices)}
 
 
-def check_parameter(where: str, name: str, value: Value, table: dict[str, Parameter], counts: dict[str, int]) -> None:
+def check_parameter(field: str, name: str, value: Value, table: dict[str, Parameter], counts: dict[str, int]) -> None:
     """Raise `InputError` for a parameter that the kind's table lacks, or a value that is not allowed.
 
     `counts`: numbers of signals and devices of the controller.
     """
     if RENAMED.get(name) in table:
-        raise InputError(f"{where}: '{name}' given; allowed: '{RENAMED[name]}', as it is called now")
-    check_known(where, name, list(table))
+        raise FieldError(field, f"'{name}' given; allowed: '{RENAMED[name]}', as it is called now")
+    check_known(field, name, list(table))
     p = table[name]
     if isinstance(value, list) and (not p.each or len(value) != counts[p.each]):
         allowed = f"a number, or {counts[p.each]}, one a {p.each}" if p.each else "one value"
-        raise InputError(f"{where}: {len(value)} numbers given; allowed: {allowed}")
+        raise FieldError(field, f"{len(value)} numbers given; allowed: {allowed}")
     for one in value if isinstance(value, list) else [value]:
         if p.choices:
-            check_known(where, str(one), p.choices)
+            check_known(field, str(one), p.choices)
         elif isinstance(one, str) or not p.low <= one <= p.high or (p.whole and one != round(one)):
             shown, whole = one if isinstance(one, str) else f"{one:g}", "whole numbers, " if p.whole else ""
-            raise InputError(f"{where}: {shown} given; allowed: {whole}{p.low:g} to {p.high:g} {p.unit}")
+            raise FieldError(field, f"{shown} given; allowed: {whole}{p.low:g} to {p.high:g} {p.unit}")
 
 
 def with_weights(controller: Controller, weights: Path | Weights) -> Controller:
@@ -126,27 +113,23 @@ def with_weights(controller: Controller, weights: Path | Weights) -> Controller:
     """
     source = str(weights) if isinstance(weights, Path) else "weights"
     given = controller.model_copy(update={"weights": source if isinstance(weights, Path) else weights})
-    found = _weights(given, given.scheme, given.parameters, lambda field: f"{source}: {field}")
+    with worded(source):
+        found = _weights(given, given.scheme, given.parameters, "weights")
     return controller.model_copy(update={"weights": found})
 
 
-def _weights(
-    controller: Controller, scheme: str | None, values: dict[str, Value], where: Callable[[str], str]
-) -> Weights | None:
-    """Initial weights of the controller, read if they name a file."""
+def _weights(controller: Controller, scheme: str | None, values: dict[str, Value], field: str) -> Weights | None:
     if controller.weights is None:
         return None
     found = controller.weights
     if isinstance(found, str):
         path = Path(found)
         if not is_file(path):
-            raise InputError(f"{where('weights')}: {path}: no such file; allowed: weights that a run has saved")
+            raise FieldError(field, f"{path}: no such file; allowed: weights that a run has saved")
         found = check(Weights, files.read_table(path), str(path))
     if (found.name, found.scheme) != (controller.name, scheme):
-        raise InputError(
-            f"{where('weights')}: weights of {found.name} ({found.scheme}) given; "
-            f"allowed: those of {controller.name} ({scheme})"
-        )
+        allowed = f"those of {controller.name} ({scheme})"
+        raise FieldError(field, f"weights of {found.name} ({found.scheme}) given; allowed: {allowed}")
     wanted = {"controller": bank.controller_network(controller).size, "identifier": 0}
     if scheme == "indirect":
         kind_of_identifier = str(values["identifier"])
@@ -156,7 +139,7 @@ def _weights(
     for part, size in wanted.items():
         given = getattr(found, part)
         if given is not None and len(given) != size:
-            raise InputError(f"{where('weights')}: {part}: {len(given)} numbers given; allowed: {size}")
+            raise FieldError(field, f"{part}: {len(given)} numbers given; allowed: {size}")
     return found
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ALL = "delay_s"  # the column that holds for all channels
 
 
-def with_traces(link: Link, where: str) -> Link:
+def with_traces(link: Link) -> Link:
     """A link with the delays of its traces inline, read from the files that they name.
 
     Raises `InputError` for a file that cannot be read or holds no delays.
@@ -35,7 +35,7 @@ def with_traces(link: Link, where: str) -> Link:
     for way in ("up", "down"):
         for i, stage in enumerate(getattr(link, way)):
             if isinstance(stage, Trace) and stage.file is not None:
-                here = f"{where}: {way}.{i}.file"
+                here = f"{way}.{i}.file"
                 content = {**stage.model_dump(), "file": None, "delays": _read(Path(stage.file), way, here)}
                 changed.setdefault(way, list(getattr(link, way)))[i] = check(Trace, content, here)
     return link.model_copy(update=changed) if changed else link
@@ -71,7 +71,6 @@ def _table(path: Path, where: str) -> Series | dict[str, Series]:
 
 
 def _number(cell: str, name: str, k: int, where: str) -> float | None:
-    """Delay of a cell, s; None if empty."""
     text = cell.strip()
     try:
         return float(text) if text else None

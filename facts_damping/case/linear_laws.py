@@ -14,7 +14,7 @@ from facts_damping.errors import InputError, one_line
 from facts_damping.input_files import MATRICES, check_unpacked, is_file, read_bytes
 from facts_damping.parameters.files import read_table
 from facts_damping.parameters.linear_law import FORMS, LinearLaw
-from facts_damping.parameters.validation import check, origin
+from facts_damping.parameters.validation import FieldError, check, check_field, of_field
 
 if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
@@ -23,36 +23,30 @@ NAMES = (*(name for form in FORMS for name in form), "dt")
 NEAR = 1e-6  # relative tolerance of a period, which files round
 
 
-def with_law(
-    controller: Controller, field: str, frame_rate: int, source: str, sets: dict[str, str] | None
-) -> Controller:
+def with_law(controller: Controller, field: str, frame_rate: int) -> Controller:
     """A controller with its `linear` law inline. Raises `InputError` if it is invalid or does not fit."""
-    given, where = controller.linear, origin(field, source, sets)
+    given = controller.linear
     if given is None:
         return controller
     if isinstance(given, str):
-        law = check(LinearLaw, _read(Path(given), where), given)
+        law = check(LinearLaw, _read(Path(given), field), given)
     else:
-        law = check(LinearLaw, given, source, sets, field)
+        law = check_field(LinearLaw, given, field)
     if law.dt is not None and abs(law.dt * frame_rate - 1.0) > NEAR:
-        raise InputError(
-            f"{where}.dt: {law.dt:g} s given; allowed: the frames' {1.0 / frame_rate:.9g} s, or none: continuous"
-        )
-    try:
+        allowed = f"the frames' {1.0 / frame_rate:.9g} s, or none: continuous"
+        raise FieldError(field, f"{law.dt:g} s given; allowed: {allowed}", ".dt")
+    with of_field(field):
         matrices(law, len(controller.signals), len(controller.devices))
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
     return controller.model_copy(update={"linear": law.model_dump(exclude_none=True)})
 
 
-def _read(path: Path, where: str) -> dict[str, Any]:
-    """Content of a file as a YAML file would give it."""
+def _read(path: Path, field: str) -> dict[str, Any]:
     if not is_file(path):
-        raise InputError(f"{where}: {path}: no such file; allowed: a law in a .yaml, .npz or .mat file")
+        raise FieldError(field, f"{path}: no such file; allowed: a law in a .yaml, .npz or .mat file")
     if path.suffix in (".yaml", ".yml"):
         return read_table(path)
     if path.suffix not in (".npz", ".mat"):
-        raise InputError(f"{where}: {path} given; allowed: a law in a .yaml, .npz or .mat file")
+        raise FieldError(field, f"{path} given; allowed: a law in a .yaml, .npz or .mat file")
     try:
         found = _arrays(path)
     except InputError:

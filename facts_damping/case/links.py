@@ -12,7 +12,7 @@ from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.stages import Bernoulli
-from facts_damping.parameters.validation import check, origin
+from facts_damping.parameters.validation import check, check_field, of_field, worded
 
 if TYPE_CHECKING:
     from facts_damping.parameters.measurement import Measurement
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from facts_damping.parameters.stages import StageModel
 
 
-def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link, list[Link], list[int]]:
+def read_links(run: Run) -> tuple[Link, list[Link], list[int]]:
     """The run's link; all links in use; for each controller, the index of its link among these.
 
     The run's link comes first if a controller has none of its own or there is no controller. Each controller's own link
     is separate, even if it has the same name as another.
     """
-    link = read_link(run.link, "link", source, sets)
+    link = read_link(run.link, "link")
     links = [link] if not run.controllers or any(c.link is None for c in run.controllers) else []
     used = []
     for i, controller in enumerate(run.controllers):
@@ -35,7 +35,7 @@ def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link
             used.append(0)
         else:
             used.append(len(links))
-            links.append(read_link(controller.link, f"controllers.{i}.link", source, sets))
+            links.append(read_link(controller.link, f"controllers.{i}.link"))
     return link, links, used
 
 
@@ -57,31 +57,27 @@ def mean_delays(controller: Controller, system: System, link: Link) -> tuple[flo
     return max(whole, default=0.0), max(down, default=0.0)
 
 
-def with_own(controller: Controller, link: Link) -> Controller:
-    """A controller with its own link inline, if it has one."""
-    return controller if controller.link is None else controller.model_copy(update={"link": link.model_dump()})
-
-
-def read_link(given: str | dict[str, Any], field: str, source: str, sets: dict[str, str] | None) -> Link:
+def read_link(given: str | dict[str, Any], field: str) -> Link:
     """A link by name, path, or inline content of the run's field."""
     if isinstance(given, str):
         path = find("links", given)
-        return with_traces(check(Link, read_table(path), str(path)), str(path))
-    return with_traces(check(Link, given, source, sets, field), origin(field, source, sets))
+        with worded(str(path)), of_field(""):
+            return with_traces(check_field(Link, read_table(path), ""))
+    link = check_field(Link, given, field)
+    with of_field(field):
+        return with_traces(link)
 
 
 def signed(link: Link) -> Link:
     """A link with signed messages: a message altered on the way is refused, so it counts as lost."""
 
     def refused(stage: Any) -> Any:
-        return Bernoulli(**shared(stage), loss=stage.probability) if stage.model == "flip" else stage
+        if stage.model != "flip":
+            return stage
+        shared = {name: getattr(stage, name) for name in ("stage", "channels", "start", "duration")}
+        return Bernoulli(**shared, loss=stage.probability)
 
     return link.model_copy(update={way: [refused(stage) for stage in getattr(link, way)] for way in ("up", "down")})
-
-
-def shared(stage: StageModel) -> dict[str, Any]:
-    """Fields of a stage that all stages have."""
-    return {name: getattr(stage, name) for name in ("stage", "channels", "start", "duration")}
 
 
 def beside(link: Link, measurement: Measurement) -> Link:
@@ -96,10 +92,10 @@ def _stands_for_pmus(stage: StageModel) -> bool:
     return stage.stage == "pmu" and stage.model == "constant"
 
 
-def check_felt(link: Link, field: str, measurement: Measurement, sets: dict[str, str] | None) -> None:
+def check_felt(link: Link, field: str, measurement: Measurement, sets: dict[str, str]) -> None:
     """Raise `InputError` if `--set` gives a delay for a `pmu` stage that `beside` sets to zero."""
     for i, stage in enumerate(link.up):
-        given = (sets or {}).get(f"{field}.up.{i}.delay")
+        given = sets.get(f"{field}.up.{i}.delay")
         if given is not None and _stands_for_pmus(stage) and measurement.filter != "ideal":
             others = ", ".join(f"{field}.up.{k}" for k, one in enumerate(link.up) if not _stands_for_pmus(one))
             why = f"the stage stands for PMUs, which have a filter of their own here ({measurement.filter})"

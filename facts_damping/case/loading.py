@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.case.changes import PROFILE, STANDARD, as_sets, change, off, take_profile
 from facts_damping.case.checks import check_case, check_events
 from facts_damping.case.controllers import filled
-from facts_damping.case.links import beside, check_felt, read_links, signed, with_own
+from facts_damping.case.links import beside, check_felt, read_links, signed
 from facts_damping.case.measurement import read_measurement
 from facts_damping.case.model import Case
 from facts_damping.case.supervision import check_fallbacks, read_supervision
-from facts_damping.errors import InputError, check_known
+from facts_damping.errors import check_known
 from facts_damping.input_files import naming_no_files
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.parameters.files import check_kind, each_path, find, read_sets, read_table, set_field
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.run import Run, Scenario
-from facts_damping.parameters.validation import check, origin
+from facts_damping.parameters.validation import FieldError, check, check_field, worded
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -105,42 +105,37 @@ def changed_case(
 
 def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> Case:
     """A case from the content of a run file."""
-    run = check(Run, content, source, sets)
-    system = _system(run.system, "system", source, sets)
-    model = _model(run, system, source, sets)
+    with worded(source, sets):
+        return _made(content, sets or {})
+
+
+def _made(content: Any, sets: dict[str, str]) -> Case:
+    run = check_field(Run, content, "")
+    system = _system(run.system, "system")
+    model = _model(run, system)
     if isinstance(run.scenario, str):
         path = find("scenarios", run.scenario, f"{system.name}/")
         scenario = check(Scenario, read_table(path), str(path))
     else:
-        scenario = check(Scenario, {"name": "inline", "events": run.scenario}, source, sets, "scenario")
-    measurement = read_measurement(run.measurement, source, sets)
-    link, links, used = read_links(run, source, sets)
+        scenario = check_field(Scenario, {"name": "inline", "events": run.scenario}, "scenario")
+    measurement = read_measurement(run.measurement)
+    link, links, used = read_links(run)
     for i, field in enumerate(["link", *(f"controllers.{c}.link" for c in range(len(run.controllers)))]):
         check_felt(link if i == 0 else links[used[i - 1]], field, measurement, sets)
     links = [beside(signed(one) if run.security else one, measurement) for one in links]
     scenario_file = str(path) if isinstance(run.scenario, str) else ""
     placed = place(_dispatched(system, scenario, scenario_file))
     latency = reference_filter(measurement, system.frequency, run.frame_rate).delay / run.frame_rate
-    rows = [
-        filled(
-            with_own(c, links[used[i]]),
-            f"controllers.{i}",
-            system,
-            links[used[i]],
-            source,
-            sets,
-            run.frame_rate,
-            latency,
-            measurement.filter,
-            run.tuning,
-        )
-        for i, c in enumerate(run.controllers)
-    ]
-    supervision = read_supervision(run, source, sets)
-    case = Case(run, rows, placed, scenario, measurement, link, links, used, supervision, model)
-    check_case(case, source, sets)
-    check_fallbacks(case, source, sets)
-    check_events(case, scenario_file, source, sets)
+    controllers, settings = [], (run.frame_rate, latency, measurement.filter, run.tuning)
+    for i, controller in enumerate(run.controllers):
+        if controller.link is not None:
+            controller = controller.model_copy(update={"link": links[used[i]].model_dump()})  # noqa: PLW2901
+        controllers.append(filled(controller, f"controllers.{i}", system, links[used[i]], *settings))
+    supervision = read_supervision(run)
+    case = Case(run, controllers, placed, scenario, measurement, link, links, used, supervision, model)
+    check_case(case)
+    check_fallbacks(case)
+    check_events(case, scenario_file)
     return case
 
 
@@ -150,34 +145,31 @@ def recorded_case(content: Any, source: str) -> Case:
         return make_case(content, source)
 
 
-def _system(given: str | dict[str, Any], field: str, source: str, sets: dict[str, str] | None) -> System:
+def _system(given: str | dict[str, Any], field: str) -> System:
     """A system by name, path, or inline content of the run's field."""
     if isinstance(given, str):
         path = find("systems", given)
         return check(System, read_table(path), str(path))
-    return check(System, given, source, sets, field)
+    return check_field(System, given, field)
 
 
-def _model(run: Run, system: System, source: str, sets: dict[str, str] | None) -> System | None:
-    """The system for controller design, if not the plant; it gets the plant's devices and signals."""
+def _model(run: Run, system: System) -> System | None:
+    """The system for controller design, if not the plant."""
     if run.model is None:
         return None
-    model = _system(run.model, "model", source, sets)
+    model = _system(run.model, "model")
     for field, own, other in (
         ("devices", [d.name for d in model.devices], [d.name for d in system.devices]),
         ("pmus", [s.name for s in model.pmus], [s.name for s in system.pmus]),
         ("signals", list(model.signals), list(system.signals)),
     ):
         if own != other:
-            raise InputError(
-                f"{origin('model', source, sets)}: {field} {', '.join(own) or 'none'} given; allowed: those of the "
-                f"system, {', '.join(other) or 'none'}"
-            )
+            allowed = f"those of the system, {', '.join(other) or 'none'}"
+            raise FieldError("model", f"{field} {', '.join(own) or 'none'} given; allowed: {allowed}")
     return place(model)
 
 
 def _dispatched(system: System, scenario: Scenario, where: str) -> System:
-    """The system with the active powers of a scenario's dispatch."""
     scheduled = [m.name for m in system.machines if not m.slack]
     for name in scenario.dispatch:
         check_known(f"{where}: dispatch", name, scheduled)

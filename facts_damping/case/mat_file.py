@@ -18,13 +18,12 @@ def as_npz(content: bytes) -> bytes:
     command = [sys.executable, __file__]
     done = subprocess.run(command, input=content, capture_output=True, check=False, timeout=PATIENCE_S)
     if done.returncode:
-        said = done.stderr.decode(errors="replace").strip().splitlines()
-        raise ValueError(said[-1] if said else f"reading it was ended by signal {-done.returncode}")
+        lines = done.stderr.decode(errors="replace").strip().splitlines()
+        raise ValueError(lines[-1] if lines else f"reading it was ended by signal {-done.returncode}")
     return done.stdout
 
 
 def _convert() -> None:
-    """Convert standard input to standard output."""
     from scipy.io import loadmat  # noqa: PLC0415 (here alone: loading it takes longer than a run)
 
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))

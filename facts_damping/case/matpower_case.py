@@ -55,7 +55,7 @@ def text(system: System, name: str) -> str:
         f"mpc.baseMVA = {base:.15g};",
     ]
     for key, rows in _tables(system).items():
-        lines += [f"\n% {HEADS[key]}", f"mpc.{key} = [", *(_line(row, told) for row, told in rows), "];"]
+        lines += [f"\n% {HEADS[key]}", f"mpc.{key} = [", *(_line(row, element) for row, element in rows), "];"]
     return "\n".join(lines) + "\n"
 
 
@@ -85,7 +85,6 @@ def _tables(system: System) -> dict[str, list[Row]]:
 
 
 def _plain(power: complex, base: float) -> complex:
-    """A power with round-off removed."""
     return power if abs(power) > NOTHING * base else 0j
 
 

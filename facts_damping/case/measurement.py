@@ -4,37 +4,35 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.errors import InputError, check_known
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.parameters.files import find, read_table, set_field
 from facts_damping.parameters.measurement import Measurement
-from facts_damping.parameters.validation import check, origin
+from facts_damping.parameters.validation import FieldError, check, check_field, check_known
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from facts_damping.case.model import Case
 
-FOLDER = "measurement"  # folder below config
 FIXED = ("start", "duration", "lost", "voltage_range", "current_range")  # fields that cannot change during a run
 
 
-def read_measurement(given: str | dict[str, Any], source: str, sets: dict[str, str] | None = None) -> Measurement:
+def read_measurement(given: str | dict[str, Any]) -> Measurement:
     """How PMUs measure: by name, path, or inline content of the run's field."""
     if isinstance(given, str):
-        path = find(FOLDER, given)
+        path = find("measurement", given)
         return check(Measurement, read_table(path), str(path))
-    return check(Measurement, given, source, sets, "measurement")
+    return check_field(Measurement, given, "measurement")
 
 
-def check_measurement(case: Case, source: str, sets: dict[str, str] | None) -> None:
+def check_measurement(case: Case) -> None:
     """Check that filters fit the frame rate, that PMUs exist, and that controllers' signals are measured."""
     measurement, pmus = case.measurement, [s.name for s in case.system.pmus]
     for name in measurement.pmus:
-        check_known(origin("measurement.pmus", source, sets), name, pmus)
+        check_known("measurement.pmus", name, pmus)
     for i, one in enumerate(measurement.bad_data):
         for name in one.pmus or []:
-            check_known(origin(f"measurement.bad_data.{i}.pmus", source, sets), name, pmus)
+            check_known(f"measurement.bad_data.{i}.pmus", name, pmus)
     reference_filter(measurement, case.system.frequency, case.run.frame_rate)
     missing = "rocof" if measurement.filter == "ideal" else "speed_deviation"
     for c, controller in enumerate(case.run.controllers):
@@ -42,10 +40,9 @@ def check_measurement(case: Case, source: str, sets: dict[str, str] | None) -> N
             signal = case.system.signals.get(name)
             if signal is not None and signal.channel == missing:
                 measured = [other for other, own in case.system.signals.items() if own.channel != missing]
-                raise InputError(
-                    f"{origin(f'controllers.{c}.signals', source, sets)}: '{name}' given, a signal of {missing}, which "
-                    f"PMUs do not report with filter {measurement.filter}; allowed: {', '.join(measured) or 'none'}"
-                )
+                why = f"a signal of {missing}, which PMUs do not report with filter {measurement.filter}"
+                allowed = ", ".join(measured) or "none"
+                raise FieldError(f"controllers.{c}.signals", f"'{name}' given, {why}; allowed: {allowed}")
 
 
 def numbers(measurement: Measurement) -> dict[str, float]:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from facts_damping.parameters.files import is_path
 from facts_damping.parameters.run import Run
 
-SUPERVISED = "supervised"  # topic of a supervisor's setpoints: passed on or its own
-
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
+
+SUPERVISED = "supervised"  # topic of a supervisor's setpoints: passed on or its own
 
 
 def controller_names(case: Case) -> list[str]:
@@ -148,11 +148,11 @@ def label(run: dict[str, Any]) -> str:
     ]
     if run.get("measurement", "ideal") != "ideal":
         parts.append([run["measurement"]])
-    return "-".join("+".join(map(_word, part)) for part in parts).replace("/", "_")
+    return "-".join("+".join(map(_short, part)) for part in parts).replace("/", "_")
 
 
-def _word(given: Any) -> str:
-    """Short form of a value: a name, the end of a path, an inline item's `name`, the kinds of events."""
+def _short(given: Any) -> str:
+    """A name, the end of a path, an inline item's `name`, the kinds of events."""
     if isinstance(given, list):
         return "+".join(dict.fromkeys(event["kind"] for event in given)) or "steady"
     if isinstance(given, str):

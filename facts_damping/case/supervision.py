@@ -3,49 +3,49 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from facts_damping.errors import InputError, check_known
 from facts_damping.monitor_table import MONITORS
 from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.supervision import Supervision
-from facts_damping.parameters.validation import check, origin
+from facts_damping.parameters.validation import FieldError, check_field, check_known, worded
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Run
 
-FOLDER = "supervision"  # folder below config
 
-
-def read_supervision(run: Run, source: str, sets: dict[str, str] | None = None) -> Supervision | None:
+def read_supervision(run: Run) -> Supervision | None:
     """A run's supervision by name, path or inline; None if it has none."""
     given = run.supervision
     if given is None:
         if run.arm_at is not None:
-            raise InputError(f"{origin('arm_at', source, sets)}: {run.arm_at:g} given; allowed: with `supervision`")
+            raise FieldError("arm_at", f"{run.arm_at:g} given; allowed: with `supervision`")
         return None
     if isinstance(given, str):
-        path = find(FOLDER, given)
-        found, where = check(Supervision, read_table(path), str(path)), f"{path}: "
+        path = find("supervision", given)
+        with worded(str(path)):
+            found = check_field(Supervision, read_table(path), "")
+            _check_monitors(found, "monitors")
     else:
-        found, where = check(Supervision, given, source, sets, FOLDER), ""
-    for name, own in found.monitors.items():
-        field = where + f"monitors.{name}" if where else origin(f"{FOLDER}.monitors.{name}", source, sets)
-        check_known(field, name, list(MONITORS))
-        row = MONITORS[name]
-        if own is not None and own.limit is not None and not row.low <= own.limit <= row.high:
-            allowed = f"{row.low:g} to {row.high:g} {row.unit}"
-            raise InputError(f"{field}.limit: {own.limit:g} given; allowed: {allowed}")
+        found = check_field(Supervision, given, "supervision")
+        _check_monitors(found, "supervision.monitors")
     start = found.probe.start
     if found.arming.probe and run.arm_at is not None and not (start is not None and start < run.arm_at):
         begins = "none" if start is None else f"{start:g}"
-        raise InputError(
-            f"{origin('arm_at', source, sets)}: {run.arm_at:g} given, but supervision.arming.probe asks for a probe "
-            f"before, and supervision.probe.start is {begins}; allowed: arm_at after a probe"
-        )
+        why = f"supervision.arming.probe asks for a probe before, and supervision.probe.start is {begins}"
+        raise FieldError("arm_at", f"{run.arm_at:g} given, but {why}; allowed: arm_at after a probe")
     return found
+
+
+def _check_monitors(supervision: Supervision, field: str) -> None:
+    for name, threshold in supervision.monitors.items():
+        check_known(f"{field}.{name}", name, list(MONITORS))
+        row, limit = MONITORS[name], None if threshold is None else threshold.limit
+        if limit is not None and not row.low <= limit <= row.high:
+            allowed = f"{row.low:g} to {row.high:g} {row.unit}"
+            raise FieldError(f"{field}.{name}", f"{limit:g} given; allowed: {allowed}", ".limit")
 
 
 def reserves(run: Run) -> dict[int, int]:
@@ -70,47 +70,39 @@ def unsupervised(case: Case) -> Case:
     )
 
 
-def check_fallbacks(case: Case, source: str, sets: dict[str, str] | None) -> None:
+def check_fallbacks(case: Case) -> None:
     """Check that a fallback replaces one controller, has its devices, and uses only signals measured at them."""
     rows = case.run.controllers
     for i, one in enumerate(rows):
         if one.fallback_of is None:
             continue
-
-        def where(field: str, i: int = i) -> str:
-            return origin(f"controllers.{i}.{field}", source, sets)
-
-        given = f"{where('fallback_of')}: {one.fallback_of} given"
+        here, given = f"controllers.{i}", f"{one.fallback_of} given"
         others = [c for c, other in enumerate(rows) if other.fallback_of is None]
         if case.supervision is None:
-            raise InputError(f"{given}; allowed: with `supervision`")
+            raise FieldError(f"{here}.fallback_of", f"{given}; allowed: with `supervision`")
         if one.fallback_of not in others:
-            raise InputError(f"{given}; allowed: the place of a controller, {', '.join(map(str, others)) or 'none'}")
+            allowed = f"the place of a controller, {', '.join(map(str, others)) or 'none'}"
+            raise FieldError(f"{here}.fallback_of", f"{given}; allowed: {allowed}")
         if reserves(case.run)[one.fallback_of] != i:
-            raise InputError(f"{given} twice; allowed: one fallback a controller")
+            raise FieldError(f"{here}.fallback_of", f"{given} twice; allowed: one fallback a controller")
         if one.devices != rows[one.fallback_of].devices:
             own, devices = ", ".join(one.devices), ", ".join(rows[one.fallback_of].devices)
-            raise InputError(f"{where('devices')}: {own} given; allowed: those of its controller, {devices}")
+            raise FieldError(f"{here}.devices", f"{own} given; allowed: those of its controller, {devices}")
         local = local_signals(case.system, one.devices)
         for signal in one.signals:
             if signal not in local:
-                raise InputError(
-                    f"{where('signals')}: '{signal}' given, which is not measured at {' or '.join(one.devices)}; "
-                    f"allowed for a fallback: {', '.join(local) or 'none, as no pmu is there'}"
-                )
+                given = f"'{signal}' given, which is not measured at {' or '.join(one.devices)}"
+                allowed = ", ".join(local) or "none, as no pmu is there"
+                raise FieldError(f"{here}.signals", f"{given}; allowed for a fallback: {allowed}")
 
 
 def local_signals(system: System, devices: list[str]) -> list[str]:
     """Signals whose PMUs are all at a bus of one of the devices or measure the flow through a device."""
-    buses = {bus for name in devices for bus in _buses(system, name)}
+    ends = ("bus", "from_bus", "to_bus")
+    buses = {getattr(system.device(name), end, None) for name in devices for end in ends} - {None}
     where = system.pmu_buses()
     at = {s.name for s in system.pmus if where[s.name] in buses or set(s.branches) & set(devices)}
     return [name for name, signal in system.signals.items() if set(signal.weights) <= at]
-
-
-def _buses(system: System, device: str) -> list[str]:
-    own: Any = system.device(device)
-    return [bus for name in ("bus", "from_bus", "to_bus") if (bus := getattr(own, name, None)) is not None]
 
 
 def ends(system: System) -> list[tuple[int, int]]:

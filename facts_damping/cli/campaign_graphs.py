@@ -39,7 +39,7 @@ def graphs(made: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict
     Graphs that violate a condition are kept below `folder`, with their runs as files. Raises `InputError` if the folder
     belongs to another campaign, `RunError` if the graphs cannot continue.
     """
-    from facts_damping.studies.campaigns import campaign
+    from facts_damping.studies.campaigns import campaign, campaign_pages
     from facts_damping.studies.sweeps.journal import Journal
 
     clean_up_first()
@@ -58,17 +58,10 @@ def graphs(made: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict
             each.shutdown(cancel_futures=True)
         rows = [journal.rows[str(number)] for number in range(count)]
     for row in rows:
-        if not holds(row):
+        if not campaign_pages.holds(row):
             text = campaign.run_file(made, campaign.draw(made, row["number"], real=True))
             write_whole(new_folder(folder / campaign.FAILED) / f"graph-{row['number']}.yaml", text)
     return rows
-
-
-def holds(row: dict[str, Any]) -> bool:
-    """Whether a graph satisfies all required conditions."""
-    from facts_damping.studies.campaigns import campaign_pages
-
-    return campaign_pages.holds(row)
 
 
 def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool]) -> tuple[str, dict[str, Any]]:
@@ -76,92 +69,87 @@ def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool])
 
     Runs in a thread of its own: graphs run in processes and share the one that nodes are forked from.
     """
-    from facts_damping.studies.campaigns import campaign
+    from facts_damping.studies.campaigns import campaign, campaign_pages
 
     row: dict[str, Any] = {"number": number, "graph": True, "error": None}
-    own = folder / FOLDER / str(number)
-    shutil.rmtree(own, ignore_errors=True)  # left by an interrupted run
+    place = folder / FOLDER / str(number)
+    shutil.rmtree(place, ignore_errors=True)  # left by an interrupted run
     try:
-        drawn = campaign.draw(made, number, real=True)
-        row |= campaign.identity(drawn)
-        row |= _struck(made, drawn, own, wanted)
+        draw = campaign.draw(made, number, real=True)
+        row |= campaign.identity(draw)
+        row |= _run(made, draw, place, wanted)
     except FactsDampingError as error:
         row["error"] = one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a graph dies of, the others go on)
         row["error"] = f"{type(error).__name__}: {one_line(error)}"
-    if holds(row):
-        shutil.rmtree(own, ignore_errors=True)
+    if campaign_pages.holds(row):
+        shutil.rmtree(place, ignore_errors=True)
     return str(number), row
 
 
-def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
+def _run(made: Plan, draw: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
     """Run a draw as a graph in its own domain, and also in process and without control."""
     from facts_damping.nodes.launching import fault_injection
     from facts_damping.studies.campaigns import campaign, faults
     from facts_damping.studies.campaigns.invariants import late_ticks
     from facts_damping.studies.sweeps import batch
 
-    real, lasts = faults.FAULTS[drawn.fault].real, drawn.chosen["lasts"]
-    fault = fault_injection.GraphFault(real, drawn.start, float(lasts) if lasts else None)
+    real, lasts = faults.FAULTS[draw.fault].real, draw.chosen["lasts"]
+    fault = fault_injection.GraphFault(real, draw.start, float(lasts) if lasts else None)
     # An attacker's messages must change nothing: no bit in lockstep; in real time no more than timing does.
-    paced = fault.kind in ("kill", "stop") or (fault.kind == "forge" and drawn.number % 2 == 1)
+    paced = fault.kind in ("kill", "stop") or (fault.kind == "forge" and draw.number % 2 == 1)
     mode, more = fault_injection.REALTIME if paced else fault_injection.LOCKSTEP, dict[str, Any]()
     if real.endswith("signed"):
         add_key(new_folder(folder) / KEYS)
         more["security"] = {"keys": str(folder / KEYS)}
-    case = campaign.case_of(made, campaign.healthy(made, drawn) if real else drawn, more)
+    case = campaign.case_of(made, campaign.healthy(made, draw) if real else draw, more)
     with _computing:
         computed = batch.closed_loop(case)  # also compiles the kernels that the nodes need
-        reference = campaign.uncontrolled(made, drawn)
+        reference = campaign.uncontrolled(made, draw)
     with fault_injection.own_domain() as domain:
-        struck = fault_injection.run_with_fault(case, mode, folder, fault, domain, wanted)
+        faulted = fault_injection.run_with_fault(case, mode, folder, fault, domain, wanted)
     first = case.controllers[0]
     row: dict[str, Any] = {"controller": first.name, "scheme": first.scheme, "mode": mode, "real": real}
-    late = late_ticks(struck.record, struck.outcome.deadline_misses)
-    row |= campaign.judged(case, struck.record, reference, drawn, late)
-    row |= {
-        "begun_s": struck.begun_s,
-        "back_s": struck.back_s,
-        "wall_s": struck.outcome.wall_s,
-        "deadline_misses": struck.outcome.deadline_misses,
-        "nodes_ended": struck.outcome.fallen,
-        "forged": sum(struck.forged.values()),
-        "refused": sum(struck.outcome.messages_refused.values()),
-        "notes": struck.record.notes,
-    }
-    return row | {name: applies(case, struck, computed, paced, fault.kind) for name, applies in OF_GRAPHS.items()}
+    late = late_ticks(faulted.record, faulted.outcome.deadline_misses)
+    row |= campaign.judged(case, faulted.record, reference, draw, late)
+    outcome = faulted.outcome
+    row |= {"begun_s": faulted.begun_s, "back_s": faulted.back_s, "wall_s": outcome.wall_s}
+    row |= {"deadline_misses": outcome.deadline_misses, "nodes_ended": outcome.fallen}
+    row |= {"forged": sum(faulted.forged.values()), "refused": sum(outcome.messages_refused.values())}
+    row["notes"] = faulted.record.notes
+    return row | {name: applies(case, faulted, computed, paced, fault.kind) for name, applies in OF_GRAPHS.items()}
 
 
-def recorded(case: Case, struck: FaultedRun, _computed: Record, _paced: bool, kind: str) -> bool:
+def recorded(case: Case, faulted: FaultedRun, _computed: Record, _paced: bool, kind: str) -> bool:
     """Whether all is recorded, to the end or to the loss of synchronism.
 
     A node that does not come back may lack ticks, as may those that it serves.
     """
-    record, away = struck.record, kind in ("kill", "stop") and struck.back_s is None
+    record, away = faulted.record, kind in ("kill", "stop") and faulted.back_s is None
     notes = [note for note in record.notes if not (away and "ticks are missing" in note)]
     whole = len(record.time_ns) == case.ticks or not record.in_synchronism[-1]
-    return bool(whole) and not notes and struck.outcome.messages_lost == 0
+    return bool(whole) and not notes and faulted.outcome.messages_lost == 0
 
 
-def as_computed(_case: Case, struck: FaultedRun, computed: Record, paced: bool, _kind: str) -> bool | None:
+def as_computed(_case: Case, faulted: FaultedRun, computed: Record, paced: bool, _kind: str) -> bool | None:
     """Whether, in lockstep, the recording equals the run in process bit for bit."""
     if paced:
         return None
-    pairs = ((getattr(struck.record, name), getattr(computed, name)) for name in SAME)
+    pairs = ((getattr(faulted.record, name), getattr(computed, name)) for name in SAME)
     return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
 
 
-def nothing_forged_acts(_case: Case, struck: FaultedRun, _computed: Record, _paced: bool, kind: str) -> bool | None:
+def nothing_forged_acts(_case: Case, faulted: FaultedRun, _computed: Record, _paced: bool, kind: str) -> bool | None:
     """Whether only setpoints from supervisors act, and every attacker's message was refused, also by the recorder."""
     if kind != "forge":
         return None
-    record, refused = struck.record, struck.outcome.messages_refused
+    record, refused = faulted.record, faulted.outcome.messages_refused
     keys = ("device", "issued_ns", "value")
     passed = set(zip(*(record.supervised[key].tolist() for key in keys), strict=True))
     acts = set(zip(*(record.applied[key].tolist() for key in keys), strict=True))
     counted = {topic.lstrip("/"): n for (node, _, topic, _), n in refused.items() if node == "recorder"}
     causes = {cause for _, cause, _, _ in refused}
-    return acts <= passed and counted == struck.forged and causes <= {"publisher"}
+    return acts <= passed and counted == faulted.forged and causes <= {"publisher"}
 
 
 OF_GRAPHS: dict[str, Callable[[Case, FaultedRun, Record, bool, str], bool | None]] = {

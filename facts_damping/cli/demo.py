@@ -8,6 +8,7 @@ from pathlib import Path
 
 from facts_damping import report
 from facts_damping.analysis import details
+from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.analysis.summary import table
 from facts_damping.case import loading
 from facts_damping.cli import runs
@@ -17,35 +18,27 @@ from facts_damping.recording import seal
 from facts_damping.terminal import Progress, note, show
 
 RUN = "two_area_deployment"
-CASES = {
-    "no control": ["controllers=[]"],
-    "lead-lag": [],
-    "lead-lag, 300 ms more": ["link.up.1.delay=0.303"],
-}
+EVENT = "a fault on a line of the tie at 2 s, cleared by the trip of that line"
+CASES = {"no control": ["controllers=[]"], "lead-lag": [], "lead-lag, 300 ms more": ["link.up.1.delay=0.303"]}
 
 
 def run_all(folder: Path) -> None:
     """Run the three graphs in lockstep; write the table, plots and report."""
-    named = []
+    named, results = [], []
     for name, sets in CASES.items():
         case = loading.load_case(RUN, sets)
-        place = folder / _place(name)
-        progress = Progress(name)
-        try:
+        place = folder / name.replace(",", "").replace(" ", "_")
+        with Progress(name) as progress:
             outcome = graph.run(case, "lockstep", place, progress)
-        finally:
-            progress.close()
         record = seal(outcome.recording)
         named.append((name, record))
+        results.append(runs.summarise(record, None, str(place / "recording")))
         show(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
-    show(
-        "\ntwo_area in the profile deployment: a fault on a line of the tie at 2 s, cleared by the trip of that line\n"
-    )
-    results = [runs.summarise(record, None, str(folder / _place(name) / "recording")) for name, record in named]
+    show(f"\ntwo_area in the profile deployment: {EVENT}\n")
     details.compare(results, 0)
     show(table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
     show("")
-    for path in runs.plot(named, folder):
+    for path in plot_comparison(named, folder):
         show(f"plot: {path}")
     show(f"recordings: {folder}/*/recording")
     report.write(folder / "report.html", named, results)
@@ -61,11 +54,6 @@ def _newest(folder: Path) -> Path:
         return folder
     link.symlink_to(folder.name)
     return link
-
-
-def _place(name: str) -> str:
-    """Folder name of a run."""
-    return name.replace(",", "").replace(" ", "_")
 
 
 def main() -> int:

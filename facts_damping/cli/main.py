@@ -11,19 +11,11 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from facts_damping import terminal
 from facts_damping.cli import options
 from facts_damping.cli.commands import parser
 from facts_damping.errors import VERBOSE, DegradedError, FactsDampingError, InputError, RecordingError, one_line, traced
 from facts_damping.escaping import escaped
-from facts_damping.terminal import (
-    INTERRUPTED,
-    INTERRUPTIONS,
-    PictureFormat,
-    busy_line,
-    end_at_once,
-    note,
-    set_picture_format,
-)
 
 if TYPE_CHECKING:
     import argparse
@@ -44,10 +36,10 @@ STATUSES: tuple[tuple[type[FactsDampingError], int], ...] = (
 
 def main(argv: list[str] | None = None) -> int:
     """Entry point: exit status 0 done, 1 the run failed, 2 bad input, 3 degraded, 130 interrupted."""
-    before = {number: signal.getsignal(number) for number in INTERRUPTIONS}
-    for number in INTERRUPTIONS:
+    before = {number: signal.getsignal(number) for number in terminal.INTERRUPTIONS}
+    for number in terminal.INTERRUPTIONS:
         if before[number] != signal.SIG_IGN:
-            signal.signal(number, end_at_once)
+            signal.signal(number, terminal.end_at_once)
     verbose = os.environ.get(VERBOSE)
     try:
         return _main(argv)
@@ -66,7 +58,7 @@ def _main(argv: list[str] | None) -> int:
         sys.stderr.write(escaped(traced(error)))
         return _fail(error, next(status for kind, status in STATUSES if isinstance(error, kind)))
     except KeyboardInterrupt as error:
-        return _fail(f"interrupted; {str(error) or 'what was recorded by then is readable'}", INTERRUPTED)
+        return _fail(f"interrupted; {str(error) or 'what was recorded by then is readable'}", terminal.INTERRUPTED)
     except BrokenPipeError:
         sys.stderr.close()
         return DONE
@@ -109,14 +101,16 @@ def _do(arguments: argparse.Namespace) -> None:
 
         forked.load()  # loads what nodes need while this process loads its own modules
     draws = hasattr(arguments, "width")
-    set_picture_format(PictureFormat(arguments.format, arguments.width, arguments.font) if draws else PictureFormat())
+    terminal.set_picture_format(
+        terminal.PictureFormat(arguments.format, arguments.width, arguments.font) if draws else terminal.PictureFormat()
+    )
     module, _, name = arguments.function.replace(":", ".").rpartition(".")
-    with busy_line(arguments.command):
+    with terminal.busy_line(arguments.command):
         getattr(importlib.import_module(module), name)(arguments)
 
 
 def _fail(reason: object, status: int) -> int:
-    note(f"facts-damping: {one_line(reason)}")
+    terminal.note(f"facts-damping: {one_line(reason)}")
     return status
 
 

@@ -27,11 +27,9 @@ FILES = {
 
 def new(arguments: argparse.Namespace) -> None:
     """Create a controller's folder or a key."""
-    {"controller": _controller, "key": _key}[arguments.kind](arguments)
-
-
-def _key(arguments: argparse.Namespace) -> None:
-    """Create a key for a graph."""
+    if arguments.kind == "controller":
+        _controller(arguments)
+        return
     if arguments.out is not None:
         raise InputError(f"--out {arguments.out}: given with a key; allowed: new key FILE.yaml")
     number, before = add_key(Path(arguments.name))

@@ -13,6 +13,8 @@ from facts_damping.errors import InputError, meant
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    Arguments = argparse.ArgumentParser | argparse._MutuallyExclusiveGroup  # noqa: SLF001
+
 _CHOICE = re.compile(r"invalid choice: '(.*)' \(choose from (.*)\)")
 
 
@@ -26,7 +28,7 @@ class _Formatter(argparse.HelpFormatter):
         return text if text.startswith(EXAMPLES) else super()._fill_text(text, width, indent)
 
 
-def told(examples: Sequence[str]) -> str:
+def examples_text(examples: Sequence[str]) -> str:
     """Examples as the end of a command's help."""
     return "\n".join([EXAMPLES, *(f"  facts-damping {one}" for one in examples)])
 
@@ -34,8 +36,8 @@ def told(examples: Sequence[str]) -> str:
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, with a suggestion for typos."""
 
-    def __init__(self, **given: Any) -> None:
-        super().__init__(formatter_class=_Formatter, **given)
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(formatter_class=_Formatter, **settings)
 
     def error(self, message: str) -> NoReturn:
         """Raise `InputError` with the message."""
@@ -60,18 +62,27 @@ def refuse(unknown: Sequence[str], options: Sequence[str]) -> NoReturn:
     raise InputError(f"{' '.join(unknown)}: given{close}; allowed: what --help lists")
 
 
-def named(command: argparse.ArgumentParser, name: str, kind: str, more: str = "", nargs: str | None = None) -> None:
-    """Add an argument that is a name under `config/` or a file of the user's."""
-    text = f"name under config/{kind}, or a YAML file{more}"
-    action = command.add_argument(name, metavar=name.upper(), nargs=nargs, help=text)
-    action.completer = lambda **_: _names(kind)  # type: ignore[attr-defined]
+def add_argument(command: Arguments, name: str, content: str | dict[str, Any]) -> None:
+    """Add an argument of the table commands.yaml: `name` with its METAVAR, and its help or settings."""
+    flag, _, metavar = name.partition(" ")
+    settings: dict[str, Any] = {"help": content} if isinstance(content, str) else dict(content)
+    folder = settings.pop("names_of", None)
+    if metavar:
+        settings["metavar"] = metavar
+    elif "choices" not in settings:
+        settings["action"] = "store_true"
+    for key in settings.keys() & TYPES:
+        settings["type"] = TYPES[key](*settings.pop(key))
+    action = command.add_argument(flag, **settings)
+    if folder is not None:
+        action.completer = lambda **_: _names(folder)  # type: ignore[attr-defined]
 
 
-def _names(kind: str) -> list[str]:
+def _names(folder: str) -> list[str]:
     """Names for shell completion."""
     from facts_damping.parameters.files import shipped
 
-    return list(shipped(kind))
+    return list(shipped(folder))
 
 
 def common(
@@ -89,66 +100,21 @@ def common(
         parser.set_defaults(json=None)
 
 
-def pictures(command: argparse.ArgumentParser) -> None:
-    """Add options for the format of pictures."""
-    command.add_argument("--format", choices=["png", "pdf", "svg"], default="png", help="of pictures; default: png")
-    command.add_argument("--width", type=between(3.0, 50.0, " cm"), metavar="CM", help="of pictures; default: 23 cm")
-    text = "size of usual text in pictures, points; default: 10"
-    command.add_argument("--font", type=between(4.0, 30.0, " points"), metavar="PT", help=text)
-
-
-def profile(command: argparse.ArgumentParser, default: str | None = None) -> None:
-    """Add an option for the profile of all runs."""
-    text = f"of all runs: thesis, deployment, or a YAML file; default: {default or 'as they say'}"
-    command.add_argument("--profile", default=default, metavar="NAME", help=text)
-
-
-def check_step(command: argparse.ArgumentParser) -> None:
-    """Add an option to check convergence with half the step."""
-    text = "run also with half the integration step; say which figures hold"
-    command.add_argument("--check-step", action="store_true", help=text)
-
-
-def supervised(command: argparse.ArgumentParser) -> None:
-    """Add an option for a supervisor of each controller."""
-    text = "a supervisor beside each controller: name under config/supervision, or a YAML file; default: standard"
-    command.add_argument("--supervised", nargs="?", const="", metavar="PRESET", help=text)
-
-
-def digested(command: argparse.ArgumentParser) -> None:
-    """Add an option to print the digest, which is equal for identical runs."""
-    text = "also print the digest: the same number for the same signals, to the last bit, on any processor"
-    command.add_argument("--digest", action="store_true", help=text)
-
-
 def jobs(command: argparse.ArgumentParser) -> None:
     """Add an option for the number of parallel runs."""
-    command.add_argument(
-        "--jobs", type=COUNT, default=os.cpu_count() or 1, metavar="N", help="how many runs at once; default: all cores"
-    )
-
-
-def scheduler(command: argparse.ArgumentParser) -> None:
-    """Add an option for a cluster that makes the runs."""
-    text = "address of a Dask scheduler, whose cluster makes the runs"
-    command.add_argument("--scheduler", metavar="ADDRESS", help=text)
-
-
-def timeout(command: argparse.ArgumentParser) -> None:
-    """Add an option for the longest silence of a node."""
-    text = "longest wait for a silent node; default: 5 s"
-    command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help=text)
+    text = "how many runs at once; default: all cores"
+    command.add_argument("--jobs", type=whole(1, 10**6), default=os.cpu_count() or 1, metavar="N", help=text)
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
     """Type of an option: a whole number within bounds."""
 
-    def take(text: str) -> int:
+    def number(text: str) -> int:
         if not text.isdecimal() or not low <= int(text) <= high:
             raise argparse.ArgumentTypeError(f"{text} given; allowed: {low} to {high}")
         return int(text)
 
-    return take
+    return number
 
 
 def pair(text: str) -> tuple[float, float]:
@@ -163,7 +129,7 @@ def pair(text: str) -> tuple[float, float]:
 def between(low: float, high: float, unit: str = "") -> Callable[[str], float]:
     """Type of an option: a number within bounds."""
 
-    def take(text: str) -> float:
+    def number(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
@@ -172,7 +138,8 @@ def between(low: float, high: float, unit: str = "") -> Callable[[str], float]:
             raise argparse.ArgumentTypeError(f"{text} given; allowed: {low:g} to {high:g}{unit}")
         return value
 
-    return take
+    return number
 
 
-COUNT, SEED, TIMEOUT = whole(1, 10**6), whole(0, 2**31 - 1), between(0.05, 3600.0, " s")
+TYPES: dict[str, Callable[..., Callable[[str], Any]]] = {"whole": whole, "between": between, "pair": lambda: pair}
+GROUPS: dict[str, Callable[..., None]] = {"common": common, "jobs": jobs}

@@ -35,21 +35,25 @@ def replay(arguments: argparse.Namespace) -> None:
     case = again.case_of(record, str(arguments.recording), arguments.run, arguments.set, policy=arguments.policy)
     played = again.fitted(record, case)
     folder = None if arguments.out is None and not arguments.nodes else out_folder(arguments, "replay")
-    said, recording = (_by_nodes if arguments.nodes else _in_process)(arguments, case, played, folder)
-    issued = again.acted(said)
-    found, estimated = again.first_difference(played, said.issued), again.first_estimate(played, said.estimates)
-    overseen, learnt = again.first_supervised(played, said), again.first_learning(played, said.learning)
+    replayed, recording = _by_nodes(arguments, case, played, folder) if arguments.nodes else _in_process(case, played)
+    issued = again.acted(replayed)
+    first = again.first_difference(played, replayed.issued)
+    others = {
+        "the estimates are": again.first_estimate(played, replayed.estimates),
+        "the learning is": again.first_learning(played, replayed.learning),
+        "supervision is": again.first_supervised(played, replayed),
+    }
     result = {
         "recording": str(arguments.recording),
         "controllers": [controller.model_dump() for controller in case.controllers],
         "ticks": len(played.ticks),
-        "setpoints": len(said.issued),
-        "estimates": len(said.estimates),
-        "supervised": len(said.supervised),
-        "identical": found is None and estimated is None and overseen is None and learnt is None,
+        "setpoints": len(replayed.issued),
+        "estimates": len(replayed.estimates),
+        "supervised": len(replayed.supervised),
+        "identical": first is None and all(tick is None for tick in others.values()),
         "digest": digest(played),
         "versions": {"recorded": record.versions, "replayed": versions()},
-        "first_difference": None if found is None else found._asdict(),
+        "first_difference": first and first._asdict(),
         "devices": again.beside(case, played, issued),
         "watchdogs": {
             which: {"releases": releases.releases(one), "refused_setpoints": releases.refused_setpoints(one)}
@@ -64,14 +68,11 @@ def replay(arguments: argparse.Namespace) -> None:
         write_json(str(folder / "result.json"), result)
     write_json(arguments.json, result)
     _tell(arguments, result, lines)
-    if found is not None and not arguments.set:
-        raise RunError(f"the setpoints are not those recorded, from {found}")
-    if estimated is not None and not arguments.set:
-        raise RunError(f"the setpoints are those recorded, but the estimates are not, from tick {estimated}")
-    if learnt is not None and not arguments.set:
-        raise RunError(f"the setpoints are those recorded, but the learning is not, from tick {learnt}")
-    if overseen is not None and not arguments.set:
-        raise RunError(f"the setpoints are those recorded, but supervision is not, from tick {overseen}")
+    if first is not None and not arguments.set:
+        raise RunError(f"the setpoints are not those recorded, from {first}")
+    for what, tick in others.items():
+        if tick is not None and not arguments.set:
+            raise RunError(f"the setpoints are those recorded, but {what} not, from tick {tick}")
 
 
 def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str]) -> None:
@@ -96,26 +97,20 @@ def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str
     if watchdogs["recorded"] != watchdogs["replayed"]:
         rows = releases.rows(list(watchdogs.values())) or [("released, refused", ["-", "-"])]
         lines = [*table(["watchdogs", *watchdogs], [[label, *cells] for label, cells in rows]), *lines]
-    for line in lines:
-        say(arguments, line)
+    say(arguments, *lines)
 
 
 def _other_versions(recorded: dict[str, str], replayed: dict[str, str]) -> list[str]:
     """A line that lists differences in software versions from the recording, if these are known."""
     other = [(name, recorded[name], now) for name, now in replayed.items() if recorded.get(name, now) != now]
-    told = ", ".join(f"{name} {before}, here {now}" for name, before, now in other)
-    return [f"recorded with {told}"] if other else []
+    text = ", ".join(f"{name} {before}, here {now}" for name, before, now in other)
+    return [f"recorded with {text}"] if other else []
 
 
-def _in_process(
-    _arguments: argparse.Namespace, case: Case, played: Record, _folder: Path | None
-) -> tuple[Played, None]:
+def _in_process(case: Case, played: Record) -> tuple[Played, None]:
     """Replay with the compiled steps in this process."""
-    progress = Progress("replay")
-    try:
+    with Progress("replay") as progress:
         return again.play(case, played, progress), None
-    finally:
-        progress.close()
 
 
 def _by_nodes(arguments: argparse.Namespace, case: Case, played: Record, folder: Path | None) -> tuple[Played, str]:
@@ -126,15 +121,11 @@ def _by_nodes(arguments: argparse.Namespace, case: Case, played: Record, folder:
     if played.ticks[0] > 0:
         raise InputError(f"--nodes: a recording from tick {played.ticks[0]} on given; allowed: one from tick 0 on")
     loop.build_loop(case, outside=True)  # refuses bad input before anything starts
-    progress = Progress("replay")
-    try:
-        outcome = graph.run(
-            case, "lockstep", folder or Path(), progress, arguments.timeout, replayed=arguments.recording
-        )
-    finally:
-        progress.close()
-    told = seal(outcome.recording)
-    return Played(*(getattr(told, name) for name in Played._fields)), str(outcome.recording)
+    place, timeout = folder or Path(), arguments.timeout
+    with Progress("replay") as progress:
+        outcome = graph.run(case, "lockstep", place, progress, timeout, replayed=arguments.recording)
+    record = seal(outcome.recording)
+    return Played(*(getattr(record, name) for name in Played._fields)), str(outcome.recording)
 
 
 def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], folder: Path) -> Path:
@@ -173,9 +164,8 @@ def _export_case(arguments: argparse.Namespace, path: Path) -> None:
     from facts_damping.case import loading, matpower_case
 
     if not matpower_case.NAME.fullmatch(path.stem) or path.stem in matpower_case.KEYWORDS:
-        raise InputError(
-            f"--out {path}: given; allowed: a name of letters, digits and _ that MATLAB takes for a function"
-        )
+        allowed = "a name of letters, digits and _ that MATLAB takes for a function"
+        raise InputError(f"--out {path}: given; allowed: {allowed}")
     system = loading.load_system(arguments.what)
     write_whole(path, matpower_case.text(system, path.stem))
     say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines: {path}")

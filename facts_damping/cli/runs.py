@@ -21,11 +21,14 @@ from facts_damping.terminal import Progress, note, show, table, write_json, writ
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from facts_damping.nodes.launching.graph import Outcome
     from facts_damping.signals import Record
     from facts_damping.simulation.policies import StepTimes
+
+    Named = list[tuple[str, Record]]
+    Results = list[dict[str, Any]]
 
 FREE = "no_control"  # stands for a recording: the same run without control
 
@@ -39,74 +42,53 @@ def out_folder(arguments: argparse.Namespace, name: str) -> Path:
     return next(folder for folder in numbered if not folder.exists())
 
 
-def say(arguments: argparse.Namespace, text: str) -> None:
-    """Print text unless standard output is used for JSON."""
-    if arguments.json != "-":
+def say(arguments: argparse.Namespace, *texts: str) -> None:
+    """Print texts, each on lines of its own, unless standard output is used for JSON."""
+    for text in texts if arguments.json != "-" else ():
         show(text)
 
 
 def summarise(record: Record, wall_s: float | None, recording: str | None, method: str = "auto") -> dict[str, Any]:
     """JSON summary of a run (docs/results_json.md)."""
     from facts_damping.analysis import summary
+    from facts_damping.simulation.mirrored import mirror_of
 
-    told = {"digest": digest(record), "versions": record.versions, "wall_s": wall_s, "recording": recording}
-    return {**summary.summarise(record, method=method), **told}
-
-
-def plot(records: Sequence[tuple[str, Record]], folder: Path) -> list[Path]:
-    """Plot speeds, tie flow and injected voltage as PNG."""
-    from facts_damping.analysis.plotting.plots import plot_comparison
-
-    return plot_comparison(records, folder)
+    more = {"digest": digest(record), "versions": record.versions, "wall_s": wall_s, "recording": recording}
+    return {**summary.summarise(record, method=method, mirror=mirror_of(record)), **more}
 
 
-def _report(
-    arguments: argparse.Namespace,
-    named: list[tuple[str, Record]],
-    results: list[dict[str, Any]],
-    folder: Path | None,
-    *more: str,
-) -> None:
+def _report(arguments: argparse.Namespace, named: Named, results: Results, folder: Path | None, *more: str) -> None:
     """Write files first, then print the table: a closed pipe then loses no result."""
     from facts_damping.analysis.summary import table
     from facts_damping.findings import findings, names_of_seeds
 
-    one = arguments.command != "analyze"
-    shown = list(zip(names_of_seeds([record for _, record in named]), (record for _, record in named), strict=True))
-    pictures = [] if folder is None else plot(shown, files.new_folder(folder))
+    content = results if arguments.command == "analyze" else results[0]
+    names, records = zip(*named, strict=True)
+    pictures = []
     if folder is not None:
-        write_json(str(folder / "result.json"), results[0] if one else results)
-    write_json(arguments.json, results[0] if one else results)
+        from facts_damping.analysis.plotting.plots import plot_comparison
+
+        labels = names_of_seeds(records)
+        pictures = plot_comparison(list(zip(labels, records, strict=True)), files.new_folder(folder))
+        write_json(str(folder / "result.json"), content)
+    write_json(arguments.json, content)
     for name, record in named:
         for line in record.notes:
             note(f"{name}: {line}")
-    for (_, record), result in zip(named, results, strict=True):
-        say(arguments, "\n".join([*findings(record, result), ""]))
-    heads = [name for name, _ in named] if len(named) > 1 else [""]
-    say(arguments, table(list(zip(heads, results, strict=True))))
-    for line in (*(f"plot: {path}" for path in pictures), *more, *_digest_lines(arguments, named, results)):
-        say(arguments, line)
+    for record, result in zip(records, results, strict=True):
+        say(arguments, *findings(record, result), "")
+    heads = names if len(named) > 1 else [""]
+    say(arguments, table(list(zip(heads, results, strict=True))), *(f"plot: {path}" for path in pictures), *more)
+    if getattr(arguments, "digest", False):
+        several = len(named) > 1
+        pairs = zip(names, results, strict=True)
+        say(arguments, *(f"digest: {result['digest']}" + f", {name}" * several for name, result in pairs))
 
 
-def _digest_lines(
-    arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]]
-) -> list[str]:
-    """The digest of each run, if asked for."""
-    if not getattr(arguments, "digest", False):
-        return []
-    several = len(named) > 1
-    return [
-        f"digest: {result['digest']}" + f", {name}" * several for (name, _), result in zip(named, results, strict=True)
-    ]
-
-
-def _told_steps(took: Mapping[str, StepTimes]) -> dict[str, Any]:
-    """Durations of programs' steps, for JSON; empty if there are none."""
-    return {"step_times": {name: times._asdict() for name, times in took.items()}} if took else {}
-
-
-def _step_lines(took: Mapping[str, StepTimes]) -> list[str]:
-    return [f"{name}: {times}" for name, times in took.items()]
+def _step_times(took: Mapping[str, StepTimes]) -> tuple[dict[str, Any], list[str]]:
+    """Durations of programs' steps, for JSON and as lines; empty if there are none."""
+    times = {"step_times": {name: times._asdict() for name, times in took.items()}} if took else {}
+    return times, [f"{name}: {times}" for name, times in took.items()]
 
 
 def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome | None = None) -> None:
@@ -114,9 +96,11 @@ def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome
     from facts_damping.analysis.releases import by_cause, joined_text, released_text
     from facts_damping.analysis.supervision import tripped_texts
 
-    flaws = tripped_texts(result["supervision"])
-    flaws += [f"{row['device']} was released {released_text(row)}" for row in result["releases"]]
-    flaws += [f"{row['node']} joined {joined_text(row)}" for row in result["joined"]]
+    flaws = [
+        *tripped_texts(result["supervision"]),
+        *(f"{row['device']} was released {released_text(row)}" for row in result["releases"]),
+        *(f"{row['node']} joined {joined_text(row)}" for row in result["joined"]),
+    ]
     if outcome is not None:
         flaws += outcome.fallen
         refused = [
@@ -148,9 +132,9 @@ def simulate(arguments: argparse.Namespace) -> None:
         for name, weights in adapted_weights.all_adapted(case, built).items():
             saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
             write_whole(folder / f"{name}.weights.yaml", dump(weights.model_dump()))
-    took = step_times(built.programs)
-    result |= _told_steps(took)
-    _report(arguments, [(label(case.summary()), record)], [result], folder, *saved, *_step_lines(took))
+    times, lines = _step_times(step_times(built.programs))
+    result |= times
+    _report(arguments, [(label(case.summary()), record)], [result], folder, *saved, *lines)
     check_ended_well(result, record)
 
 
@@ -163,13 +147,10 @@ def run(arguments: argparse.Namespace) -> None:
     loop.build_loop(case, outside=True)  # refuses bad input before anything starts
     name = label(case.summary())
     folder = out_folder(arguments, name)
-    progress = Progress(name)
     if arguments.foxglove is not None:
         say(arguments, f"live view: ws://127.0.0.1:{arguments.foxglove}")
-    try:
+    with Progress(name) as progress:
         outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, arguments.foxglove)
-    finally:
-        progress.close()
     tell_graph(arguments, name, outcome, folder)
 
 
@@ -186,12 +167,11 @@ def tell_graph(
     record = seal(outcome.recording)
     result = summarise(record, outcome.wall_s, str(outcome.recording))
     result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
-    result["nodes_ended"] = outcome.fallen
-    result |= _told_steps(outcome.step_times)
-    told, lines = more(record) if more is not None else ({}, [])
-    lines += _step_lines(outcome.step_times)
-    lines.append(f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}")
-    _report(arguments, [(name, record)], [result | told], folder, *lines, f"recording: {outcome.recording}")
+    times, steps = _step_times(outcome.step_times)
+    result |= {"nodes_ended": outcome.fallen, **times}
+    further, lines = more(record) if more is not None else ({}, [])
+    lines += [*steps, f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}"]
+    _report(arguments, [(name, record)], [result | further], folder, *lines, f"recording: {outcome.recording}")
     check_ended_well(result, record, outcome)
 
 
@@ -205,35 +185,33 @@ def analyze(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.report, "--report", standard=False)
     if arguments.spwvd is None and (arguments.windows or arguments.band):
         raise InputError("--windows, --band: given without --spwvd; allowed: with --spwvd SIGNAL,...")
-    given = list(arguments.recordings)
-    first = given[0] if arguments.baseline is None else arguments.baseline
-    check_known("--baseline", first, [*given, FREE])
-    records, progress = list[Record](), Progress("read", "recordings")
-    for i, path in enumerate(given):
-        progress(i, len(given))
-        records.append(_explained(load(path), path, arguments.run))
-    progress.close()
+    paths = list(arguments.recordings)
+    first = paths[0] if arguments.baseline is None else arguments.baseline
+    check_known("--baseline", first, [*paths, FREE])
+    records = list[Record]()
+    with Progress("read", "recordings") as progress:
+        for i, path in enumerate(paths):
+            progress(i, len(paths))
+            records.append(_explained(load(path), path, arguments.run))
     if first == FREE:
-        given.append(FREE)
+        paths.append(FREE)
         records.append(without_control(records[0]))
-    named = list(zip(names(records), records, strict=True))
-    results = []
-    for (_, record), path in zip(named, given, strict=True):
-        result = summarise(record, None, str(path), arguments.modes_method)
-        results.append(result | details.details(record))
-    details.compare(results, given.index(first))
-    folder = Path(arguments.out) if arguments.out is not None else Path(given[0]).parent / "analysis"
+    named, baseline = list(zip(names(records), records, strict=True)), paths.index(first)
+    results = [
+        summarise(record, None, str(path), arguments.modes_method) | details.details(record)
+        for record, path in zip(records, paths, strict=True)
+    ]
+    details.compare(results, baseline)
+    folder = Path(arguments.out) if arguments.out is not None else Path(paths[0]).parent / "analysis"
     more = [
-        *details.lines([name for name, _ in named], results, given.index(first)),
+        *details.lines([name for name, _ in named], results, baseline),
         *_distributions(arguments, named, results, folder),
-        *page(arguments, named, results, given.index(first)),
+        *page(arguments, named, results, baseline),
     ]
     _report(arguments, named, results, folder, *more)
 
 
-def _distributions(
-    arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]], folder: Path
-) -> list[str]:
+def _distributions(arguments: argparse.Namespace, named: Named, results: Results, folder: Path) -> list[str]:
     """Draw time-frequency pictures if asked for; one line each."""
     if arguments.spwvd is None:
         return []
@@ -244,8 +222,10 @@ def _distributions(
         asked = asked._replace(lag=arguments.windows[0], time=arguments.windows[1])
     if arguments.band:
         asked = asked._replace(band=arguments.band)
-    modes = [[mode["frequency_hz"] for mode in result["modes"]] for result in results]
-    records = [(name, record, lines) for (name, record), lines in zip(named, modes, strict=True)]
+    records = [
+        (name, record, [mode["frequency_hz"] for mode in result["modes"]])
+        for (name, record), result in zip(named, results, strict=True)
+    ]
     figures, notes = distribution_figures(records, arguments.spwvd.split(","), asked)
     paths = save(figures, files.new_folder(folder))
     for line in notes:
@@ -253,9 +233,7 @@ def _distributions(
     return [f"plot: {path}" for path in paths]
 
 
-def page(
-    arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]], baseline: int
-) -> list[str]:
+def page(arguments: argparse.Namespace, named: Named, results: Results, baseline: int) -> list[str]:
     """Write the report if asked for; a line with its path."""
     if arguments.report is None:
         return []
@@ -270,15 +248,15 @@ def views(arguments: argparse.Namespace) -> None:
     from facts_damping.recording import in_simulated_time, origin
     from facts_damping.views import layouts
 
-    given = None if arguments.what is None else Path(arguments.what)
-    if given is not None and (given.is_dir() or given.suffix == ".mcap"):
+    path = Path(arguments.what or "")
+    if arguments.what is not None and (path.is_dir() or path.suffix == ".mcap"):
         if arguments.set:
             raise InputError(f"--set {arguments.set[0]}: given with a recording; allowed: with a run")
-        content, namespace = origin(given)
-        case = loading.recorded_case(content, str(given))
-        folder = given.parent / "views" if arguments.out is None else Path(arguments.out)
-        for line in in_simulated_time(given, folder / "simulated_time"):
-            note(f"{given}: {line}")
+        content, namespace = origin(path)
+        case = loading.recorded_case(content, str(path))
+        folder = path.parent / "views" if arguments.out is None else Path(arguments.out)
+        for line in in_simulated_time(path, folder / "simulated_time"):
+            note(f"{path}: {line}")
         say(arguments, f"recording: {folder / 'simulated_time'}")
     else:
         case, namespace = loading.load_case(arguments.what, arguments.set), "/"
@@ -311,8 +289,7 @@ def modes(arguments: argparse.Namespace) -> None:
 
         pictures = modal_pictures.plot(found, files.new_folder(Path(arguments.out)))
     write_json(arguments.json, modal_analysis.document(found))
-    for line in (*modal_analysis.modes_text(found), *(f"plot: {path}" for path in pictures)):
-        say(arguments, line)
+    say(arguments, *modal_analysis.modes_text(found), *(f"plot: {path}" for path in pictures))
 
 
 def validate(arguments: argparse.Namespace) -> None:
@@ -322,44 +299,40 @@ def validate(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.out, "--out")
     for name in arguments.tables:
         check_known("TABLE", name, report.TABLES)
-    names, progress, made = arguments.tables or list(report.TABLES), Progress("validate", "tables"), []
-    for i, name in enumerate(names):
-        progress(i, len(names))
-        made.append(report.TABLES[name]())
-    progress.close()
-    write_json(arguments.json, table.document(made))
+    names, tables = arguments.tables or list(report.TABLES), []
+    with Progress("validate", "tables") as progress:
+        for i, name in enumerate(names):
+            progress(i, len(names))
+            tables.append(report.TABLES[name]())
+    write_json(arguments.json, table.document(tables))
     if arguments.out is not None:
-        write_whole(Path(arguments.out), report.page(made))
-    for line in (line for one in made for line in [*table.table_text(one), ""]):
-        say(arguments, line)
-    failed = [row.what for one in made for row in one.rows if not row.passed]
+        write_whole(Path(arguments.out), report.page(tables))
+    say(arguments, *(line for made in tables for line in [*table.table_text(made), ""]))
+    failed = [row.what for made in tables for row in made.rows if not row.passed]
     if failed:
         raise RunError(f"validate: {len(failed)} rows fail: {'; '.join(failed)}")
-    say(arguments, f"{sum(len(one.rows) for one in made)} rows pass")
+    say(arguments, f"{sum(len(made.rows) for made in tables)} rows pass")
 
 
 def list_(arguments: argparse.Namespace) -> None:
     """List systems, scenarios, controllers, links, supervision and monitors."""
-    heads = ["name", "description"]
+    from facts_damping.monitor_table import MONITORS
+
     if arguments.kind == "controllers":
-        rows = _controllers()
-        heads = ["name", "description", "parameter_count", "identifier", "schemes"]
+        rows, heads = _controllers(), ["name", "description", "parameter_count", "identifier", "schemes"]
     elif arguments.kind == "monitors":
-        rows, heads = _monitors(), ["name", "group", "limit", "low", "high", "unit", "lasts", "lasts_unit", "follows"]
-        heads.append("reason")
+        rows = [{"name": name, **row._asdict()} for name, row in MONITORS.items()]
+        heads = ["name", "group", "limit", "low", "high", "unit", "lasts", "lasts_unit", "follows", "reason"]
     else:
-        rows = []
-        for name, path in files.shipped(arguments.kind).items():
-            content = files.read_table(path)
-            rows.append({"name": name, "description": str(content.get("description", ""))})
+        tables = {name: files.read_table(path) for name, path in files.shipped(arguments.kind).items()}
+        rows = [{"name": name, "description": str(row.get("description", ""))} for name, row in tables.items()]
+        heads = ["name", "description"]
     cells = [[_cell(row[head]) for head in heads] for row in rows]
-    for line in table([head.replace("_", " ") for head in heads], cells, len(heads), rule=False):
-        say(arguments, line)
+    say(arguments, *table([head.replace("_", " ") for head in heads], cells, len(heads), rule=False))
     write_json(arguments.json, rows)
 
 
 def _cell(value: Any) -> str:
-    """Text of a value in a table."""
     if isinstance(value, list):
         return ", ".join(value)
     return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
@@ -380,17 +353,10 @@ def _controllers() -> list[dict[str, Any]]:
             "parameter_count": row.network and counted(row.network.antecedent, row.network.consequent, 2, RULES, 1),
             "identifier": row.network and row.network.identifier,
             "schemes": ["direct", "indirect"] if row.network else None,
-            "parameters": {p: one.default for p, one in row.parameters.items()},
+            "parameters": {key: parameter.default for key, parameter in row.parameters.items()},
         }
         for name, row in CONTROLLERS.items()
     ]
-
-
-def _monitors() -> list[dict[str, Any]]:
-    """The table of monitors with default values."""
-    from facts_damping.monitor_table import MONITORS
-
-    return [{"name": name, **row._asdict()} for name, row in MONITORS.items()]
 
 
 def import_(arguments: argparse.Namespace) -> None:
@@ -400,7 +366,6 @@ def import_(arguments: argparse.Namespace) -> None:
     from facts_damping.grid_formats.text import document
 
     case = Path(arguments.case)
-    more = arguments.dynamics or arguments.dyr
     files.check_writable(arguments.out, "--out")
     if case.suffix.lower() == ".raw":
         if arguments.dynamics is not None:
@@ -412,6 +377,7 @@ def import_(arguments: argparse.Namespace) -> None:
         raise InputError(f"CASE.dyr: {arguments.dyr} given with {case.name}; allowed: with a RAW file")
     else:
         made = matpower.import_case(case, None if arguments.dynamics is None else Path(arguments.dynamics))
+    more = arguments.dynamics or arguments.dyr
     text = document(made, case.name if more is None else f"{case.name} with {Path(more).name}")
     for line in made.notes:
         note(f"facts-damping: {line}")

@@ -18,7 +18,7 @@ from facts_damping.parameters.streams import read_streams, server
 from facts_damping.signals import LOST
 from facts_damping.simulation.replay import case_of
 from facts_damping.streaming import listening, recorded, serving
-from facts_damping.streaming.concentrator import WAIT_S, Concentrator
+from facts_damping.streaming.pdc import WAIT_S, Pdc
 from facts_damping.streaming.serving import Serving
 from facts_damping.terminal import Progress, table, write_json
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def pmu_serve(arguments: argparse.Namespace) -> None:
-    """Serve the PMUs of a recording as PMUs, or as one concentrator, at the recorded pace."""
+    """Serve the PMUs of a recording, each by itself or all by one PDC, at the recorded pace."""
     from facts_damping.recording.reader import load
 
     record = load(arguments.recording)
@@ -39,18 +39,15 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
     if link is not None and link >= links:
         raise InputError(f"--behind: {link} given; allowed: a link of the recording, 0 to {links - 1}")
     epoch = int(time.time()) if arguments.epoch is None else arguments.epoch
-    asked = Serving(
-        arguments.host, arguments.port, arguments.to, arguments.idcode, arguments.format, each=arguments.each
-    )
+    asked = Serving(**{name: getattr(arguments, name) for name in Serving._fields})
     servers = serving.servers(case, asked, lambda: (epoch, 0))
-    concentrator = Concentrator(case, epoch, None if link is None else WAIT_S)
+    pdc = Pdc(case, epoch, None if link is None else WAIT_S)
 
     async def whole() -> None:
         try:
-            for line in await serving.begin(servers, asked):
-                say(arguments, line)
+            say(arguments, *await serving.begin(servers, asked))
             sys.stdout.flush()
-            await recorded.play(servers, recorded.instants(record, concentrator, link), each=asked.each)
+            await recorded.play(servers, recorded.instants(record, pdc, link), each=asked.each)
         finally:
             for server in servers:
                 await server.end()
@@ -58,10 +55,9 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
     asyncio.run(whole())
     rows = serving.counted(servers)
     write_json(arguments.json, {"streams": rows})
-    for row in rows:
-        say(arguments, serving.told(row))
-    if concentrator.alignment.late:
-        say(arguments, f"later than {WAIT_S:g} s: {concentrator.alignment.late} of the link's entries, left out")
+    say(arguments, *map(serving.told, rows))
+    if pdc.alignment.late:
+        say(arguments, f"later than {WAIT_S:g} s: {pdc.alignment.late} of the link's entries, left out")
 
 
 def pmu_listen(arguments: argparse.Namespace) -> None:
@@ -78,8 +74,7 @@ def pmu_listen(arguments: argparse.Namespace) -> None:
     for one in found:
         say(arguments, str(one))
         if one.configuration is not None:
-            for line in table(listening.TITLES, one.rows(), 4):
-                say(arguments, line)
+            say(arguments, *table(listening.TITLES, one.rows(), 4))
     silent = [one for one in found if one.configuration is None]
     if silent:
         raise RunError(f"{silent[0]} (within {arguments.seconds:g} s)")
@@ -93,29 +88,21 @@ def _in_shadow(arguments: argparse.Namespace) -> None:
     if case.supervision is not None:  # the supervisors stay in shadow
         case = loading.load_case(arguments.run, [*arguments.set, "arm_at=null"], arguments.supervised)
     name = label(case.summary())
-    folder, progress = out_folder(arguments, f"shadow-{name}"), Progress(name)
-    try:
+    folder = out_folder(arguments, f"shadow-{name}")
+    with Progress(name) as progress:
         outcome = graph.run(case, "realtime", folder, progress, arguments.timeout, streams=arguments.streams)
-    finally:
-        progress.close()
     tell_graph(arguments, name, outcome, folder, partial(_received, case))
 
 
 def _received(case: Case, record: Record) -> tuple[dict[str, Any], list[str]]:
     """Number of frames from each PMU, and the output that each controller would have had; with lines of text."""
-    there = record.measured_ns != LOST
-    pmus = {
-        name: {"frames": int(there[:, s].sum()), "absent": int((~there[:, s]).sum())}
-        for s, name in enumerate(record.pmus)
-    }
-    controllers = {}
-    for c, name in enumerate(controller_names(case)):
-        own = record.issued[record.issued["controller"] == c]["value"]
-        controllers[name] = {"setpoints": len(own), "largest": float(np.abs(own).max()) if len(own) else 0.0}
+    frames = dict(zip(record.pmus, (record.measured_ns != LOST).sum(axis=0).tolist(), strict=True))
+    pmus = {name: {"frames": count, "absent": len(record.measured_ns) - count} for name, count in frames.items()}
     rows = [(name, str(row["frames"]), str(row["absent"])) for name, row in pmus.items()]
-    lines = table(("pmu", "frames", "absent"), rows)
-    lines += [
-        f"{name}: {row['setpoints']} setpoints, the largest {row['largest']:.4g} p.u."
-        for name, row in controllers.items()
-    ]
+    lines, controllers = table(("pmu", "frames", "absent"), rows), {}
+    for c, name in enumerate(controller_names(case)):
+        setpoints = record.issued[record.issued["controller"] == c]["value"]
+        largest = float(np.abs(setpoints).max(initial=0.0))
+        controllers[name] = {"setpoints": len(setpoints), "largest": largest}
+        lines.append(f"{name}: {len(setpoints)} setpoints, the largest {largest:.4g} p.u.")
     return {"pmus": pmus, "controllers": controllers}, lines

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
 from facts_damping.cli.runs import page, say, summarise
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, RunError
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
@@ -17,6 +18,7 @@ from facts_damping.terminal import Progress, clean_up_first, write_json, write_w
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterator
 
     from facts_damping.studies.sweeps.sweep import Plan
 
@@ -26,15 +28,12 @@ def tune(arguments: argparse.Namespace) -> None:
     from facts_damping.studies.search import tune as study
 
     files.check_writable(arguments.out, "--out")
-    progress = Progress("tune", "controllers")
-    try:
-        devices = arguments.devices.split(",")
-        signals = read_profile(arguments.profile).given(arguments.signals.split(","))
-        asked = arguments.budget, arguments.seed, arguments.measurement, arguments.profile, arguments.scenario
-        task = study.TuningTask(arguments.system, devices, signals, *asked)
+    devices = arguments.devices.split(",")
+    signals = read_profile(arguments.profile).given(arguments.signals.split(","))
+    asked = arguments.budget, arguments.seed, arguments.measurement, arguments.profile, arguments.scenario
+    task = study.TuningTask(arguments.system, devices, signals, *asked)
+    with Progress("tune", "controllers") as progress:
         found = study.tune(task, arguments.controllers, arguments.jobs, progress)
-    finally:
-        progress.close()
     text = dump(study.document(found))
     if arguments.out is not None:
         write_whole(Path(arguments.out), text)
@@ -49,15 +48,8 @@ def design(arguments: argparse.Namespace) -> None:
     from facts_damping.studies.design import design as study
     from facts_damping.studies.design import design_pages as pages
 
-    task = study.Task(
-        arguments.system,
-        arguments.set,
-        arguments.damping,
-        arguments.delay,
-        arguments.mode,
-        arguments.place,
-        arguments.signal,
-    )
+    names = ("system", "set", "damping", "delay", "mode", "place", "signal")
+    task = study.Task(*(getattr(arguments, name) for name in names))
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     given = Path(arguments.system)
     if folder is not None and given.exists() and given.resolve() == (folder / "system.yaml").resolve():
@@ -80,8 +72,7 @@ def design(arguments: argparse.Namespace) -> None:
         written = [*pages.write(found, folder), pages.draw(found, folder / "places.png")]
         write_json(str(folder / "result.json"), pages.document(found))
     write_json(arguments.json, pages.document(found))
-    for line in (*pages.text(found), *(f"written: {path}" for path in written)):
-        say(arguments, line)
+    say(arguments, *pages.text(found), *(f"written: {path}" for path in written))
 
 
 def search(arguments: argparse.Namespace) -> None:
@@ -94,18 +85,14 @@ def search(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.lead_lag, "--lead-lag")
     files.check_writable(arguments.tuned, "--tuned")
     if arguments.tuned is not None and arguments.devices is None:
-        raise InputError(
-            f"--tuned {arguments.tuned}: given without --devices; allowed: with it, as a file is of one set"
-        )
+        allowed = "with it, as a file is of one set"
+        raise InputError(f"--tuned {arguments.tuned}: given without --devices; allowed: {allowed}")
     devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
     asked = {name: value for name, value in vars(arguments).items() if name in study.SearchTask._fields}
     signals = tuple(arguments.signals.split(",")) if arguments.signals else ()
     task = study.SearchTask(**{**asked, "devices": devices, "signals": signals})
-    progress = Progress("search", "structures")
-    try:
+    with Progress("search", "structures") as progress:
         found = study.search(task, arguments.controllers, arguments.jobs, progress)
-    finally:
-        progress.close()
     command = task.command(arguments.controllers)
     opponent = next(entry for entry in found if entry.structure.is_reference)
     best = next((entry for entry in found if not entry.structure.is_reference), opponent)
@@ -117,9 +104,7 @@ def search(arguments: argparse.Namespace) -> None:
     if arguments.tuned is not None:
         write_whole(Path(arguments.tuned), dump(document(pages.tuned(task, command, found))))
     write_json(arguments.json, {"command": command, "ranking": pages.rows(found)})
-    for line in pages.search_table(found):
-        say(arguments, line)
-    say(arguments, run if arguments.out is None else f"run: {arguments.out}")
+    say(arguments, *pages.search_table(found), run if arguments.out is None else f"run: {arguments.out}")
 
 
 def sweep(arguments: argparse.Namespace) -> None:
@@ -131,31 +116,25 @@ def sweep(arguments: argparse.Namespace) -> None:
     plan = study.plan(arguments.study, sets, arguments.only, check_step=arguments.check_step)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
     _check_report(arguments.report, plan, folder)
-    progress = Progress(plan.name, "runs")
     clean_up_first()
-    try:
+    with _continuing(folder), Progress(plan.name, "runs") as progress:
         found = study.run(plan, folder, arguments.jobs, arguments.scheduler, progress)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
-    finally:
-        progress.close()
     rows, margins = study.rows(found), study.found_margins(plan, found)
     fractions, across = study.found_fractions(plan, found), study.across(plan)
     asked = plan.study.tables
     figures = tables.figure_tables(rows, asked) if asked else []
     write_json(arguments.json, {"rows": rows, "margins": margins, "fractions": fractions})
-    for line in (*results.sweep_tables(rows, margins, fractions, across), "", *figures):
-        say(arguments, line)
+    say(arguments, *results.sweep_tables(rows, margins, fractions, across), "", *figures)
     if asked:
         write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
         say(arguments, f"tables: {folder / 'tables.md'}")
-    for path in results.write(folder, rows, margins, fractions):
-        say(arguments, f"table: {path}")
+    say(arguments, *(f"table: {path}" for path in results.write(folder, rows, margins, fractions)))
     pictures = tables.draw(rows, asked, folder) if asked else []
     pictures += sweep_plots.draw(rows, study.swept(plan), margins, across, folder)
-    for path in (*pictures, *point_figures.draw(plan, folder, arguments.jobs)):
-        say(arguments, f"picture: {path}")
-    _report(arguments, plan)
+    pictures += point_figures.draw(plan, folder, arguments.jobs)
+    say(arguments, *(f"picture: {path}" for path in pictures))
+    if arguments.report is not None:
+        _report(arguments, plan)
 
 
 def _check_report(path: str | None, plan: Plan, folder: Path) -> None:
@@ -175,19 +154,59 @@ def _check_report(path: str | None, plan: Plan, folder: Path) -> None:
 
 def _report(arguments: argparse.Namespace, plan: Plan) -> None:
     """Write one page that compares the runs of a study, each named by what differs; the runs are made again."""
-    if arguments.report is None:
-        return
     from facts_damping.analysis import details
 
     named, columns = [], plan.points[0].columns
     differing = [name for name in columns if len({str(point.columns[name]) for point in plan.points}) > 1]
     for point in plan.points:
-        told = ", ".join(str(point.columns[name]) for name in differing)
-        named.append((told or plan.name, loop.run(make(plan.base, point.changes))))
+        name = ", ".join(str(point.columns[name]) for name in differing)
+        named.append((name or plan.name, loop.run(make(plan.base, point.changes))))
     results = [summarise(record, None, None) | details.details(record) for _, record in named]
     details.compare(results, 0)
-    for line in page(arguments, named, results, 0):
-        say(arguments, line)
+    say(arguments, *page(arguments, named, results, 0))
+
+
+def campaign(arguments: argparse.Namespace) -> None:
+    """Run the draws of a campaign and check the conditions for each; violating draws are written as run files."""
+    from facts_damping.studies.campaigns import campaign as study
+    from facts_damping.studies.campaigns import campaign_pages as pages
+    from facts_damping.studies.sweeps import results
+
+    made = study.plan(arguments.campaign, arguments.set, arguments.draws, arguments.graphs)
+    folder = Path(arguments.out) if arguments.out is not None else Path("results") / made.name
+    clean_up_first()
+    with _continuing(folder), Progress("campaign", "draws") as progress:
+        rows = study.run(made, folder, arguments.jobs, arguments.scheduler, progress)
+    graphs: list[dict[str, Any]] = []
+    if made.campaign.graphs:
+        from facts_damping.cli import campaign_graphs
+
+        with _continuing(folder), Progress("campaign", "graphs") as progress:
+            graphs = campaign_graphs.graphs(made, folder, arguments.jobs, progress)
+    given = [f"--{name} {value}" for name in ("draws", "graphs") if (value := getattr(arguments, name)) is not None]
+    sets = [f"--set {change}" for change in arguments.set]
+    text = pages.page(made, rows, graphs, " ".join(["facts-damping campaign", arguments.campaign, *given, *sets]))
+    write_json(arguments.json, {"draws": rows, "graphs": graphs})
+    say(arguments, *pages.overview(rows, graphs))
+    for name, part in (("draws", rows), ("graphs", graphs)):
+        say(arguments, *(f"table: {path}" for path in results.tables(folder, name, part)) if part else ())
+    write_whole(folder / "page.md", text)
+    say(arguments, f"page: {folder / 'page.md'}")
+    failed = [row for row in (*rows, *graphs) if not pages.holds(row)]
+    if failed:
+        say(arguments, f"{len(failed)} for which something does not hold: {folder / study.FAILED}")
+    errors = [row for row in (*rows, *graphs) if row["error"] is not None]
+    if errors:
+        raise RunError(f"{len(errors)} draws could not be made, the first: {errors[0]['number']}: {errors[0]['error']}")
+
+
+@contextmanager
+def _continuing(folder: Path) -> Iterator[None]:
+    """Say where an interrupted command continues."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
 
 
 def margin(arguments: argparse.Namespace) -> None:
@@ -196,22 +215,14 @@ def margin(arguments: argparse.Namespace) -> None:
     from facts_damping.studies.margins import linear_margin_pages as pages
     from facts_damping.studies.margins.linear_margin_runs import beside
 
-    case, runs = loading.load_case(arguments.run, arguments.set), None
-    progress = Progress("margin", "delays")
-    try:
+    case, runs, pictures = loading.load_case(arguments.run, arguments.set), None, []
+    with Progress("margin", "delays") as progress:
         found = study.margin(case, arguments.max_delay, arguments.pade, progress)
-    finally:
-        progress.close()
     if arguments.time_domain:
-        progress = Progress("margin", "runs")
-        try:
+        with Progress("margin", "runs") as progress:
             runs = beside(found, progress)
-        finally:
-            progress.close()
-    pictures = []
     if arguments.out is not None:
         folder = files.new_folder(Path(arguments.out))
         pictures += [pages.draw(found, runs, folder / "margin.png"), pages.draw_loops(found, folder / "one_line.png")]
     write_json(arguments.json, pages.document(found, runs))
-    for line in (*pages.margin_text(found, runs), *(f"plot: {path}" for path in pictures)):
-        say(arguments, line)
+    say(arguments, *pages.margin_text(found, runs), *(f"plot: {path}" for path in pictures))

@@ -25,6 +25,12 @@ NUMERIC = (int, float, complex, np.number, np.bool_)
 ENTRY_POINTS: dict[str, EntryPoint] = {}  # by symbol
 
 
+def _with_numba() -> Any:
+    from facts_damping.compiling import with_numba  # noqa: PLC0415 (only who compiles needs it)
+
+    return with_numba
+
+
 class Kernel:
     """A part: a Python function that is compiled into the compiled functions that call it."""
 
@@ -34,15 +40,11 @@ class Kernel:
 
     @functools.cached_property
     def _numba_type_(self) -> Any:
-        from facts_damping.compiling import with_numba  # noqa: PLC0415 (only who compiles needs it)
-
-        return with_numba.part(self)
+        return _with_numba().part(self)
 
     @functools.cached_property
     def _alone(self) -> Any:
-        from facts_damping.compiling import with_numba  # noqa: PLC0415
-
-        return with_numba.alone(self)
+        return _with_numba().alone(self)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call it in Python for numbers alone, with the same bits; else compile it for the arguments' types."""
@@ -62,9 +64,7 @@ class Primitive:
 
     @functools.cached_property
     def _numba_type_(self) -> Any:
-        from facts_damping.compiling import with_numba  # noqa: PLC0415
-
-        return with_numba.primitive(self.name)
+        return _with_numba().primitive(self.name)
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the Python function."""
@@ -115,9 +115,7 @@ class EntryPoint:
 
     @functools.cached_property
     def _numba_type_(self) -> Any:
-        from facts_damping.compiling import with_numba  # noqa: PLC0415
-
-        return with_numba.callee(self)
+        return _with_numba().callee(self)
 
     @functools.cached_property
     def _arguments(self) -> list[tuple[str, Any]]:
@@ -127,7 +125,6 @@ class EntryPoint:
 
     @functools.cached_property
     def _function(self) -> Any:
-        """The C function."""
         from facts_damping.compiling import store  # noqa: PLC0415 (it imports this module)
 
         types = [C_TYPES[word] for kind in self.kinds for word in words_of(kind)]
@@ -145,7 +142,7 @@ class EntryPoint:
                 flat += array_words(one, kind, f"{self.__name__}: {name}")
             elif is_numbers(kind):
                 flat += one
-            elif isinstance(one, kind):
+            elif type(one) is kind:
                 flat.append(one.pointer)
             else:
                 given = type(one).__name__

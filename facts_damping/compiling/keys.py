@@ -15,15 +15,12 @@ import types
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from facts_damping.compiling.kernels import EntryPoint, Kernel, Primitive
 from facts_damping.compiling.structs import Struct, described, layout
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 PACKAGE = "facts_damping"
 LOAD_GLOBAL, SHIFT = dis.opmap["LOAD_GLOBAL"], int(sys.version_info >= (3, 11))  # the argument has an index and a flag
@@ -48,7 +45,6 @@ def _compiler() -> str:
 
 
 def _code(code: types.CodeType, docstring: str | None) -> str:
-    """A function's instructions and constants."""
     constants = list(code.co_consts)
     if docstring is not None and constants and constants[0] == docstring:
         constants[0] = None
@@ -102,14 +98,7 @@ def _used(function: Any) -> list[tuple[str, Any]]:
 
 
 def _signature(entry: EntryPoint) -> str:
-    """Name and types of an entry point."""
     return f"{entry.symbol}{[described(kind) for kind in entry.kinds]}{entry.result}"
-
-
-def _structs(cls: Any) -> Iterator[str]:
-    """Fields of a struct."""
-    for name, (kind, at) in layout(cls).items():
-        yield f"{cls.__module__}.{cls.__qualname__}.{name} {at} {described(kind)}"
 
 
 class _Walk:
@@ -158,7 +147,8 @@ class _Walk:
         )
         if own is not None and id(own) not in self._seen:
             self._seen.add(id(own))
-            self.texts += _structs(own)
+            for name, (inner, at) in layout(own).items():
+                self.texts.append(f"{own.__module__}.{own.__qualname__}.{name} {at} {described(inner)}")
             for inner, _ in layout(own).values():
                 self._struct(inner)
 

@@ -7,8 +7,7 @@
         links: Links      # another struct
         nets: Table[Net]  # several
 
-    class Nets(Struct, each=Net):  # side by side: arrays with a leading axis; `nets.each[i]` is the i-th
-        theta: Float2
+    class Nets(Net, each=Net):  # the same arrays with a leading axis; `nets.each[i]` is the i-th
 
 An object owns its values and a memory block that describes them: eight bytes for a number or the address of a struct;
 for an array its size, address, shape and strides. Setting a field updates the block at once, so the block never has
@@ -18,6 +17,7 @@ dangling pointers. Kernels read fields like those of any object: `plant.x`.
 from __future__ import annotations
 
 import ctypes
+import inspect
 import typing
 import weakref
 from collections.abc import Iterator, Sequence  # noqa: TC003
@@ -45,7 +45,6 @@ Float1 = Annotated[NDArray[np.float64], Array(np.float64, 1)]
 Float2 = Annotated[NDArray[np.float64], Array(np.float64, 2)]
 Float3 = Annotated[NDArray[np.float64], Array(np.float64, 3)]
 Float4 = Annotated[NDArray[np.float64], Array(np.float64, 4)]
-Float5 = Annotated[NDArray[np.float64], Array(np.float64, 5)]
 Complex1 = Annotated[NDArray[np.complex128], Array(np.complex128, 1)]
 Complex2 = Annotated[NDArray[np.complex128], Array(np.complex128, 2)]
 Complex3 = Annotated[NDArray[np.complex128], Array(np.complex128, 3)]
@@ -53,7 +52,6 @@ Int1 = Annotated[NDArray[np.int64], Array(np.int64, 1)]
 Int2 = Annotated[NDArray[np.int64], Array(np.int64, 2)]
 Int3 = Annotated[NDArray[np.int64], Array(np.int64, 3)]
 Int4 = Annotated[NDArray[np.int64], Array(np.int64, 4)]
-Int5 = Annotated[NDArray[np.int64], Array(np.int64, 5)]
 Bool1 = Annotated[NDArray[np.bool_], Array(np.bool_, 1)]
 Bool2 = Annotated[NDArray[np.bool_], Array(np.bool_, 2)]
 Bool3 = Annotated[NDArray[np.bool_], Array(np.bool_, 3)]
@@ -119,7 +117,7 @@ class Struct:
 
     def __init_subclass__(cls, *, each: type[Struct] | None = None) -> None:
         """Take the fields from the annotations; a derived class has its base's fields first, with its own types."""
-        cls._fields = tuple(dict.fromkeys((*cls._fields, *cls.__annotations__)))
+        cls._fields = tuple(dict.fromkeys((*cls._fields, *inspect.get_annotations(cls))))
         if each is not None:
             cls._each = each
 
@@ -139,20 +137,15 @@ class Struct:
     def _split(self) -> None:
         """Make the rows `each`: views of every field along the first axis."""
         if self._each is not None and self.complete:
-            rows = Table([self._row(i) for i in range(self._many())])
-            self.__dict__["each"] = rows
+            many = next(len(value) for value in self if isinstance(value, np.ndarray))
+            self.__dict__["each"] = rows = Table([self._row(i) for i in range(many)])
             own: Any = type(self)
             self.block[layout(own)["each"][1]] = rows.pointer
         for owner in self.owners:
             if (one := owner()) is not None:
                 one._split()  # noqa: SLF001 (another of its kind)
 
-    def _many(self) -> int:
-        """The number of rows."""
-        return next(len(value) for value in self if isinstance(value, np.ndarray))
-
     def _row(self, i: int) -> Struct:
-        """A row, as views of the arrays."""
         own: Any = self._each
         parts = ((value[i] if isinstance(value, np.ndarray) else value.each[i]) for value in self)
         return own(*parts)  # type: ignore[no-any-return]
@@ -169,7 +162,7 @@ class Struct:
             value = kind(value)
             self.block[at : at + 1].view(NUMBERS[kind])[0] = value
         elif kind != HOST:
-            if not isinstance(value, typing.get_origin(kind) or kind):
+            if type(value) is not (typing.get_origin(kind) or kind):
                 raise TypeError(f"{where}: {type(value).__name__} given; allowed: {kind}")
             self.block[at] = value.pointer
             if self._each is not None:
@@ -225,6 +218,10 @@ def layout(cls: Any) -> dict[str, tuple[Any, int]]:
     found, at, hints = {}, 0, typing.get_type_hints(cls, include_extras=True)
     for name in cls._fields:
         kind = kind_of(hints[name])
+        origin: Any = next(one for one in cls.__mro__ if name in inspect.get_annotations(one))
+        of_row = cls._each is not None and origin._each is None  # noqa: SLF001 (another of its kind)
+        if of_row and isinstance(kind, Array):
+            kind = kind._replace(ndim=kind.ndim + 1)
         found[name] = kind, at
         at += kind.words if isinstance(kind, Array) else 1
     return found | ({} if cls._each is None else {"each": (Table[cls._each], at)})

@@ -14,16 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 from llvmlite import ir
-from numba.core import (
-    cgutils,
-    codegen,
-    compiler,
-    dispatcher,
-    registry,
-    typed_passes,
-    types,
-    untyped_passes,
-)
+from numba.core import cgutils, codegen, compiler, dispatcher, registry, typed_passes, types, untyped_passes
 from numba.core.caching import CompileResultCacheImpl
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
@@ -35,14 +26,7 @@ from numba.core.typing.templates import (
     make_intrinsic_template,
     signature,
 )
-from numba.extending import (
-    NativeValue,
-    infer_getattr,
-    lower_builtin,
-    lower_getattr_generic,
-    register_model,
-    unbox,
-)
+from numba.extending import NativeValue, infer_getattr, lower_builtin, lower_getattr_generic, register_model, unbox
 from numba.np import arrayobj
 
 from facts_damping.compiling import keys, store
@@ -139,7 +123,6 @@ def _word(builder: Any, block: Any, at: int, kind: Any) -> Any:
 
 
 def _field(context: Any, builder: Any, block: Any, kind: Any, at: int) -> Any:
-    """A field of a block, as a value."""
     own = type_of(kind)
     if not isinstance(kind, Array):
         if kind is bool:
@@ -392,7 +375,6 @@ def object_code(entry: EntryPoint) -> bytes:
 
 
 def _write_c_function(context: Any, module: Any, description: Any, entry: EntryPoint) -> None:
-    """Write the C function that wraps Numba's function."""
     own, c_type = _signature_of(entry), _c_type(context, entry)
     function = ir.Function(module, c_type, entry.symbol)
     builder = ir.IRBuilder(function.append_basic_block())

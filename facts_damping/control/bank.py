@@ -21,18 +21,7 @@ from facts_damping.control.faults import Faults, corrupt, faults, misbehave, sil
 from facts_damping.control.inputs import UNSET, Inputs, LatestSamples, compute_signals, ingest, inputs
 from facts_damping.control.neuro_fuzzy import AllActuators, Memories, memories
 from facts_damping.control.state_space import Observers, StateSpace, state_spaces
-from facts_damping.control.table import (
-    CALLED,
-    DIRECT,
-    GIVEN,
-    LAW,
-    LAWS,
-    SETTINGS,
-    STATE_SPACE,
-    Parameter,
-    Value,
-    kind_of,
-)
+from facts_damping.control.table import kind_of
 from facts_damping.elementary import cos
 from facts_damping.neurofuzzy.learning import Learners, learners
 from facts_damping.neurofuzzy.network import Network, network, shape_of
@@ -44,11 +33,11 @@ from facts_damping.signals import NANOSECONDS, Deliveries, Setpoints
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.control.plant_prior import PlantPrior
+    from facts_damping.control.neuro_fuzzy import PlantPrior
     from facts_damping.parameters.plant.pmus import Signal
     from facts_damping.parameters.run import Controller
 
-law_of = branching(LAWS)  # arguments: a code, then those of a law
+law_of = branching(table.LAWS)  # arguments: a code, then those of a law
 RULES = 2  # of every network (thesis, chapter 3)
 
 
@@ -58,7 +47,7 @@ class Bank(Struct):
     code: Int1
     law: Int1  # (controllers,): index in LAWS, if the kind has a law
     settings: Annotated[
-        NDArray[Any], Array(SETTINGS, 2)
+        NDArray[Any], Array(table.SETTINGS, 2)
     ]  # (controllers, most signals or devices) of SETTINGS: a row per signal or device
     mode_shape: Float2  # (controllers, most signals), relative to the first signal at the mode; 1: unknown
     inputs: Inputs
@@ -116,8 +105,8 @@ def bank(
     compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, max_signals)
     made = Bank(
         code=np.array([k.code(c.scheme) for c, k in zip(controllers, kinds, strict=True)], np.int64),
-        law=np.array([LAWS.index(k.law) if k.law else 0 for k in kinds], np.int64),
-        settings=np.zeros((n, max(max_signals, max_devices)), SETTINGS),
+        law=np.array([table.LAWS.index(k.law) if k.law else 0 for k in kinds], np.int64),
+        settings=np.zeros((n, max(max_signals, max_devices)), table.SETTINGS),
         mode_shape=np.ones((n, max_signals)),
         inputs=given,
         compensators=compensation,
@@ -156,14 +145,14 @@ def bank(
     return made, state
 
 
-def settings(controller: Controller, rows: NDArray[Any], swing: NDArray[np.float64]) -> NDArray[Any]:
+def settings(controller: Controller, rows: NDArray[Any], swing: Float1) -> NDArray[Any]:
     """Write a controller's parameters to SETTINGS records, one per signal or device; returns the records."""
     for name, parameter in kind_of(controller).parameters.items():
         put(rows, name, parameter, controller.parameters.get(name, parameter.default), swing)
     return rows
 
 
-def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing: NDArray[np.float64]) -> None:
+def put(rows: NDArray[Any], name: str, parameter: table.Parameter, value: table.Value, swing: Float1) -> None:
     """Write a parameter's value to SETTINGS records.
 
     A single value holds for every device. For a parameter of signals it holds for the first signal, and `swing`, the
@@ -186,7 +175,7 @@ def controller_network(controller: Controller) -> Network:
     return network(shape.antecedent, shape.consequent, 2 * len(controller.signals), RULES, len(controller.devices))
 
 
-def _start(net: Network, s: NDArray[Any], controller: Controller, known: PlantPrior | None) -> NDArray[np.float64]:
+def _start(net: Network, s: NDArray[Any], controller: Controller, known: PlantPrior | None) -> Float1:
     """Initial parameters of a network: those given, or symmetric rules whose sign damps the plant."""
     if known is None:
         return np.zeros(0)
@@ -200,7 +189,7 @@ def _start(net: Network, s: NDArray[Any], controller: Controller, known: PlantPr
     return initial(net, Start(weight, spread, many * s["width"][0], 0.0 * many, many * s["dilation"][0]))
 
 
-def pull(known: PlantPrior, s: NDArray[Any]) -> NDArray[np.float64]:
+def pull(known: PlantPrior, s: NDArray[Any]) -> Float1:
     """Initial weight of each input of a network, (inputs,).
 
     1 for the first signal's two inputs; for the others the cosine of the angle, at the least damped mode, between the
@@ -214,18 +203,8 @@ def pull(known: PlantPrior, s: NDArray[Any]) -> NDArray[np.float64]:
     return np.array([1.0, 1.0, *found[2:]])
 
 
-@compiled
-def _limit(made: Bank, state: BankState, c: int, tick: int) -> None:
-    """Limit the setpoints, with zero for a non-finite one, then apply the controller's faults."""
-    for d in range(made.device.shape[1]):
-        limit, value = made.actuators.limit[c, d], state.unlimited[c, d]
-        value = min(max(value, -limit), limit) if math.isfinite(value) else 0.0
-        state.outputs[c, d] = misbehave(made.faults, c, tick, d, value, state.outputs[c, d], limit)
-
-
 @entry_point
 def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
-    """A neuro-fuzzy controller's step."""
     net, s = shape_of(made.shape[c]), made.settings[c]
     own, kept, actuators = state.learner.each[c], state.memory.each[c], made.actuators.each[c]
     for i in range(net.inputs // 2):
@@ -234,26 +213,16 @@ def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: in
             estimate = state.jacobian[c, i, d] * made.actuators.limit[c, d] / s[i].scale
             if s[0].sign_guard > 0.0 and estimate * sign < 0.0:
                 estimate = 0.0
-            kept.jacobian[i, d] = sign if made.code[c] == DIRECT else estimate
+            kept.jacobian[i, d] = sign if made.code[c] == table.DIRECT else estimate
     frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
     stale = s[0].stale > 0.0 and age_ns * 1e-9 > s[0].stale
     neuro_fuzzy.step(
-        net,
-        own,
-        kept,
-        s,
-        state.compensated.signal[c],
-        actuators,
-        state.unlimited[c],
-        since_ns * 1e-9,
-        frames,
-        stale,
+        net, own, kept, s, state.compensated.signal[c], actuators, state.unlimited[c], since_ns * 1e-9, frames, stale
     )
 
 
 @compiled
 def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
-    """A step of an observer with state feedback."""
     frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
     state_space.step(
         made.optimal.each[c],
@@ -271,9 +240,14 @@ def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
 
 @compiled
 def _issue(made: Bank, state: BankState, c: int, tick: int, arrival: int, out: NDArray[Any], first: int) -> int:
-    """Write the limited setpoints of controller c to `out` from index `first` on; returns the index after the last."""
-    _limit(made, state, c, tick)
+    """Write the setpoints of controller c to `out` from index `first` on; returns the index after the last.
+
+    They are limited, with zero for a non-finite one; then the controller's faults apply.
+    """
     for d in range(made.device.shape[1]):
+        limit, value = made.actuators.limit[c, d], state.unlimited[c, d]
+        value = min(max(value, -limit), limit) if math.isfinite(value) else 0.0
+        state.outputs[c, d] = misbehave(made.faults, c, tick, d, value, state.outputs[c, d], limit)
         if made.device[c, d] != UNSET:
             row = out[first]
             row.tick = tick
@@ -299,14 +273,7 @@ def set_estimate(state: BankState, c: int, jacobian: Float2, change: Float1, mea
 
 @entry_point
 def act(
-    made: Bank,
-    state: BankState,
-    c: int,
-    tick: int,
-    delivered: Deliveries,
-    count: int,
-    out: Setpoints,
-    first: int,
+    made: Bank, state: BankState, c: int, tick: int, delivered: Deliveries, count: int, out: Setpoints, first: int
 ) -> int:
     """Run a tick of controller c: process `count` delivered entries, write setpoints to `out` from index `first` on.
 
@@ -319,8 +286,8 @@ def act(
         return first
     corrupt(made.faults, c, tick, state.learner.theta[c])
     i, last = 0, UNSET
-    called = made.code[c] == CALLED
-    once = made.code[c] == GIVEN or (called and state.calls.once[c])
+    called = made.code[c] == table.CALLED
+    once = made.code[c] == table.GIVEN or (called and state.calls.once[c])
     while i < count:
         arrival = delivered[i].arrival_ns
         i = ingest(state.held, c, delivered, i, count)
@@ -333,7 +300,7 @@ def act(
         if once:
             last = arrival
             continue
-        if made.code[c] == LAW:
+        if made.code[c] == table.LAW:
             for d in range(made.device.shape[1]):
                 if made.device[c, d] != UNSET:
                     state.unlimited[c, d] = law_of(
@@ -343,7 +310,7 @@ def act(
                         state.compensated.signal[c, 0],
                         since * 1e-9,
                     )
-        elif made.code[c] == STATE_SPACE:
+        elif made.code[c] == table.STATE_SPACE:
             _optimal(made, state, c, since)
         elif called:
             if not call(made.inputs, state.held, state.calls, c, arrival):

@@ -32,7 +32,6 @@ from facts_damping.elementary import cos, exp, sin, tan
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
 
 NONE, LEAD, PHASOR, PREDICTION = 0, 1, 2, 3
 COMPENSATIONS = {"none": NONE, "lead": LEAD, "phasor": PHASOR}  # for any controller
@@ -78,14 +77,7 @@ def compensators(names: Sequence[str], omega: Sequence[float], signals: int) -> 
 
 @compiled
 def compensate(
-    made: Compensators,
-    state: Compensated,
-    c: int,
-    s: Any,
-    given: NDArray[np.float64],
-    newest_ns: int,
-    age: float,
-    dt: float,
+    made: Compensators, state: Compensated, c: int, s: Any, given: Float1, newest_ns: int, age: float, dt: float
 ) -> None:
     """Compensate the signals `given` of controller c at a frame; result in `state.signal[c]`.
 
@@ -115,7 +107,7 @@ def compensate(
 
 
 @compiled
-def lead(omega: float, phase: float, state: NDArray[np.float64], y: float, dt: float) -> float:
+def lead(omega: float, phase: float, state: Float1, y: float, dt: float) -> float:
     """One step of two sections with total phase `phase`, rad, and gain 1 at `omega`, rad/s.
 
     a w = sqrt((1 + sin p) / (1 - sin p)), p the phase of one section, at most MAX_LEAD. For the bilinear transform w
@@ -135,7 +127,7 @@ def lead(omega: float, phase: float, state: NDArray[np.float64], y: float, dt: f
 
 
 @compiled
-def phasor(omega: float, phase: float, rate: float, state: NDArray[np.float64], y: float, dt: float) -> float:
+def phasor(omega: float, phase: float, rate: float, state: Float1, y: float, dt: float) -> float:
     """One step of a signal's mean and phasor; returns the signal without mean, advanced by `phase`, rad.
 
         q = q exp(j omega dt);  e = y - y0 - Re q;  y0 = y0 + (1 - l) e;  q = q + 2 (1 - l) e;  l = exp(-rate dt)

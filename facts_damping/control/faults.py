@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from facts_damping import random_numbers
 from facts_damping.compiling import compiled
-from facts_damping.compiling.structs import Array, Float2, Struct
+from facts_damping.compiling.structs import Array, Float1, Float2, Struct
 from facts_damping.parameters.faults import SIZED
 
 if TYPE_CHECKING:
@@ -43,8 +43,8 @@ def faults(given: Sequence[Sequence[ControllerFault]], frame_rate: int, seed: in
             row["first"] = math.ceil(one.start * frame_rate)
             over = np.inf if one.duration is None else math.ceil((one.start + one.duration) * frame_rate)
             row["end"] = min(over, np.iinfo(np.int64).max)
-    drawn = random_numbers.standard_normal(np.random.default_rng((seed, 4)), (len(given), CHANCES if maximum else 0))
-    return Faults(rows, drawn)
+    chance = random_numbers.standard_normal(np.random.default_rng((seed, 4)), (len(given), CHANCES if maximum else 0))
+    return Faults(rows, chance)
 
 
 @compiled
@@ -58,7 +58,7 @@ def silent(of: Faults, c: int, tick: int) -> bool:
 
 
 @compiled
-def corrupt(of: Faults, c: int, tick: int, theta: NDArray[np.float64]) -> None:
+def corrupt(of: Faults, c: int, tick: int, theta: Float1) -> None:
     """Disturb a network's parameters in the first tick of a `weights` fault."""
     for i in range(of.rows.shape[1]):
         row = of.rows[c, i]

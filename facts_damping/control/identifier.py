@@ -25,8 +25,7 @@ from facts_damping.control.identifier_model import (
     start,
 )
 from facts_damping.control.inputs import UNSET, compute_signals, ingest, inputs
-from facts_damping.control.pairing import fill, frame_before
-from facts_damping.control.prediction import look_ahead
+from facts_damping.control.prediction import fill, frame_before, look_ahead
 from facts_damping.control.table import SETTINGS
 from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn, learners
 from facts_damping.neurofuzzy.network import Network, by_inputs, shape_of

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from facts_damping.compiling.structs import Array, Float2, Float3, Int1, Int2, Int3, Struct
+from facts_damping.compiling.structs import Array, Complex1, Float1, Float2, Float3, Int1, Int2, Int3, Struct
 from facts_damping.control.inputs import Inputs, LatestSamples
 from facts_damping.control.table import SETTINGS
 from facts_damping.elementary import exp, phase, rect
@@ -21,7 +21,7 @@ from facts_damping.phasors import over, power, times
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from facts_damping.control.plant_prior import PlantPrior
+    from facts_damping.control.neuro_fuzzy import PlantPrior
 
 WIDTH = 1.0  # initial width s of the memberships
 SPREAD = 0.5  # initial centres -0.5 and 0.5 if the consequents hold the linear plant
@@ -97,7 +97,7 @@ def predictor_network(kind: str, signals: int, devices: int, order: int = 1) -> 
     return network(antecedent, own, signals * order + devices, 2, signals)
 
 
-def start(net: Network, row: Identified) -> NDArray[np.float64]:
+def start(net: Network, row: Identified) -> Float1:
     """Initial parameters with y_I near y(k-h) + J u for small y and u; J: Jacobian of the linear plant.
 
     Affine consequents hold J exactly, and instead of y(k-h) the evolution of past values in the least damped mode.
@@ -126,7 +126,7 @@ def start(net: Network, row: Identified) -> NDArray[np.float64]:
     return initial(net, Start([weight], spread, width, shift, dilation))
 
 
-def _ahead(past: NDArray[np.complex128], later: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _ahead(past: Complex1, later: Complex1) -> Float2:
     """The least-norm real matrix M, (signals, past values), that minimises |M past - later|, for phasors of a mode.
 
     Both are rotated until real and imaginary part of `past` are orthogonal. Then M is the sum of
@@ -142,7 +142,7 @@ def _ahead(past: NDArray[np.complex128], later: NDArray[np.complex128]) -> NDArr
     return made
 
 
-def _linear_start(net: Network, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _linear_start(net: Network, slopes: Float2) -> Float1:
     """Two rules with equal affine consequents: y_I = slopes x for any firing strengths; `slopes`: (outputs, inputs)."""
     many = np.ones(net.inputs)
     members = initial(net, Start(np.zeros(net.outputs), SPREAD * many, WIDTH * many, 0.0 * many, many))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.compiling.structs import Bool2, Float2, Float3, Int1, Int2, Struct
+from facts_damping.compiling.structs import Bool2, Float1, Float2, Float3, Int1, Int2, Struct
 from facts_damping.control.lead_lag import section
 from facts_damping.signals import CHANNELS
 
@@ -86,7 +86,7 @@ def inputs(
     return made, held
 
 
-def pmu_weights(signal: Signal, pmus: Sequence[str], nominal: float) -> NDArray[np.float64]:
+def pmu_weights(signal: Signal, pmus: Sequence[str], nominal: float) -> Float1:
     """Weights of the PMUs in a signal, (PMUs,); frequencies are converted from Hz to p.u. of `nominal`."""
     weights = np.zeros(len(pmus))
     for pmu, weight in signal.weights.items():

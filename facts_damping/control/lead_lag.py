@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.compiling import compiled
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from facts_damping.compiling.structs import Float1
 
 
 @compiled
-def section(n1: float, n0: float, d1: float, dt: float, state: NDArray[np.float64], at: int, u: float) -> float:
+def section(n1: float, n0: float, d1: float, dt: float, state: Float1, at: int, u: float) -> float:
     """One step of (n1 s + n0) / (d1 s + 1) by the bilinear transform with step `dt`, s.
 
     With c = 2 / dt: (1 + d1 c) y = (n0 + n1 c) u + (n0 - n1 c) u_before - (1 - d1 c) y_before.
@@ -26,7 +25,7 @@ def section(n1: float, n0: float, d1: float, dt: float, state: NDArray[np.float6
 
 
 @compiled
-def step(p: Any, state: NDArray[np.float64], y: float, dt: float) -> float:
+def step(p: Any, state: Float1, y: float, dt: float) -> float:
     """Output before limits: kG s Tw / (1 + s Tw) (1 + s T1) / (1 + s T2) (1 + s T3) / (1 + s T4), p.u.
 
     `p` has gain (kG), Tw and T1 to T4; `dt`: time between the two newest frames, s; 0 at the first frame,

@@ -10,8 +10,7 @@ from facts_damping.errors import InputError
 from facts_damping.phasors import times
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float2
     from facts_damping.parameters.linear_law import LinearLaw
 
 MAX_STATES = 200
@@ -19,12 +18,12 @@ EDGE = 1e-9  # 1/s or of its magnitude: a pole this close to the stability limit
 
 
 class Matrices(NamedTuple):
-    """dx = A x + B y, u = C x + D y; y: signals, u: setpoints, p.u."""
+    """dx = A x + B u, y = C x + D u; of a controller the inputs are signals, the outputs setpoints, p.u."""
 
-    A: NDArray[np.float64]  # (states, states)
-    B: NDArray[np.float64]  # (states, signals)
-    C: NDArray[np.float64]  # (devices, states)
-    D: NDArray[np.float64]  # (devices, signals)
+    A: Float2  # (states, states)
+    B: Float2  # (states, inputs)
+    C: Float2  # (outputs, states)
+    D: Float2  # (outputs, inputs)
 
 
 def matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
@@ -48,7 +47,6 @@ def matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
 
 
 def _of_matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
-    """A, B, C and D as given."""
     parts = {name: _matrix(name, getattr(law, name)) for name in ("A", "B", "C", "D")}
     n = 0 if parts["A"] is None else len(parts["A"])
     shapes = {"A": (n, n), "B": (n, signals), "C": (devices, n), "D": (devices, signals)}
@@ -62,7 +60,7 @@ def _of_matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
     return Matrices(*(np.zeros(shapes[name]) if own is None else own for name, own in parts.items()))
 
 
-def _matrix(name: str, rows: list[list[float]] | None) -> NDArray[np.float64] | None:
+def _matrix(name: str, rows: list[list[float]] | None) -> Float2 | None:
     if rows is None:
         return None
     if len({len(row) for row in rows}) > 1:

@@ -12,18 +12,29 @@ the setpoint before it.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.compiling.structs import Float1, Float2, Float3, Struct
+from facts_damping.compiling.structs import Float1, Float2, Struct
 from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.neurofuzzy.network import Network
+
+
+class PlantPrior(NamedTuple):
+    """Initial knowledge of a controller and its identifier about the plant, from its linearisation."""
+
+    sign: Float2  # (signals, devices), of dy/du; 0: none, except for the first signal
+    jacobian: Float2  # (signals, devices), p.u./p.u., over the identifier's horizon
+    mode_shape: NDArray[
+        np.complex128
+    ]  # (signals,), p.u./p.u., at the least damped electromechanical mode, relative to the first
+    z_pole: complex  # the mode's factor from one frame to the next
 
 
 class Memory(Struct):
@@ -38,16 +49,8 @@ class Memory(Struct):
     taught: Float1  # (1,), 1: the network learnt at the newest frame
 
 
-class Memories(Struct, each=Memory):
-    """Memories of several controllers; the first axis is the controller."""
-
-    before: Float2
-    applied: Float2
-    error: Float2
-    curvature: Float2
-    lyapunov: Float2
-    jacobian: Float3
-    taught: Float2
+class Memories(Memory, each=Memory):
+    """Memories of several controllers."""
 
 
 class Actuators(Struct):
@@ -57,11 +60,8 @@ class Actuators(Struct):
     rate: Float1  # (devices,), p.u./s
 
 
-class AllActuators(Struct, each=Actuators):
-    """Limits for several controllers; the first axis is the controller."""
-
-    limit: Float2
-    rate: Float2
+class AllActuators(Actuators, each=Actuators):
+    """Limits for several controllers."""
 
 
 def memories(controllers: int, signals: int, devices: int) -> Memories:
@@ -76,9 +76,9 @@ def step(
     own: Learner,
     kept: Memory,
     s: NDArray[Any],
-    signals: NDArray[np.float64],
+    signals: Float1,
     actuators: Actuators,
-    unlimited: NDArray[np.float64],
+    unlimited: Float1,
     dt: float,
     frames: int,
     stale: bool,
@@ -106,14 +106,7 @@ def step(
 
 
 @compiled
-def _follow(
-    net: Network,
-    kept: Memory,
-    s: NDArray[Any],
-    actuators: Actuators,
-    unlimited: NDArray[np.float64],
-    dt: float,
-) -> None:
+def _follow(net: Network, kept: Memory, s: NDArray[Any], actuators: Actuators, unlimited: Float1, dt: float) -> None:
     """Update `kept.applied`: with anti-windup the setpoint within limit and rate of the device, else before limits."""
     for o in range(net.outputs):
         if s[0].anti_windup > 0.0:
@@ -125,21 +118,14 @@ def _follow(
 
 
 @compiled
-def _seen(s: NDArray[Any], i: int, signals: NDArray[np.float64]) -> float:
+def _seen(s: NDArray[Any], i: int, signals: Float1) -> float:
     """Normalised error of signal i; zero within the dead zone."""
     e = -signals[i] / s[i].scale
     return 0.0 if abs(e) <= s[0].dead_zone else e
 
 
 @compiled
-def _fall(
-    net: Network,
-    own: Learner,
-    kept: Memory,
-    s: NDArray[Any],
-    signals: NDArray[np.float64],
-    actuators: Actuators,
-) -> None:
+def _fall(net: Network, own: Learner, kept: Memory, s: NDArray[Any], signals: Float1, actuators: Actuators) -> None:
     """Compute the Lyapunov function, and its decrease by the step if the plant responds as the Jacobian predicts."""
     now = then = 0.0
     for i in range(net.inputs // 2):
@@ -158,12 +144,7 @@ def _fall(
 
 @compiled
 def _errors(
-    net: Network,
-    kept: Memory,
-    s: NDArray[Any],
-    signals: NDArray[np.float64],
-    actuators: Actuators,
-    unlimited: NDArray[np.float64],
+    net: Network, kept: Memory, s: NDArray[Any], signals: Float1, actuators: Actuators, unlimited: Float1
 ) -> bool:
     """Compute adaptation errors and curvatures; returns False if the Jacobian is unknown.
 

@@ -16,12 +16,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.compiling.structs import Float2, Float3, Struct
+from facts_damping.compiling.structs import Float1, Float2, Float3, Struct
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
     from facts_damping.control.neuro_fuzzy import Actuators
 
@@ -31,11 +29,11 @@ MAX_MISSED = 600  # frames: after a longer gap the estimate restarts
 class StateSpace(NamedTuple):
     """Matrices from frame to frame."""
 
-    A: NDArray[np.float64]  # (states, states)
-    B: NDArray[np.float64]  # (states, devices)
-    C: NDArray[np.float64]  # (signals, states)
-    M: NDArray[np.float64]  # (states, signals)
-    K: NDArray[np.float64]  # (devices, states)
+    A: Float2  # (states, states)
+    B: Float2  # (states, devices)
+    C: Float2  # (signals, states)
+    M: Float2  # (states, signals)
+    K: Float2  # (devices, states)
 
 
 class Observer(Struct):
@@ -48,19 +46,11 @@ class Observer(Struct):
     K: Float2
 
 
-class Observers(Struct, each=Observer):
-    """Observers of several controllers, padded with zeros; the first axis is the controller."""
-
-    A: Float3
-    B: Float3
-    C: Float3
-    M: Float3
-    K: Float3
+class Observers(Observer, each=Observer):
+    """Observers of several controllers, padded with zeros."""
 
 
-def state_spaces(
-    designs: Sequence[StateSpace | None], signals: int, devices: int
-) -> tuple[Observers, NDArray[np.float64]]:
+def state_spaces(designs: Sequence[StateSpace | None], signals: int, devices: int) -> tuple[Observers, Float3]:
     """Matrices of several controllers (None: another kind), and their estimates with work space."""
     own = [one for one in designs if one is not None]
     n, states = len(designs), max([len(one.A) for one in own], default=0)
@@ -75,13 +65,13 @@ def state_spaces(
 @compiled
 def step(
     own: Observer,
-    x: NDArray[np.float64],
-    signals: NDArray[np.float64],
+    x: Float2,
+    signals: Float1,
     count: int,
     actuators: Actuators,
-    issued: NDArray[np.float64],
-    applied: NDArray[np.float64],
-    unlimited: NDArray[np.float64],
+    issued: Float1,
+    applied: Float1,
+    unlimited: Float1,
     dt: float,
     frames: int,
 ) -> None:
@@ -110,14 +100,7 @@ def step(
 
 
 @compiled
-def _predict(
-    own: Observer,
-    x: NDArray[np.float64],
-    actuators: Actuators,
-    issued: NDArray[np.float64],
-    applied: NDArray[np.float64],
-    dt: float,
-) -> None:
+def _predict(own: Observer, x: Float2, actuators: Actuators, issued: Float1, applied: Float1, dt: float) -> None:
     """Predict the estimate by one frame, while the devices follow the setpoints within their rates."""
     n = own.A.shape[0]
     for d in range(own.K.shape[0]):

@@ -24,8 +24,7 @@ from facts_damping.neurofuzzy.table import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.run import Controller
 
 LAW, DIRECT, INDIRECT, STATE_SPACE, CALLED, GIVEN = range(6)  # codes of a controller's step
@@ -86,7 +85,7 @@ class Parameter(NamedTuple):
     whole: bool = False  # an integer
     search: Range | None = None  # range for `tune` and `search`; None: not searched
 
-    def number(self, value: Value) -> float | NDArray[np.float64]:
+    def number(self, value: Value) -> float | Float1:
         """A value for compiled functions: the number itself, or the index of a text among the choices."""
         if self.choices:
             return float(self.choices.index(str(value)))
@@ -145,12 +144,7 @@ def _start(
 
 # For controllers that use a model of the plant and its delay.
 LOOP_DELAY = Parameter(
-    -1.0,
-    "s",
-    -1.0,
-    10.0,
-    "delay from measurement to actuation; -1: of PMUs, the link's mean, dead time",
-    live=False,
+    -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: of PMUs, the link's mean, dead time", live=False
 )
 
 # For `compensation` (control/compensation.py); without it they have no effect.

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from facts_damping.compiling.structs import Float1
+
 
 PLACES = 1400  # bits after the point: of 2/pi the largest number needs 1024 - 53, and as many as it is to be exact to
 FINE = 200  # the same for entries of tables
@@ -37,7 +38,6 @@ def _arctangent(a: int, b: int, places: int, sign: int = -1) -> int:
 
 
 def _logarithm(a: int, b: int, places: int) -> int:
-    """Ln(a/b)."""
     return 2 * _arctangent(a - b, a + b, places, 1)
 
 
@@ -63,7 +63,7 @@ def _on_grid(value: int, places: int, grid: int) -> list[float]:
     return [part / (1 << places), (value - part) / (1 << places)]
 
 
-def _table(rows: list[list[float]]) -> NDArray[np.float64]:
+def _table(rows: list[list[float]]) -> Float1:
     found = np.array(rows).ravel()
     found.setflags(write=False)
     return found
@@ -78,7 +78,7 @@ PI_HIGH, PI_LOW = _parts(_FINE_PI, FINE, 53)
 
 
 # Sine and cosine: cells of 1/128 turn, pi/64.
-def _sines() -> NDArray[np.float64]:
+def _sines() -> Float1:
     """Rows of j: sin(2 pi j / 128) as the nearest float and the rest, the cosine as 26 bits and the rest."""
     quarter = CELLS // 4
     step = _FINE_PI * 2 // CELLS
@@ -111,7 +111,7 @@ TWO_OVER_PI.setflags(write=False)
 
 
 # Exponential: cells of 1/128 octave.
-def _powers() -> NDArray[np.float64]:
+def _powers() -> Float1:
     """Rows of j: 2^(j/128) as the nearest float, the rest over it, 26 bits, the rest of these."""
     step, term, n = 0, _ONE, 0
     while term:
@@ -134,7 +134,7 @@ CELLS_PER_UNIT = (CELLS << FINE) / _LN2
 LOWEST = 0x3FE6100000000000  # bits of the least z
 
 
-def _logarithms() -> NDArray[np.float64]:
+def _logarithms() -> Float1:
     """Rows of cells: about 1/z, of 12 bits, and its -ln as a multiple of 2^-42 and the rest."""
     rows = []
     for i in range(CELLS):
@@ -149,7 +149,7 @@ LN2_HIGH, LN2_LOW = _on_grid(_LN2, FINE, 42)
 
 
 # Arctangent: cells of 1/64.
-def _angles() -> NDArray[np.float64]:
+def _angles() -> Float1:
     """Rows of j: atan(j/64) as the nearest float and the rest."""
     rows, value = [], 0
     for j in range(65):

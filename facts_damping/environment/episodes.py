@@ -12,10 +12,9 @@ from facts_damping.analysis.measures import measure_weights
 from facts_damping.case import loading
 from facts_damping.case.changes import as_sets, change
 from facts_damping.compiling.structs import Table
+from facts_damping.control.called import sensed
 from facts_damping.control.inputs import inputs
-from facts_damping.control.sensing import sensed
-from facts_damping.environment.many import Episodes, step_many
-from facts_damping.environment.observation import AgentInputs
+from facts_damping.environment.many import AgentInputs, Episodes, step_many
 from facts_damping.errors import InputError
 from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
@@ -31,13 +30,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 AGENT = "agent"  # its controller name
-KEPT = (
-    "devices",
-    "signals",
-    "link",
-    "namespace",
-    "fallback_of",
-)  # fields taken from the replaced controller
+KEPT = ("devices", "signals", "link", "namespace", "fallback_of")  # fields taken from the replaced controller
 MAX_SEED = 2**31
 
 
@@ -60,9 +53,9 @@ class Source:
 
     def draw(self, random: np.random.Generator, options: dict[str, Any] | None = None) -> tuple[int, Case]:
         """A random point and its run with a random seed; `options` may set `point` and `seed`."""
-        asked = options or {}
-        point, seed = int(random.integers(len(self.points))), int(random.integers(MAX_SEED))
-        return (at := int(asked.get("point", point))), self.case(at, int(asked.get("seed", seed)))
+        drawn = {"point": int(random.integers(len(self.points))), "seed": int(random.integers(MAX_SEED))}
+        chosen = {name: int(value) for name, value in {**drawn, **(options or {})}.items() if name in drawn}
+        return chosen["point"], self.case(**chosen)
 
     def case(self, point: int, seed: int) -> Case:
         """The run of a point, with a seed."""
@@ -83,8 +76,8 @@ class Source:
             given = f"controller: {c} given; " + ("no device is installed" if not installed else f"{len(rows)} there")
             raise InputError(f"{self._where}: {given}; allowed: a run with a controller of a device")
         content["controllers"] = list(rows)
-        taken = {name: rows[c][name] for name in KEPT if name in rows[c]}
-        content["controllers"][c] = {**taken, "name": AGENT, "external": True}
+        kept = {name: rows[c][name] for name in KEPT if name in rows[c]}
+        content["controllers"][c] = {**kept, "name": AGENT, "external": True}
         return loading.make_case(content, self._where)
 
 
@@ -102,8 +95,7 @@ class Episode:
         agent = case.controllers[c]
         names, pmus = [list(agent.signals)], [pmu.name for pmu in case.system.pmus]
         eyes = inputs(names, case.system.signals, pmus, case.system.frequency)
-        seen = sensed(1, len(names[0]), len(pmus))
-        self.eyes = AgentInputs(*eyes, seen)
+        self.eyes = AgentInputs(*eyes, sensed(1, len(names[0]), len(pmus)))
         self.limits = np.array([case.system.device(name).setpoint_max for name in agent.devices])
         self.weights = weights_of(case)
         window[:] = 0.0

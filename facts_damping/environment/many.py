@@ -1,18 +1,72 @@
-"""A step of many episodes, in one compiled call."""
+"""A step of many episodes, in one compiled call: what the agents observe, and speed differences for their rewards."""
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from facts_damping.compiling import entry_point
+from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Array, Bool1, Float1, Float2, Float3, Int1, Struct, Table
-from facts_damping.environment.observation import AgentInputs, observe
+from facts_damping.control.called import Sensed, sense
+from facts_damping.control.inputs import Inputs, LatestSamples
 from facts_damping.link.transfer import RING_DELIVERED
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.tick import Loop, run_half_ticks
+
+SIGNAL, AGE, MISSING = range(3)  # indices of a window's last axis
+MAX_SIGNAL, MAX_AGE = 100.0, 10.0  # in scales, and s: values are clipped to these
+
+
+class AgentInputs(Struct):
+    """Received signals of an agent's controller."""
+
+    inputs: Inputs
+    held: LatestSamples
+    sensed: Sensed
+
+
+@compiled
+def append_to_window(
+    window: NDArray[Any], y: NDArray[Any], age: NDArray[Any], fresh: NDArray[Any], scale: NDArray[Any]
+) -> None:
+    """Append the signals of a tick, (signals,), to a window, (ticks, signals, 3)."""
+    for k in range(window.shape[0] - 1):
+        for i in range(window.shape[1]):
+            for part in range(window.shape[2]):
+                window[k, i, part] = window[k + 1, i, part]
+    last = window.shape[0] - 1
+    for i in range(window.shape[1]):
+        value = y[i] / scale[i]
+        window[last, i, SIGNAL] = min(max(value, -MAX_SIGNAL), MAX_SIGNAL) if math.isfinite(value) else 0.0
+        window[last, i, AGE] = min(age[i], MAX_AGE)
+        window[last, i, MISSING] = 0.0 if fresh[i] else 1.0
+
+
+@compiled
+def observe(
+    eyes: AgentInputs,
+    delivered: NDArray[Any],
+    count: int,
+    end_ns: int,
+    window: NDArray[np.float32],
+    scale: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    machines: NDArray[Any],
+    deviations: NDArray[np.float64],
+) -> None:
+    """Write a tick's delivered signals into the window, and true speed differences into `deviations`, p.u.
+
+    `weights`: (differences, machines); `machines`: (machines,) of MACHINE_TRUTH.
+    """
+    sense(eyes.inputs, eyes.held, eyes.sensed, 0, delivered, count, end_ns)
+    append_to_window(window, eyes.held.signal[0], eyes.sensed.age[0], eyes.sensed.fresh[0], scale)
+    for d in range(weights.shape[0]):
+        deviations[d] = 0.0
+        for m in range(weights.shape[1]):
+            deviations[d] += weights[d, m] * machines[m].speed_deviation
 
 
 class Episodes(Struct):
@@ -46,15 +100,7 @@ def step_many(all_of: Episodes, first: int, stride: int) -> None:
         kept, links = loop.signals, loop.links
         all_of.ticks[e], all_of.time_ns[e] = tick, kept.time_ns[tick]
         all_of.lost[e] = not kept.in_synchronism[tick]
-        link = links.used[agent]
-        observe(
-            all_of.eyes[e],
-            links.up.out[link],
-            links.up.ring[link, RING_DELIVERED],
-            tick_ns(tick + 1, loop.pmus.frame_rate),
-            all_of.windows[e],
-            all_of.scale,
-            all_of.weights[e],
-            kept.machines[tick],
-            all_of.deviations[e],
-        )
+        eyes, link, end_ns = all_of.eyes[e], links.used[agent], tick_ns(tick + 1, loop.pmus.frame_rate)
+        rows, count = links.up.out[link], links.up.ring[link, RING_DELIVERED]
+        window, weights, deviations = all_of.windows[e], all_of.weights[e], all_of.deviations[e]
+        observe(eyes, rows, count, end_ns, window, all_of.scale, weights, kept.machines[tick], deviations)

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from facts_damping.environment.episodes import Episode, Source, weights_of
-from facts_damping.environment.observation import MAX_AGE, MAX_SIGNAL
+from facts_damping.environment.many import MAX_AGE, MAX_SIGNAL
 from facts_damping.environment.reward import IndexReward, Reward
 from facts_damping.environment.window import each_scale
 from facts_damping.errors import InputError
@@ -38,12 +38,8 @@ class Setting:
         """See `WideAreaDamping`."""
         if window < 1:
             raise InputError(f"window: {window} given; allowed: 1 or more ticks")
-        self.source, self.controller, self.reward, self.lost = (
-            Source(run, study, controller, fields),
-            controller,
-            reward,
-            lost,
-        )
+        self.source = Source(run, study, controller, fields)
+        self.controller, self.reward, self.lost = controller, reward, lost
         agent = self.source.first.controllers[controller]
         self.scale = each_scale(scale, len(agent.signals))
         shape = (window, len(agent.signals))
@@ -67,8 +63,8 @@ class Setting:
         like = first.controllers[self.controller]
         if (agent.signals, agent.devices, case.run.frame_rate) != (like.signals, like.devices, first.run.frame_rate):
             raise InputError(f"study: point {point} has other signals, devices or frames; allowed: the same in all")
-        told = {"point": point, "seed": case.run.seed, **self.source.points[point]}
-        return Episode(case, self.controller, self.scale, window, deviations), told
+        drawn = {"point": point, "seed": case.run.seed, **self.source.points[point]}
+        return Episode(case, self.controller, self.scale, window, deviations), drawn
 
 
 class WideAreaDamping(gymnasium.Env[Any, Any]):
@@ -85,9 +81,7 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
     The seed of `reset` draws point and seed of the run; `options` may set `point` and `seed`. Raises `InputError`.
     """
 
-    metadata = {  # noqa: RUF012 (as its base has it)
-        "render_modes": []
-    }
+    metadata = {"render_modes": []}  # noqa: RUF012 (as its base has it)
 
     def __init__(self, run: str | None = "two_area_large", study: str | None = None, **settings: Any) -> None:
         """As above."""
@@ -103,8 +97,8 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Begin an episode; the information has what was drawn."""
         super().reset(seed=seed)
-        self.episode, told = self._setting.begin(self.np_random, options, self._window, self._deviations)
-        return self._window.copy(), told
+        self.episode, drawn = self._setting.begin(self.np_random, options, self._window, self._deviations)
+        return self._window.copy(), drawn
 
     def step(self, action: NDArray[Any]) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Answer the newest tick, and go on to the next one."""

@@ -53,8 +53,8 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         self._weights = np.zeros((num_envs, *self._setting.weights.shape))
         self._deviations = np.zeros((num_envs, len(self._setting.weights)))
         self._all: Episodes | None = None
-        self._fractions = min(threads or os.cpu_count() or 1, num_envs)
-        self._pool = ThreadPoolExecutor(self._fractions)
+        self._threads = min(threads or os.cpu_count() or 1, num_envs)
+        self._pool = ThreadPoolExecutor(self._threads)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -69,7 +69,6 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         return self._windows.copy(), {}
 
     def _begin(self, i: int, options: dict[str, Any] | None = None) -> Episode:
-        """Begin an episode and take over its arrays."""
         one, _ = self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])
         self._all = None  # rebuilt from the present episodes
         self._ticks[i], self._last[i], self._lost[i] = one.tick, one.case.ticks - 1, one.lost
@@ -103,7 +102,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
             parts: tuple[Any, ...] = (*tables, *made, *seen)
             self._all = Episodes(*parts)
         all_of = self._all
-        list(self._pool.map(lambda fraction: step_many(all_of, fraction, self._fractions), range(self._fractions)))
+        list(self._pool.map(lambda first: step_many(all_of, first, self._threads), range(self._threads)))
         for i in np.flatnonzero(self._lost & ~self._waits):  # also stopped by an error of a class beside the agent
             check(self._episodes[i].loop.programs)
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.environment.observation import append_to_window
+from facts_damping.environment.many import append_to_window
 from facts_damping.errors import InputError
 
 if TYPE_CHECKING:

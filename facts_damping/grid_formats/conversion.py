@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError, check_known
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     Row = Mapping[str, float]
+    Units = dict[int, list[tuple[int, Row]]]  # generators in service by bus, with their row numbers from 1
+    Rows = list[dict[str, Any]]  # of a table of the system
 
 REFERENCE, ISOLATED, PQ = 3, 4, 1  # bus types
 LARGEST_RATING = 1e5  # MVA
@@ -136,7 +139,6 @@ def some(buses: Sequence[int]) -> str:
 
 
 def _number(value: float) -> int:
-    """A bus number."""
     if value != int(value) or value < 1:
         raise InputError(f"bus number {value:g} given; allowed: a positive integer")
     return int(value)
@@ -160,18 +162,16 @@ def _check_buses(case: MatpowerCase, buses: Mapping[int, Row]) -> None:
     reached = joined_to(reference[0], joined)
     apart = [n for n, row in buses.items() if n not in reached or row["BUS_TYPE"] == ISOLATED]
     if apart:
-        raise InputError(
-            f"mpc.bus: isolated buses given ({some(apart)}); "
-            f"allowed: buses that branches in service join to bus {reference[0]}"
-        )
+        allowed = f"buses that branches in service join to bus {reference[0]}"
+        raise InputError(f"mpc.bus: isolated buses given ({some(apart)}); allowed: {allowed}")
 
 
 def _units(
     case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]
-) -> tuple[dict[int, tuple[float, float]], dict[int, list[tuple[int, Row]]]]:
-    """Demand by bus (MW, Mvar), and the generators in service by bus with their row numbers from 1."""
+) -> tuple[dict[int, tuple[float, float]], Units]:
+    """Demand by bus (MW, Mvar), and the generators in service."""
     demand = {n: (row["PD"], row["QD"]) for n, row in buses.items()}
-    units: dict[int, list[tuple[int, Row]]] = {}
+    units: Units = {}
     for i, row in enumerate(case.gen, 1):
         n = _number(row["GEN_BUS"])
         if n not in buses:
@@ -186,37 +186,31 @@ def _units(
     return demand, units
 
 
-def _branches(
-    case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]]]:
+def _branches(case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]) -> tuple[Rows, Rows, Rows]:
     """Lines, transformers (with a ratio, a shift, or two nominal voltages), and shunts for transformers' charging."""
-    lines, transformers, charging, taken = [], [], [], set[str]()
+    lines, transformers, charging, names = [], [], [], set[str]()
     for i, row in enumerate(case.branch, 1):
         a, b = _number(row["F_BUS"]), _number(row["T_BUS"])
         if row["BR_STATUS"] <= 0:
             notes.append(f"branch {i} from bus {a} to bus {b} is out of service: left out")
             continue
-        for column, value, bad in (("r", row["BR_R"], row["BR_R"] < 0), ("x", row["BR_X"], row["BR_X"] == 0)):
-            if bad:
-                limit = "any but 0" if column == "x" else "0 or more"
-                raise InputError(f"mpc.branch, row {i} ({a} to {b}): {column} = {value:g} given; allowed: {limit}")
+        r, x, where = row["BR_R"], row["BR_X"], f"mpc.branch, row {i} ({a} to {b})"
+        if r < 0:
+            raise InputError(f"{where}: r = {r:g} given; allowed: 0 or more")
+        if x == 0:
+            raise InputError(f"{where}: x = {x:g} given; allowed: any but 0")
         line = not row["TAP"] and not row["SHIFT"] and buses[a]["BASE_KV"] == buses[b]["BASE_KV"] and row["BR_B"] >= 0
         stem = f"{'line_' if line else 'T'}{a}_{b}"
-        name, count = stem, 1
-        while name in taken:
-            count += 1
-            name = f"{stem}_{count}"
-        taken.add(name)
-        made = {"name": name, "from": f"B{a}", "to": f"B{b}"}
-        values = {"r": row["BR_R"], "x": row["BR_X"]}
+        numbered = (stem if number == 1 else f"{stem}_{number}" for number in count(1))
+        name = next(name for name in numbered if name not in names)
+        names.add(name)
+        made: dict[str, Any] = {"name": name, "from": f"B{a}", "to": f"B{b}"}
         if line:
-            lines.append(made | values | {"b": row["BR_B"]})
+            lines.append(made | {"r": r, "x": x, "b": row["BR_B"]})
             continue
         tap = row["TAP"] or 1.0
-        changed: dict[str, Any] = {
-            key: v for key, v, usual in (("tap", tap, 1), ("phase_shift", row["SHIFT"], 0)) if v != usual
-        }
-        transformers.append(made | {"rating": case.base_power} | values | changed)
+        made |= {"rating": case.base_power, "r": r, "x": x} | ({"tap": tap} if tap != 1 else {})
+        transformers.append(made | ({"phase_shift": row["SHIFT"]} if row["SHIFT"] else {}))
         if row["BR_B"]:
             half = row["BR_B"] / 2 * case.base_power
             for bus, Q in ((a, half / tap**2), (b, half)):
@@ -225,12 +219,7 @@ def _branches(
     return lines, transformers, charging
 
 
-def _machines(
-    buses: Mapping[int, Row],
-    units: Mapping[int, list[tuple[int, Row]]],
-    rows: Any,
-    notes: list[str],
-) -> tuple[list[dict[str, Any]], list[str]]:
+def _machines(buses: Mapping[int, Row], units: Units, rows: Any, notes: list[str]) -> tuple[Rows, list[str]]:
     """Machines, one per bus, and the names of those with typical data."""
     given = _machine_rows(rows, units)
     if not units:
@@ -261,7 +250,7 @@ def _machines(
     return machines, typical
 
 
-def _machine_rows(rows: Any, units: Mapping[int, list[tuple[int, Row]]]) -> dict[int, dict[str, Any]]:
+def _machine_rows(rows: Any, units: Units) -> dict[int, dict[str, Any]]:
     """Machine rows of the file of dynamics by bus number; each row names a `bus` (B30) or a `generator` (its row)."""
     found: dict[int, dict[str, Any]] = {}
     by_row = {i: n for n, here in units.items() for i, _ in here}

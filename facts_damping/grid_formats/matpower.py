@@ -31,9 +31,8 @@ def read_case(path: Path) -> MatpowerCase:
     try:
         from matpowercaseframes import CaseFrames  # noqa: PLC0415  (an extra, and pandas comes with it)
     except ImportError as error:
-        raise InputError(
-            "import: the library matpowercaseframes is missing; allowed: after pip install 'facts_damping[matpower]'"
-        ) from error
+        needed = "after pip install 'facts_damping[matpower]'"
+        raise InputError(f"import: the library matpowercaseframes is missing; allowed: {needed}") from error
     text = read_text(path, GRID, "replace")
     try:
         for number, line in enumerate(text.splitlines(), 1):
@@ -66,7 +65,9 @@ def _finite(value: Any, where: str) -> float:
 def import_case(path: Path, dynamics: Path | None = None) -> Imported:
     """A MATPOWER case as a validated system, with notes for the user."""
     case = read_case(path)
-    given = None if dynamics is None else read_dynamics(dynamics)
+    if dynamics is not None and not is_file(dynamics):
+        raise InputError(f"--dynamics {dynamics}: no such file; allowed: an existing YAML file")
+    given = None if dynamics is None else read_table(dynamics)
     try:
         imported = convert(case, given)
     except InputError as error:
@@ -75,10 +76,3 @@ def import_case(path: Path, dynamics: Path | None = None) -> Imported:
         raise InputError(f"{source}: {text.removeprefix('--dynamics: ')}") from error
     check(System, imported.content, str(path) if dynamics is None else f"{path} with {dynamics}")
     return imported._replace(notes=[f"{path.name}: {note}" for note in imported.notes])
-
-
-def read_dynamics(path: Path) -> dict[str, Any]:
-    """Content of a file of dynamic data."""
-    if not is_file(path):
-        raise InputError(f"--dynamics {path}: no such file; allowed: an existing YAML file")
-    return read_table(path)

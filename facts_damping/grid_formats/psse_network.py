@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
 from facts_damping.grid_formats.conversion import ISOLATED
-from facts_damping.grid_formats.psse_raw import Row
+from facts_damping.grid_formats.psse_files import Row
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from facts_damping.grid_formats.psse_raw import RawCase
+    from facts_damping.grid_formats.psse_files import RawCase
 
 
 def buses(case: RawCase, notes: list[str]) -> dict[int, Row]:
@@ -42,7 +42,7 @@ def bus_of(row: Row, buses: Mapping[int, Row]) -> int | None:
 
 def lines(case: RawCase, buses: Mapping[int, Row]) -> tuple[list[Row], list[Row]]:
     """Lines in service, and the shunts at their ends."""
-    lines, shunts, taken = list[Row](), list[Row](), set[str]()
+    lines, shunts, used = list[Row](), list[Row](), set[str]()
     for row in case.tables["branch"]:
         a, b = abs(int(row["I"])), abs(int(row["J"]))
         if row["ST"] != 1 or a not in buses or b not in buses:
@@ -50,22 +50,26 @@ def lines(case: RawCase, buses: Mapping[int, Row]) -> tuple[list[Row], list[Row]
         if row["X"] == 0.0 or a == b:
             what = f"X = {row['X']:g}" if a != b else f"bus {a} at both ends"
             raise InputError(f"line {row['line']}: branch: {what} given; allowed: two buses, X other than 0")
-        name = _free(f"line_{a}_{b}", row["CKT"], taken)
+        name = _free(f"line_{a}_{b}", row["CKT"], used)
         lines.append({"name": name, "from": f"B{a}", "to": f"B{b}", "r": row["R"], "x": row["X"], "b": row["B"]})
         for bus, G, B in ((a, row["GI"], row["BI"]), (b, row["GJ"], row["BJ"])):
             if G or B:
-                own = {"name": f"shunt_{name}_{bus}", "bus": f"B{bus}", "Q": B * case.base_power}
-                shunts.append(own | {"P": G * case.base_power})
+                shunts.append(_shunt(f"shunt_{name}_{bus}", bus, G, B, case))
     return lines, shunts
 
 
-def _free(stem: str, circuit: str, taken: set[str]) -> str:
-    """A branch name that is not taken: with its circuit if that is not the first."""
+def _shunt(name: str, bus: int, G: float, B: float, case: RawCase) -> Row:
+    """A shunt of the system, from admittances in p.u."""
+    return {"name": name, "bus": f"B{bus}", "Q": B * case.base_power, "P": G * case.base_power}
+
+
+def _free(stem: str, circuit: str, used: set[str]) -> str:
+    """A name that is not used: with its circuit if that is not the first."""
     mark = re.sub(r"[^A-Za-z0-9]", "", str(circuit))
     name = stem if mark in ("", "1") else f"{stem}_{mark}"
-    while name in taken:
+    while name in used:
         name += "x"
-    taken.add(name)
+    used.add(name)
     return name
 
 
@@ -91,17 +95,17 @@ def shunts(case: RawCase, buses: Mapping[int, Row]) -> list[Row]:
     """Fixed shunts, and switched shunts in their present state."""
     made = []
     for section, G, B, on in (("fixed shunt", "GL", "BL", "STATUS"), ("switched shunt", None, "BINIT", "ST")):
-        taken = set[str]()
+        used = set[str]()
         for row in case.tables[section]:
             n = bus_of(row, buses)
             if n is None or row[on] != 1 or not (row[B] or (G and row[G])):
                 continue
-            name = _free(f"{section.split()[0]}_{n}", row.get("ID", "1"), taken)
+            name = _free(f"{section.split()[0]}_{n}", row.get("ID", "1"), used)
             made.append({"name": name, "bus": f"B{n}", "Q": row[B], "P": row[G] if G else 0.0})
     return made
 
 
-# Transformers ---------------------------------------------------------------------------------------------------------
+# Transformers
 
 
 class Winding(NamedTuple):
@@ -141,44 +145,43 @@ def _impedance(row: Row, number: int, base_power: float) -> complex:
 
 def transformers(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> tuple[list[Row], list[str], list[Row]]:
     """Two-winding transformers, three-winding ones as stars, the buses of the stars, and magnetising shunts."""
-    made, stars, shunts, taken = list[Row](), list[str](), list[Row](), set[str]()
+    made, stars, shunts, used = list[Row](), list[str](), list[Row](), set[str]()
     for row in case.tables["transformer"]:
         ends = [end for end in ("I", "J", "K") if row[end]]
         if row["STAT"] == 0 or any(int(row[end]) not in buses for end in ends):
             continue
-        own = [_winding(row, i, end, buses) for i, end in enumerate(ends, 1)]
-        name = _free("T" + "_".join(str(int(row[end])) for end in ends), row["CKT"], taken)
-        for w in own:
+        windings = [_winding(row, i, end, buses) for i, end in enumerate(ends, 1)]
+        name = _free("T" + "_".join(str(int(row[end])) for end in ends), row["CKT"], used)
+        for w in windings:
             if not 0.5 < w.ratio < 2.0:
                 raise InputError(f"line {row['line']}: transformer: ratio {w.ratio:g} given; allowed: 0.5 to 2")
         z = [_impedance(row, i, case.base_power) for i in range(1, 2 if len(ends) == 2 else 4)]
         if len(ends) == 2:
-            made.append(_two_windings(name, f"B{own[0].bus}", f"B{own[1].bus}", own[0], own[1].ratio, z[0], row, case))
-            turn = own[0].angle - own[1].angle
-            made[-1] |= {"phase_shift": turn} if turn else {}
+            first, second = windings
+            turn = first.angle - second.angle
+            made.append(_two_windings(name, first, turn, f"B{second.bus}", second.ratio, z[0], row, case))
         else:
             star = f"{name}_star"
             stars.append(star)
             arms = [(z[0] + z[2] - z[1]) / 2, (z[0] + z[1] - z[2]) / 2, (z[1] + z[2] - z[0]) / 2]
             out = {2: 1, 3: 2, 4: 0}.get(int(row["STAT"]))
-            for i, (w, arm) in enumerate(zip(own, arms, strict=True)):
+            for i, (w, arm) in enumerate(zip(windings, arms, strict=True)):
                 if i != out:
-                    made.append(_two_windings(f"{name}_{i + 1}", f"B{w.bus}", star, w, 1.0, arm, row, case))
-                    made[-1] |= {"phase_shift": w.angle} if w.angle else {}
-        shunts += _magnetising(row, own[0].bus, name, case, notes)
+                    made.append(_two_windings(f"{name}_{i + 1}", w, w.angle, star, 1.0, arm, row, case))
+        shunts += _magnetising(row, windings[0].bus, name, case, notes)
     return made, stars, shunts
 
 
 def _two_windings(
-    name: str, start: str, end: str, first: Winding, second: float, z: complex, row: Row, case: RawCase
+    name: str, first: Winding, turn: float, end: str, second: float, z: complex, row: Row, case: RawCase
 ) -> Row:
-    """A transformer of the system: its tap at the first bus, its impedance at the second."""
+    """A transformer of the system: its tap and phase shift at the first bus, its impedance at the second."""
     z *= second * second
     if z.imag == 0.0:
         raise InputError(f"line {row['line']}: transformer: X = 0 given; allowed: another value")
-    tap = first.ratio / second
-    values = {"name": name, "from": start, "to": end, "rating": case.base_power, "r": z.real, "x": z.imag}
-    return values | ({"tap": tap} if tap != 1.0 else {})
+    tap, ends = first.ratio / second, {"from": f"B{first.bus}", "to": end}
+    values = {"name": name, **ends, "rating": case.base_power, "r": z.real, "x": z.imag}
+    return values | ({"tap": tap} if tap != 1.0 else {}) | ({"phase_shift": turn} if turn else {})
 
 
 def _magnetising(row: Row, bus: int, name: str, case: RawCase, notes: list[str]) -> list[Row]:
@@ -191,4 +194,4 @@ def _magnetising(row: Row, bus: int, name: str, case: RawCase, notes: list[str])
         G, current = G / 1e6 / case.base_power, B * rating / case.base_power
         B = -math.sqrt(max(0.0, current * current - G * G))
     notes.append(f"line {row['line']}: the magnetising branch of {name} is a shunt, which stays when it opens")
-    return [{"name": f"magnetising_{name}", "bus": f"B{bus}", "Q": B * case.base_power, "P": G * case.base_power}]
+    return [_shunt(f"magnetising_{name}", bus, G, B, case)]

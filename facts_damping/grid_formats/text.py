@@ -16,8 +16,8 @@ def document(imported: Imported, origin: str) -> str:
     """The content as the text of a YAML file, one row per line."""
     head = f"# Imported from {origin}. Per-unit data of the network are on {imported.content['base_power']:g} MVA.\n"
     which = "all" if len(imported.typical) == len(imported.content["machines"]) else ", ".join(imported.typical)
-    told = f"# Typical data, not from the case (Kundur 1994, tables 3.2 and 4.2): {which}"
-    return head + rows_text(imported.content, {"machines": told} if imported.typical else {})
+    remark = f"# Typical data, not from the case (Kundur 1994, tables 3.2 and 4.2): {which}"
+    return head + rows_text(imported.content, {"machines": remark} if imported.typical else {})
 
 
 def rows_text(content: Mapping[str, Any], remarks: Mapping[str, str] | None = None) -> str:

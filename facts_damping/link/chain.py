@@ -18,37 +18,14 @@ from facts_damping.compiling.structs import (
     Array,
     Bool1,
     Bool2,
-    Bool3,
     Float2,
-    Float3,
     Float4,
-    Float5,
     Int1,
     Int2,
-    Int3,
     Int4,
-    Int5,
     Struct,
 )
-from facts_damping.link.stages import (
-    BIAS,
-    BITS,
-    CHANCE,
-    CONSTANT,
-    DRAWN,
-    DUPLICATE,
-    FLIP,
-    FREEZE,
-    IN_ORDER,
-    MODELS,
-    NOISE,
-    RAMP,
-    REPLAY,
-    SCALE,
-    SPOOF,
-    WAIT,
-    draw,
-)
+from facts_damping.link import stages as kinds
 from facts_damping.signals import CHANNELS, LOST, to_ns
 
 if TYPE_CHECKING:
@@ -78,47 +55,30 @@ class Chain(Struct):
     """A chain of one direction of a link, with the state of its stages."""
 
     rows: Annotated[NDArray[Any], Array(STAGE, 1)]
-    concerns: Bool2
-    drawn: Int4
-    last_ns: Int2
-    kept: Float4
+    channel_mask: Bool2  # (stages, channels): the stage acts on the channel
+    drawn: Int4  # (stages, draws, copies, channels): delay in ns, LOST, or 1 for a copy
+    last_ns: Int2  # (stages, channels): when the last entry left; 1: an entry is stored
+    kept: Float4  # (stages, window, channels, width): values of earlier entries, draws of noise
 
 
-class Chains(Struct, each=Chain):
-    """Chains of one direction of several links; the first axis is the link.
-
-    Shorter chains are padded with stages without effect.
-    """
-
-    rows: Annotated[NDArray[Any], Array(STAGE, 2)]  # STAGE, (links, stages)
-    concerns: Bool3  # (links, stages, channels): the stage acts on the channel
-    drawn: Int5  # (links, stages, draws, copies, channels): delay in ns, LOST, or 1 for a copy
-    last_ns: Int3  # (links, stages, channels): when the last entry left; 1: an entry is stored
-    kept: Float5  # (links, stages, window, channels, width): values of earlier entries, draws of noise
+class Chains(Chain, each=Chain):
+    """Chains of several links; shorter ones are padded with stages without effect."""
 
 
 class Packets(Struct):
     """Entries passing a chain, one per channel."""
 
-    now_ns: Int2
-    stamp_ns: Int1
-    status: Int1
-    values: Float2
-    number: Int1
-    copied: Bool1
-    held: Bool1
+    now_ns: Int2  # (copies, channels): time of leaving the stage; LOST: lost
+    stamp_ns: Int1  # (channels,): time of measurement; LOST: no entry
+    status: Int1  # (channels,): status bits of a frame's entry; none for a setpoint
+    values: Float2  # (channels, width)
+    number: Int1  # (channels,): number of entries sent before
+    copied: Bool1  # (channels,)
+    held: Bool1  # (channels,): lost and replaced by the last one
 
 
-class AllPackets(Struct, each=Packets):
-    """Entries of several links; the first axis is the link, left out in the shapes below."""
-
-    now_ns: Int3  # (copies, channels): time of leaving the stage; LOST: lost
-    stamp_ns: Int2  # (channels,): time of measurement; LOST: no entry
-    status: Int2  # (channels,): status bits of a frame's entry; none for a setpoint
-    values: Float3  # (channels, width)
-    number: Int2  # (channels,): number of entries sent before
-    copied: Bool2  # (channels,)
-    held: Bool2  # (channels,): lost and replaced by the last one
+class AllPackets(Packets, each=Packets):
+    """Entries of several links."""
 
 
 class DirectionSpec(NamedTuple):
@@ -136,14 +96,14 @@ class DirectionSpec(NamedTuple):
 def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chains, AllPackets]:
     """Build the chains of several links from their stages, and arrays for passing entries."""
     stages = [stage for own in given for stage in own]
-    codes = [MODELS[stage.model].code for stage in stages]
+    codes = [kinds.MODELS[stage.model].code for stage in stages]
     n, maximum, channels = len(given), max((len(own) for own in given), default=0), len(way.channels)
-    draws = way.draws if any(code in CHANCE for code in codes) else 1
-    copies = 2 if DUPLICATE in codes else 1
+    draws = way.draws if any(code in kinds.CHANCE for code in codes) else 1
+    copies = 2 if kinds.DUPLICATE in codes else 1
     windows = [_window(stage, way) for stage in stages if stage.model in ("replay", "noise")]
     made = Chains(
         rows=np.zeros((n, maximum), STAGE),
-        concerns=np.zeros((n, maximum, channels), np.bool_),
+        channel_mask=np.zeros((n, maximum, channels), np.bool_),
         drawn=np.zeros((n, maximum, draws, copies, channels), np.int64),
         last_ns=np.zeros((n, maximum, channels), np.int64),
         kept=np.zeros((n, maximum, max(windows, default=1), channels, way.width)),
@@ -173,36 +133,36 @@ def _window(stage: Any, way: DirectionSpec) -> int:
 
 def put(made: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
     """Write a stage to index `s` of a link, with its draws, which depend only on seed and indices."""
-    row, model, begin = made.rows[link], MODELS[stage.model], to_ns(stage.start)
+    row, model, begin = made.rows[link], kinds.MODELS[stage.model], to_ns(stage.start)
     code = model.code
     row[s]["model"], row[s]["begin_ns"] = code, begin
-    row[s]["from_ns"] = 0 if code == REPLAY else begin
+    row[s]["from_ns"] = 0 if code == kinds.REPLAY else begin
     row[s]["until_ns"] = FOREVER if stage.duration is None else begin + to_ns(stage.duration)
     row[s]["delay_ns"] = to_ns(getattr(stage, model.time)) if model.time else 0
     row[s]["number"] = getattr(stage, model.number) if model.number else 0.0
     measurement = getattr(stage, "measurement", None)
     row[s]["measurement"] = -1 if measurement is None else list(CHANNELS).index(measurement)
-    if code in (REPLAY, NOISE):
+    if code in (kinds.REPLAY, kinds.NOISE):
         row[s]["window"] = _window(stage, way)
-    if code == WAIT:
+    if code == kinds.WAIT:
         row[s]["stamped"], row[s]["hold"] = stage.reference == "stamp", stage.missing == "hold"
         row[s]["complete"] = stage.send == "complete"
     names = [one for name in stage.channels or way.channels for one in way.groups.get(name, [name])]
-    made.concerns[link, s] = [name in names for name in way.channels]
+    made.channel_mask[link, s] = [name in names for name in way.channels]
     seed, direction = way.seed
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(link, direction, s)))
-    if code == NOISE:
+    if code == kinds.NOISE:
         own = made.kept[link, s, : row[s]["window"]]
         own[:] = random_numbers.standard_normal(random, own.shape)
-    if code in CHANCE:
-        made.drawn[link, s] = draw(stage, made.drawn.shape[2:], way.channels, random)
+    if code in kinds.CHANCE:
+        made.drawn[link, s] = kinds.draw(stage, made.drawn.shape[2:], way.channels, random)
 
 
 def longest_delay_ns(made: Chains) -> int:
     """Longest possible delay of a chain, ns."""
     drawn = np.where(made.drawn == LOST, 0, made.drawn).max(axis=(2, 3, 4), initial=0)
     fixed = np.maximum(made.rows["delay_ns"], 0)  # a negative offset of time stamps adds no delay
-    return int((fixed + np.where(made.rows["model"] == DRAWN, drawn, 0)).sum(axis=1).max(initial=0))
+    return int((fixed + np.where(made.rows["model"] == kinds.DRAWN, drawn, 0)).sum(axis=1).max(initial=0))
 
 
 @compiled
@@ -215,15 +175,15 @@ def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
         row = c.rows[s]
         if sent_ns < row.from_ns or sent_ns >= row.until_ns:
             continue
-        if row.model == WAIT:
+        if row.model == kinds.WAIT:
             _align(c, p, s, sent_ns, first, end)
             continue
         for channel in range(first, end):
-            if not c.concerns[s, channel]:
+            if not c.channel_mask[s, channel]:
                 continue
             if p.stamp_ns[channel] == LOST:  # absent from the frame
                 continue
-            if row.model >= SPOOF:
+            if row.model >= kinds.SPOOF:
                 _disturb(c, p, s, channel, sent_ns)
             else:
                 _delay(c, p, s, channel)
@@ -233,7 +193,7 @@ def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
 def _delay(c: Chain, p: Packets, s: int, channel: int) -> None:
     """Apply a stage that delays, loses or duplicates an entry."""
     row, n = c.rows[s], p.number[channel] % c.drawn.shape[1]
-    if row.model == DUPLICATE:
+    if row.model == kinds.DUPLICATE:
         if p.now_ns[0, channel] != LOST and not p.copied[channel] and c.drawn[s, n, 0, channel] != 0:
             p.now_ns[1, channel] = p.now_ns[0, channel]
             p.copied[channel] = True
@@ -242,12 +202,12 @@ def _delay(c: Chain, p: Packets, s: int, channel: int) -> None:
         now = p.now_ns[copy, channel]
         if now == LOST:
             continue
-        if row.model == CONSTANT:
+        if row.model == kinds.CONSTANT:
             now += row.delay_ns
-        elif row.model == DRAWN:
+        elif row.model == kinds.DRAWN:
             drawn = c.drawn[s, n, copy, channel]
             now = LOST if drawn == LOST else now + drawn
-        elif row.model == IN_ORDER:
+        elif row.model == kinds.IN_ORDER:
             now = max(now, c.last_ns[s, channel])
             c.last_ns[s, channel] = now
         else:
@@ -259,30 +219,30 @@ def _delay(c: Chain, p: Packets, s: int, channel: int) -> None:
 def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
     """Apply a stage that changes an entry's values or time stamp."""
     row = c.rows[s]
-    if row.model == SPOOF:
+    if row.model == kinds.SPOOF:
         p.stamp_ns[channel] += row.delay_ns
         return
-    if row.model == FLIP:
+    if row.model == kinds.FLIP:
         _turn_over(p, channel, c.drawn[s, p.number[channel] % c.drawn.shape[1], 0, channel], row.measurement)
         return
-    place = p.number[channel] % row.window if row.model in (REPLAY, NOISE) else 0
-    keeps = sent_ns < row.begin_ns or (row.model == FREEZE and c.last_ns[s, channel] == 0)
+    place = p.number[channel] % row.window if row.model in (kinds.REPLAY, kinds.NOISE) else 0
+    keeps = sent_ns < row.begin_ns or (row.model == kinds.FREEZE and c.last_ns[s, channel] == 0)
     for j in range(p.values.shape[1]):
         if row.measurement >= 0 and row.measurement != j:
             continue
-        if row.model == BIAS:
+        if row.model == kinds.BIAS:
             p.values[channel, j] += row.number
-        elif row.model == SCALE:
+        elif row.model == kinds.SCALE:
             p.values[channel, j] *= row.number
-        elif row.model == RAMP:
+        elif row.model == kinds.RAMP:
             p.values[channel, j] += row.number * (sent_ns - row.begin_ns) * 1e-9
-        elif row.model == NOISE:
+        elif row.model == kinds.NOISE:
             p.values[channel, j] += row.number * c.kept[s, place, channel, j]
         elif keeps:
             c.kept[s, place, channel, j] = p.values[channel, j]
         else:
             p.values[channel, j] = c.kept[s, place, channel, j]
-    if row.model == FREEZE:
+    if row.model == kinds.FREEZE:
         c.last_ns[s, channel] = 1
 
 
@@ -291,7 +251,7 @@ def _turn_over(p: Packets, channel: int, drawn: int, measurement: int) -> None:
     """Invert a bit of one of an entry's values; `drawn`: 1 + number of the bit, or 0: none."""
     if drawn == 0:
         return
-    bit, value = (drawn - 1) % BITS, (drawn - 1) // BITS % p.values.shape[1]
+    bit, value = (drawn - 1) % kinds.BITS, (drawn - 1) // kinds.BITS % p.values.shape[1]
     words = p.values[channel].view(np.int64)
     words[measurement if measurement >= 0 else value] ^= np.int64(1) << np.int64(bit)
 
@@ -302,14 +262,14 @@ def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> 
     row = c.rows[s]
     earliest, latest = LOST, 0
     for channel in range(first, end):
-        if c.concerns[s, channel]:
+        if c.channel_mask[s, channel]:
             earliest, latest = min(earliest, p.now_ns[0, channel]), max(latest, p.now_ns[0, channel])
     if earliest == LOST and row.stamped == 0:
         return
     deadline = (sent_ns if row.stamped == 1 else earliest) + row.delay_ns
     leaves = latest if latest <= deadline and row.complete == 1 else deadline
     for channel in range(first, end):
-        if not c.concerns[s, channel]:
+        if not c.channel_mask[s, channel]:
             continue
         if p.now_ns.shape[0] > 1:
             p.now_ns[1, channel] = LOST

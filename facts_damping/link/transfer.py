@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Array, Float2, Int1, Int2, Struct
+from facts_damping.compiling.structs import Array, Float2, Int1, Struct
 from facts_damping.link.chain import (
     AllPackets,
     Chain,
@@ -72,21 +72,15 @@ class SetpointDirection(FrameDirection):
     out: Annotated[NDArray[Any], Array(SETPOINT, 1)]
 
 
-class FrameDirections(Struct, each=FrameDirection):
-    """Frame directions of several links; the first axis is the link."""
+class FrameDirections(FrameDirection, each=FrameDirection):
+    """Frame directions of several links."""
 
     chain: Chains
     packets: AllPackets
-    entries: Annotated[NDArray[Any], Array(DELIVERY, 2)]
-    arrival_ns: Int2
-    sent_ns: Int2
-    ring: Int2
-    statistics: Annotated[NDArray[Any], Array(STATISTICS, 2)]
-    out: Annotated[NDArray[Any], Array(DELIVERY, 2)]
 
 
 class SetpointDirections(FrameDirections, each=SetpointDirection):
-    """Setpoint directions of several links; the first axis is the link."""
+    """Setpoint directions of several links."""
 
     entries: Annotated[NDArray[Any], Array(SETPOINT, 2)]
     out: Annotated[NDArray[Any], Array(SETPOINT, 2)]
@@ -156,8 +150,7 @@ def replaced(own: Directions, link: int, given: Sequence[Sequence[Any]], way: Di
     chain, packets = chains(given, way)
     others = np.arange(len(given)) != link
     for before, after in zip(tuple(own.chain)[2:], tuple(chain)[2:], strict=True):  # draws and stored entries
-        both = tuple(slice(min(sizes)) for sizes in zip(before.shape[1:], after.shape[1:], strict=True))
-        where = (others, *both)
+        where = (others, *(slice(min(sizes)) for sizes in zip(before.shape[1:], after.shape[1:], strict=True)))
         after[where] = before[where]
     packets.number[:] = own.packets.number
     own, capacity = own._replace(chain=chain, packets=packets), room_for(chain, way)
@@ -190,28 +183,25 @@ def _put_in(p: Packets, channel: int, sent_ns: int, measured_ns: int) -> None:
 
 
 @compiled
-def _push(
-    entries: NDArray[Any], arrivals: NDArray[np.int64], sent_ns: NDArray[np.int64], ring: NDArray[np.int64], at_ns: int
-) -> int:
-    """Insert a place for an entry arriving at `at_ns` in the ring, ordered by arrival, then by insertion; -1: full."""
-    capacity = arrivals.size
-    head, count = ring[RING_HEAD], ring[RING_COUNT]
+def _push(way: Any, sent_ns: int, arrival_ns: int) -> int:
+    """Insert a place for an entry into the ring, by arrival, then by insertion; -1: it is lost, or the ring is full."""
+    if arrival_ns == LOST:
+        return -1
+    capacity, head, count = way.arrival_ns.size, way.ring[RING_HEAD], way.ring[RING_COUNT]
     if count == capacity:
-        ring[RING_NO_ROOM] += 1
+        way.ring[RING_NO_ROOM] += 1
         return -1
     place = count
+    here = (head + place) % capacity
     while place > 0:
         before = (head + place - 1) % capacity
-        if arrivals[before] <= at_ns:
+        if way.arrival_ns[before] <= arrival_ns:
             break
-        here = (head + place) % capacity
-        entries[here] = entries[before]
-        arrivals[here] = arrivals[before]
-        sent_ns[here] = sent_ns[before]
-        place -= 1
-    here = (head + place) % capacity
-    arrivals[here] = at_ns
-    ring[RING_COUNT] = count + 1
+        way.entries[here] = way.entries[before]
+        way.arrival_ns[here], way.sent_ns[here] = way.arrival_ns[before], way.sent_ns[before]
+        place, here = place - 1, before
+    way.arrival_ns[here], way.sent_ns[here] = arrival_ns, sent_ns
+    way.ring[RING_COUNT] = count + 1
     return here  # type: ignore[no-any-return]
 
 
@@ -239,7 +229,6 @@ def _first_before(way: Any, end_ns: int) -> int:
 
 @compiled
 def _count_delivered(way: Any, channel: int, slot: int) -> None:
-    """Count a delivered entry and its delay."""
     delay = way.arrival_ns[slot] - way.sent_ns[slot]
     s = way.statistics[channel]
     s.delivered += 1
@@ -250,14 +239,7 @@ def _count_delivered(way: Any, channel: int, slot: int) -> None:
 
 @entry_point
 def uplink(
-    made: Links,
-    link: int,
-    tick: int,
-    start_ns: int,
-    end_ns: int,
-    frame: Float2,
-    measured_ns: Int1,
-    status: Int1,
+    made: Links, link: int, tick: int, start_ns: int, end_ns: int, frame: Float2, measured_ns: Int1, status: Int1
 ) -> int:
     """Send a frame (PMUs, channels) up a link at `start_ns`; deliver entries that arrive before `end_ns`.
 
@@ -277,11 +259,9 @@ def uplink(
     for pmu in range(frame.shape[0]):
         arriving = 0
         for copy in range(p.now_ns.shape[0]):
-            arrival = p.now_ns[copy, pmu]
-            slot = -1 if arrival == LOST else _push(way.entries, way.arrival_ns, way.sent_ns, way.ring, arrival)
+            slot = _push(way, start_ns, p.now_ns[copy, pmu])
             if slot >= 0:
                 arriving += 1
-                way.sent_ns[slot] = start_ns
                 entry = way.entries[slot]
                 entry.pmu = pmu
                 entry.link = link
@@ -291,15 +271,13 @@ def uplink(
                     entry.values[i] = p.values[pmu, i]
         if measured_ns[pmu] != LOST or arriving > 0:
             _count_sent(p, way.statistics, pmu, arriving)
-    count = 0
-    slot = _first_before(way, end_ns)
+    count, slot = 0, _first_before(way, end_ns)
     while slot >= 0:
         way.out[count] = way.entries[slot]
         way.out[count].tick = tick
         way.out[count].arrival_ns = way.arrival_ns[slot]
         _count_delivered(way, way.entries[slot].pmu, slot)
-        count += 1
-        slot = _first_before(way, end_ns)
+        count, slot = count + 1, _first_before(way, end_ns)
     way.ring[RING_DELIVERED] = count
     return count
 
@@ -321,24 +299,20 @@ def downlink(made: Links, link: int, tick: int, end_ns: int, setpoints: Setpoint
         traverse(way.chain, p, issued, device, device + 1)
         arriving = 0
         for copy in range(p.now_ns.shape[0]):
-            arrival = p.now_ns[copy, device]
-            slot = -1 if arrival == LOST else _push(way.entries, way.arrival_ns, way.sent_ns, way.ring, arrival)
+            slot = _push(way, issued, p.now_ns[copy, device])
             if slot >= 0:
                 arriving += 1
-                way.sent_ns[slot] = issued
                 way.entries[slot] = setpoints[i]
                 way.entries[slot].measured_ns = p.stamp_ns[device]
                 way.entries[slot].value = p.values[device, 0]
         _count_sent(p, way.statistics, device, arriving)
-    count = 0
-    slot = _first_before(way, end_ns)
+    count, slot = 0, _first_before(way, end_ns)
     while slot >= 0:
         way.out[count] = way.entries[slot]
         way.out[count].tick = tick
         way.out[count].effective_ns = way.arrival_ns[slot]
         _count_delivered(way, way.entries[slot].device, slot)
-        count += 1
-        slot = _first_before(way, end_ns)
+        count, slot = count + 1, _first_before(way, end_ns)
     way.ring[RING_DELIVERED] = count
     return count
 

@@ -15,17 +15,10 @@ from facts_damping.signals import CHANNELS, LOST, to_ns
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float3
     from facts_damping.parameters.measurement import Clock, Measurement, Noise
 
-KINDS = {
-    "stuck": pmu_model.STUCK,
-    "spike": pmu_model.SPIKE,
-    "wrong_sign": pmu_model.WRONG_SIGN,
-    "swapped_phases": pmu_model.SWAPPED_PHASES,
-    "invalid": pmu_model.INVALID,
-}
+KINDS = ("stuck", "spike", "wrong_sign", "swapped_phases", "invalid")  # in order of their codes in `pmu_model`
 STREAM = 2  # stream of a run's random numbers; its links use 0 and 1
 
 
@@ -42,9 +35,7 @@ def clocks_differ(measurement: Measurement, pmus: Sequence[str]) -> bool:
     return len({wrong_at(measurement, name)[1] for name in pmus}) > 1
 
 
-def _chance(
-    normals: int, uniforms: int, bad: int, pmus: int, seed: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _chance(normals: int, uniforms: int, bad: int, pmus: int, seed: int) -> tuple[Float3, Float3]:
     """Random draws of noise, (normals, PMUs, NORMALS), and of spikes, (uniforms, bad, PMUs), per frame."""
     normal, uniform = np.zeros((normals, pmus, pmu_model.NORMALS)), np.zeros((uniforms, bad, pmus))
     for s in range(pmus):
@@ -79,11 +70,11 @@ def make_pmus(
         row["lost_ns"] = LOST if clock.lost is None else to_ns(clock.lost)
     bad = np.zeros(len(measurement.bad_data), pmu_model.BAD)
     for row, one in zip(bad, measurement.bad_data, strict=True):
-        row["kind"], row["from_ns"] = KINDS[one.kind], to_ns(one.start)
+        row["kind"], row["from_ns"] = KINDS.index(one.kind), to_ns(one.start)
         row["until_ns"] = LOST if one.duration is None else to_ns(one.start) + to_ns(one.duration)
         row["probability"], row["size"] = one.probability, one.size
     known = [[one.pmus is None or s in one.pmus for s in pmus] for one in measurement.bad_data]
-    concerns = np.array(known, np.bool_)
+    channel_mask = np.array(known, np.bool_)
     plain = np.zeros(len(pmus), pmu_model.ERRORS)
     plain["lost_ns"] = LOST
     integers = measurement.quantisation == "int16"
@@ -104,7 +95,7 @@ def make_pmus(
         delay=made.delay,
         errors=errors,
         bad=bad,
-        concerns=concerns.reshape(len(bad), len(pmus)),
+        channel_mask=channel_mask.reshape(len(bad), len(pmus)),
         normal=normal,
         uniform=uniform,
         voltage_step=measurement.voltage_range / pmu_model.MAX_UNSIGNED if integers else 0.0,

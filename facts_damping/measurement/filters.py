@@ -16,8 +16,7 @@ from facts_damping.elementary import cos, sin
 from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.measurement import Measurement
 
 MIN_RATE = 480  # samples/s: eight per cycle, one per integrator step
@@ -41,7 +40,7 @@ M_CLASS = {
 class Filter(NamedTuple):
     """A symmetric filter: a measurement uses samples before and after its instant."""
 
-    weights: NDArray[np.float64]  # (samples to one side + 1,), from the middle outwards; sum over both sides: 1
+    weights: Float1  # (samples to one side + 1,), from the middle outwards; sum over both sides: 1
     per_frame: int  # samples per frame
     delay: int  # frames from the instant until all samples are available, also for frequency
 
@@ -69,14 +68,10 @@ def reference_filter(measurement: Measurement, nominal: float, frame_rate: int) 
         reference, length = _m_class(nominal, frame_rate)
         t = step * np.arange(math.floor(length / 2.0 / step + 1e-9) + 1)
         window = [0.54 + 0.46 * cos(2.0 * math.pi * at / length) for at in t.tolist()]
-        weights = np.array([_sinc(4.0 * reference * at) for at in t.tolist()]) * np.array(window)
+        turned = [math.pi * (4.0 * reference * at) for at in t.tolist()]
+        weights = np.array([sin(x) / x if x != 0.0 else 1.0 for x in turned]) * np.array(window)
     weights = weights / (weights[0] + 2.0 * weights[1:].sum())
     return Filter(np.asarray(weights, np.float64), per_frame, -(-len(weights) // per_frame))
-
-
-def _sinc(x: float) -> float:
-    """sin(pi x) / (pi x)."""
-    return sin(math.pi * x) / (math.pi * x) if x != 0.0 else 1.0
 
 
 def _m_class(nominal: float, frame_rate: int) -> tuple[float, float]:
@@ -92,7 +87,7 @@ def _m_class(nominal: float, frame_rate: int) -> tuple[float, float]:
     return reference, order / (ANNEX_SAMPLES * nominal)
 
 
-def _spread(weights: NDArray[np.float64], over: list[float]) -> NDArray[np.float64]:
+def _spread(weights: Float1, over: list[float]) -> Float1:
     """Convolution of sample weights with `over`."""
     found = np.zeros(len(weights) + len(over) - 1)
     for i, fraction in enumerate(over):
@@ -100,7 +95,7 @@ def _spread(weights: NDArray[np.float64], over: list[float]) -> NDArray[np.float
     return found
 
 
-def taps(made: Filter, channel: str, frame_rate: int) -> NDArray[np.float64]:
+def taps(made: Filter, channel: str, frame_rate: int) -> Float1:
     """Weights of a channel's phasor samples, from the newest sample at the report's tick backwards.
 
     For frequency and ROCOF (Hz, Hz/s): weights of its angle (rad), from first and second differences, as in D.4.

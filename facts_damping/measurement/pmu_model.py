@@ -13,7 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facts_damping.compiling import compiled
-from facts_damping.compiling.structs import Array, Bool2, Complex3, Float1, Float3, Int1, Int2, Struct
+from facts_damping.compiling.structs import (
+    Array,
+    Bool2,
+    Complex1,
+    Complex2,
+    Complex3,
+    Float1,
+    Float2,
+    Float3,
+    Int1,
+    Int2,
+    Struct,
+)
 from facts_damping.elementary import cos, magnitude, phase, sin
 from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
 
@@ -64,7 +76,7 @@ class Pmus(Struct):
     delay: int  # frames
     errors: Annotated[NDArray[Any], Array(ERRORS, 1)]  # ERRORS, (PMUs,)
     bad: Annotated[NDArray[Any], Array(BAD, 1)]  # BAD
-    concerns: Bool2  # (bad, PMUs)
+    channel_mask: Bool2  # (bad, PMUs)
     normal: Float3  # (draws, PMUs, NORMALS)
     uniform: Float3  # (draws, bad, PMUs)
     voltage_step: float  # p.u., step of 16-bit integers; 0: not quantised
@@ -81,7 +93,7 @@ class PmuState(Struct):
 
 
 @compiled
-def take_sample(state: PmuState, phasors: NDArray[np.complex128]) -> None:
+def take_sample(state: PmuState, phasors: Complex2) -> None:
     """Store a sample of all PMUs' phasors, (PMUs, 2), p.u.; the first sample also fills the past.
 
     Each sample is stored twice, a capacity apart, so that the newest samples are always contiguous.
@@ -98,7 +110,7 @@ def take_sample(state: PmuState, phasors: NDArray[np.complex128]) -> None:
 
 
 @compiled
-def _filtered(weights: NDArray[np.float64], samples: NDArray[np.complex128], middle: int) -> complex:
+def _filtered(weights: Float1, samples: Complex1, middle: int) -> complex:
     """The filter centred on sample m: sum_k w_|k| x_(m + k)."""
     real, imag = weights[0] * samples[middle].real, weights[0] * samples[middle].imag
     for k in range(1, weights.size):
@@ -109,7 +121,7 @@ def _filtered(weights: NDArray[np.float64], samples: NDArray[np.complex128], mid
 
 
 @compiled
-def _estimate(m: Pmus, state: PmuState, s: int, frame: NDArray[np.float64]) -> None:
+def _estimate(m: Pmus, state: PmuState, s: int, frame: Float1) -> None:
     """Compute the frame of PMU s for the instant `delay` frames ago.
 
     Frequency f_0 + (theta_+1 - theta_-1) / (4 pi T), ROCOF (theta_+1 - 2 theta_0 + theta_-1) / (2 pi T^2), T: sample
@@ -148,7 +160,7 @@ def _rounded(value: float, step: float, low: float, high: float) -> float:
 
 
 @compiled
-def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: NDArray[np.float64]) -> None:
+def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: Float1) -> None:
     """Apply noise, clock error, bad data and rounding to the frame of PMU s, measured at `at_ns`."""
     own, draw = m.errors[s], m.normal[tick % m.normal.shape[0], s]
     frame[VM] *= 1.0 + own.magnitude * draw[0]
@@ -163,7 +175,7 @@ def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: NDArra
     frame[ROCOF] += own.rocof * draw[5]
     for b in range(m.bad.size):
         row = m.bad[b]
-        if not m.concerns[b, s] or at_ns < row.from_ns or at_ns >= row.until_ns:
+        if not m.channel_mask[b, s] or at_ns < row.from_ns or at_ns >= row.until_ns:
             continue
         if row.kind == SPIKE and m.uniform[tick % m.uniform.shape[0], b, s] < row.probability:
             for j in (VM, IM, SPEED, ROCOF):
@@ -182,24 +194,17 @@ def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: NDArra
 
 
 @compiled
-def _power(frame: NDArray[np.float64]) -> None:
-    """Compute P + j Q = V I* from the reported phasors."""
-    size, angle = frame[VM] * frame[IM], frame[VA] - frame[IA]
-    frame[P], frame[Q] = size * cos(angle), size * sin(angle)
-
-
-@compiled
-def _copy(values: NDArray[np.float64], into: NDArray[np.float64]) -> None:
+def _copy(values: Float1, into: Float1) -> None:
     for j in range(values.size):
         into[j] = values[j]
 
 
 @compiled
-def _hold(m: Pmus, state: PmuState, tick: int, at_ns: int, s: int, frame: NDArray[np.float64]) -> None:
+def _hold(m: Pmus, state: PmuState, tick: int, at_ns: int, s: int, frame: Float1) -> None:
     """Apply stuck and invalid data: stuck values repeat, invalid ones are NaN."""
     for b in range(m.bad.size):
         row = m.bad[b]
-        concerned = m.concerns[b, s] and at_ns >= row.from_ns and at_ns < row.until_ns
+        concerned = m.channel_mask[b, s] and at_ns >= row.from_ns and at_ns < row.until_ns
         if row.kind == STUCK and not concerned:
             state.stuck_since[b, s] = -1
         elif row.kind == STUCK and state.stuck_since[b, s] < 0:
@@ -213,13 +218,7 @@ def _hold(m: Pmus, state: PmuState, tick: int, at_ns: int, s: int, frame: NDArra
 
 @compiled
 def report(
-    m: Pmus,
-    state: PmuState,
-    tick: int,
-    phasors: NDArray[np.complex128],
-    frame: NDArray[np.float64],
-    measured_ns: NDArray[np.int64],
-    status: NDArray[np.int64],
+    m: Pmus, state: PmuState, tick: int, phasors: Complex2, frame: Float2, measured_ns: Int1, status: Int1
 ) -> None:
     """Compute the frame of a tick. `frame`, (PMUs, channels): in, exact values at its start; out, PMU values.
 
@@ -228,12 +227,12 @@ def report(
     """
     if m.filtered:
         take_sample(state, phasors)
-    told = tick - m.delay
-    at_ns = told * NANOSECONDS // m.frame_rate
+    reported = tick - m.delay
+    at_ns = reported * NANOSECONDS // m.frame_rate
     for s in range(frame.shape[0]):
         own = frame[s]
         measured_ns[s], status[s] = at_ns, 0
-        if told < 0:
+        if reported < 0:
             own[:] = math.nan
             measured_ns[s] = LOST
             continue
@@ -244,15 +243,16 @@ def report(
             if at_ns >= m.errors[s].lost_ns:
                 error += m.errors[s].drift * (at_ns - m.errors[s].lost_ns) * 1e-9
                 status[s] = UNSYNCHRONISED
-            _spoil(m, told, at_ns, s, error, own)
+            _spoil(m, reported, at_ns, s, error, own)
             measured_ns[s] += math.floor(error * 1e9 + 0.5)
             if measured_ns[s] < 0:  # like frames before the start
                 own[:] = math.nan
                 measured_ns[s] = LOST
                 continue
         if m.filtered or not m.exact:
-            _power(own)
+            size, angle = own[VM] * own[IM], own[VA] - own[IA]  # P + j Q = V I* of the reported phasors
+            own[P], own[Q] = size * cos(angle), size * sin(angle)
         if not m.exact:
-            _hold(m, state, told, at_ns, s, own)
+            _hold(m, state, reported, at_ns, s, own)
         if not (math.isfinite(own[VM]) and math.isfinite(own[IM])):
             status[s] |= DATA_ERROR

@@ -14,14 +14,14 @@ from facts_damping.compiling import compiled
 from facts_damping.elementary import exp
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from facts_damping.compiling.structs import Float1
+
 
 POINTS = 9  # control points of a B-spline, on [-1, 1]
 
 
 @compiled
-def gaussian(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
+def gaussian(theta: Float1, x: float, slope: Float1) -> tuple[float, float]:
     """exp(-((x - h) / s)^2), (3.9); theta = h, s."""
     h, s = theta[0], theta[1]
     z = (x - h) / s
@@ -32,7 +32,7 @@ def gaussian(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -
 
 
 @compiled
-def triangular(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
+def triangular(theta: Float1, x: float, slope: Float1) -> tuple[float, float]:
     """max(0, 1 - 2 |x - h| / s), (3.10); theta = h, s."""
     h, s = theta[0], theta[1]
     value = 1.0 - 2.0 * abs(x - h) / s
@@ -45,19 +45,19 @@ def triangular(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64])
 
 
 @compiled
-def nearest_point(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
+def nearest_point(theta: Float1, x: float, slope: Float1) -> tuple[float, float]:
     """Degree of a B-spline's nearest control point, (3.11), figure 3.4; inputs are clipped to [-1, 1]."""
     return _spline(True, theta, x, slope)
 
 
 @compiled
-def spline(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
+def spline(theta: Float1, x: float, slope: Float1) -> tuple[float, float]:
     """B-spline of order 2 through its control points, (3.11); inputs are clipped to [-1, 1]."""
     return _spline(False, theta, x, slope)
 
 
 @compiled
-def _spline(nearest: bool, theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
+def _spline(nearest: bool, theta: Float1, x: float, slope: Float1) -> tuple[float, float]:
     """Order-2 B-spline over equally spaced control points: their degrees, weighted by the basis (3.12).
 
     `nearest`: returns the nearest control point's degree, the lower index in ties; the thesis calls it the data point.

@@ -21,18 +21,12 @@ WAVELETS = 6  # degrees 0 to 2 on two halves of [0, 1]
 LONG = 64  # least length of a sum that is split into partial sums
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from facts_damping.compiling.structs import Float1, Float2, Float3
 
 
 @compiled
 def singleton(
-    theta: NDArray[np.float64],
-    _x: NDArray[np.float64],
-    _firing: float,
-    _terms: NDArray[np.float64],
-    slope: NDArray[np.float64],
-    by_input: NDArray[np.float64],
+    theta: Float1, _x: Float1, _firing: float, _terms: Float1, slope: Float1, by_input: Float1
 ) -> tuple[float, float, float]:
     """Constant W."""
     by_input[:] = 0.0
@@ -42,12 +36,7 @@ def singleton(
 
 @compiled
 def affine(
-    theta: NDArray[np.float64],
-    x: NDArray[np.float64],
-    _firing: float,
-    _terms: NDArray[np.float64],
-    slope: NDArray[np.float64],
-    by_input: NDArray[np.float64],
+    theta: Float1, x: Float1, _firing: float, _terms: Float1, slope: Float1, by_input: Float1
 ) -> tuple[float, float, float]:
     """w_0 + sum_i w_i x_i, (6.4)."""
     by_input[:] = 0.0
@@ -60,12 +49,7 @@ def affine(
 
 @compiled
 def sam(
-    theta: NDArray[np.float64],
-    _x: NDArray[np.float64],
-    _firing: float,
-    _terms: NDArray[np.float64],
-    slope: NDArray[np.float64],
-    by_input: NDArray[np.float64],
+    theta: Float1, _x: Float1, _firing: float, _terms: Float1, slope: Float1, by_input: Float1
 ) -> tuple[float, float, float]:
     """Centroid c with volume V, (3.30); the derivative with respect to the volume stays zero."""
     by_input[:] = 0.0
@@ -75,12 +59,7 @@ def sam(
 
 @compiled
 def fourier(
-    theta: NDArray[np.float64],
-    _x: NDArray[np.float64],
-    _firing: float,
-    terms: NDArray[np.float64],
-    _slope: NDArray[np.float64],
-    by_input: NDArray[np.float64],
+    theta: Float1, _x: Float1, _firing: float, terms: Float1, _slope: Float1, by_input: Float1
 ) -> tuple[float, float, float]:
     """W . kron_i [1, sin x, cos x, sin 2x, cos 2x], (3.13); its derivatives with respect to `theta` are `terms`."""
     by_input[:] = 0.0
@@ -89,12 +68,7 @@ def fourier(
 
 @compiled
 def mexican_hat(
-    theta: NDArray[np.float64],
-    x: NDArray[np.float64],
-    _firing: float,
-    _terms: NDArray[np.float64],
-    slope: NDArray[np.float64],
-    by_input: NDArray[np.float64],
+    theta: Float1, x: Float1, _firing: float, _terms: Float1, slope: Float1, by_input: Float1
 ) -> tuple[float, float, float]:
     """W sum_i psi((x_i - tau_i) / nu_i), (3.14), (3.18)."""
     by_input[:] = 0.0
@@ -103,12 +77,7 @@ def mexican_hat(
 
 @compiled
 def morlet(
-    theta: NDArray[np.float64],
-    x: NDArray[np.float64],
-    _firing: float,
-    _terms: NDArray[np.float64],
-    slope: NDArray[np.float64],
-    by_input: NDArray[np.float64],
+    theta: Float1, x: Float1, _firing: float, _terms: Float1, slope: Float1, by_input: Float1
 ) -> tuple[float, float, float]:
     """W sum_i exp(-q_i^2 / 2) cos 5 q_i, (3.19)."""
     by_input[:] = 0.0
@@ -116,36 +85,7 @@ def morlet(
 
 
 @compiled
-def legendre(
-    theta: NDArray[np.float64],
-    x: NDArray[np.float64],
-    _firing: float,
-    _terms: NDArray[np.float64],
-    slope: NDArray[np.float64],
-    by_input: NDArray[np.float64],
-) -> tuple[float, float, float]:
-    """tanh(sum_id w_id L_d(x_i)), (3.21)."""
-    by_input[:] = 0.0
-    return _legendre(theta, x, slope, by_input), 1.0, 0.0
-
-
-@compiled
-def legendre_wavelet(
-    theta: NDArray[np.float64],
-    _x: NDArray[np.float64],
-    firing: float,
-    _terms: NDArray[np.float64],
-    slope: NDArray[np.float64],
-    by_input: NDArray[np.float64],
-) -> tuple[float, float, float]:
-    """sum_db rho_db phi_db(F), (3.22), (3.24)."""
-    by_input[:] = 0.0
-    value, by_firing = _legendre_wavelets(theta, firing, slope)
-    return value, 1.0, by_firing
-
-
-@compiled
-def harmonics(x: float, wave: NDArray[np.float64]) -> None:
+def harmonics(x: float, wave: Float2) -> None:
     """Write 1, sin x, cos x, sin 2x, cos 2x and their derivatives to the rows of `wave`."""
     sine, cosine = sin(x), cos(x)
     twice, square = 2.0 * sine * cosine, cosine * cosine - sine * sine
@@ -157,7 +97,7 @@ def harmonics(x: float, wave: NDArray[np.float64]) -> None:
 
 
 @compiled
-def dot(start: float, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+def dot(start: float, a: Float1, b: Float1) -> float:
     """`start` + a . b, in four independent partial sums if it is long, for speed."""
     second = third = fourth = 0.0
     whole = a.size // 4 * 4 if a.size >= LONG else 0
@@ -172,7 +112,7 @@ def dot(start: float, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 
 @compiled
-def fourier_terms(waves: NDArray[np.float64], terms: NDArray[np.float64]) -> None:
+def fourier_terms(waves: Float3, terms: Float1) -> None:
     """kron_i [1, sin x_i, cos x_i, sin 2 x_i, cos 2 x_i] of the inputs' harmonics, (5 ** inputs,)."""
     terms[0] = 1.0
     size = 1
@@ -184,7 +124,7 @@ def fourier_terms(waves: NDArray[np.float64], terms: NDArray[np.float64]) -> Non
 
 
 @compiled
-def fourier_by_input(theta: NDArray[np.float64], waves: NDArray[np.float64], by_input: NDArray[np.float64]) -> None:
+def fourier_by_input(theta: Float1, waves: Float3, by_input: Float1) -> None:
     """Derivatives of W . kron_i [...] with respect to the inputs."""
     inputs = waves.shape[0]
     by_input[:] = 0.0
@@ -198,13 +138,7 @@ def fourier_by_input(theta: NDArray[np.float64], waves: NDArray[np.float64], by_
 
 
 @compiled
-def _wavelets(
-    is_morlet: bool,
-    theta: NDArray[np.float64],
-    x: NDArray[np.float64],
-    slope: NDArray[np.float64],
-    by_input: NDArray[np.float64],
-) -> float:
+def _wavelets(is_morlet: bool, theta: Float1, x: Float1, slope: Float1, by_input: Float1) -> float:
     """W sum_i psi(q_i), q = (x - tau) / nu: Mexican hat |nu|^-0.5 (1 - q^2) exp(-q^2/2), Morlet exp(-q^2/2) cos 5q."""
     w, total = theta[0], 0.0
     for i in range(x.size):
@@ -241,10 +175,11 @@ def polynomial(d: int, x: float) -> tuple[float, float]:
 
 
 @compiled
-def _legendre(
-    theta: NDArray[np.float64], x: NDArray[np.float64], slope: NDArray[np.float64], by_input: NDArray[np.float64]
-) -> float:
-    """tanh(sum_id w_id L_d(x_i)), inputs clipped to [-1, 1]."""
+def legendre(
+    theta: Float1, x: Float1, _firing: float, _terms: Float1, slope: Float1, by_input: Float1
+) -> tuple[float, float, float]:
+    """tanh(sum_id w_id L_d(x_i)), (3.21), inputs clipped to [-1, 1]."""
+    by_input[:] = 0.0
     xi = 0.0
     for i in range(x.size):
         at = min(max(x[i], -1.0), 1.0)
@@ -260,7 +195,7 @@ def _legendre(
         slope[k] *= damp
     for i in range(x.size):
         by_input[i] *= damp
-    return value  # type: ignore[no-any-return]
+    return value, 1.0, 0.0
 
 
 @compiled
@@ -279,12 +214,15 @@ def basis(term: int, firing: float) -> tuple[float, float]:
 
 
 @compiled
-def _legendre_wavelets(theta: NDArray[np.float64], firing: float, slope: NDArray[np.float64]) -> tuple[float, float]:
-    """sum_db rho_db phi_db(F), and its derivative with respect to the rule's firing strength F."""
+def legendre_wavelet(
+    theta: Float1, _x: Float1, firing: float, _terms: Float1, slope: Float1, by_input: Float1
+) -> tuple[float, float, float]:
+    """sum_db rho_db phi_db(F), (3.22), (3.24)."""
+    by_input[:] = 0.0
     value = by_firing = 0.0
     for term in range(WAVELETS):
         phi, by_f = basis(term, firing)
         slope[term] = phi
         value += theta[term] * phi
         by_firing += theta[term] * by_f
-    return value, by_firing
+    return value, 1.0, by_firing

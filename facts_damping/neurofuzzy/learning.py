@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Float1, Float2, Float3, Int1, Int2, Struct
+from facts_damping.compiling.structs import Float1, Float2, Int1, Int2, Struct
 from facts_damping.neurofuzzy.consequent import dot
 from facts_damping.neurofuzzy.network import Network, Pass, Passes, backward, forward, network, shapes
 from facts_damping.neurofuzzy.start import groups, slots
@@ -22,7 +22,6 @@ from facts_damping.signals import Learnings
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
 
 FIXED, LYAPUNOV, LYAPUNOV_GROUPS = 0, 1, 2
 RATES = ("fixed", "lyapunov", "lyapunov-groups")  # in order of their codes
@@ -56,36 +55,25 @@ class Learner(Struct):
     passed: Pass
 
 
-class Learners(Struct, each=Learner):
-    """Several learners in arrays sized for the largest; the first axis is the network."""
+class Learners(Learner, each=Learner):
+    """Several learners in arrays sized for the largest."""
 
-    theta: Float2
-    change: Float2
-    start: Float2
-    low: Float2
-    high: Float2
-    group: Int2
-    squares: Float3
-    rate: Float3
-    moved: Float2
-    x: Float2
     passed: Passes
     shape: Int2  # (networks, fields of Network)
 
     def _row(self, i: int) -> Learner:
-        """The i-th learner, as views of its own size."""
         net = Network(*self.shape[i].tolist())
         own = [value[i] for value in self if isinstance(value, np.ndarray)]
         sized = [value[: net.size] for value in own[:6]]
-        values = (*sized, *own[6:9], own[9][: net.inputs], Pass(*(value[i] for value in self.passed)))
+        values = (*sized, *own[6:9], own[9][: net.inputs], self.passed.each[i])
         return Learner(**dict(zip(Learner._fields, values, strict=True)))
 
 
-def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> Learners:
+def learners(nets: Sequence[Network], starts: Sequence[Float1]) -> Learners:
     """Build the learners of several networks, in arrays sized for the largest."""
     sized = list(nets) or [network("gaussian", "singleton", 1, 1, 1)]  # the arrays are empty if there are no networks
 
-    def room(shape: Sequence[tuple[int, ...]]) -> NDArray[np.float64]:
+    def room(shape: Sequence[tuple[int, ...]]) -> Float1:
         return np.zeros((len(nets), *(max(sizes) for sizes in zip(*shape, strict=True))))
 
     sizes = [(net.size,) for net in sized]
@@ -121,7 +109,7 @@ def infer(net: Network, own: Learner) -> None:
 
 
 @compiled
-def _rates(net: Network, own: Learner, rule: Rule, curvature: NDArray[np.float64]) -> None:
+def _rates(net: Network, own: Learner, rule: Rule, curvature: Float1) -> None:
     """Compute the learning rates of each output and group in `own.rate`.
 
     Lyapunov: eta / (curvature_p |du_p/df|^2), half of the stability bound of |e|, (4.36), (4.39), (5.27); with
@@ -138,10 +126,11 @@ def _rates(net: Network, own: Learner, rule: Rule, curvature: NDArray[np.float64
             for f in range(own.theta.size):
                 own.squares[o, own.group[f]] += own.passed.by_theta[o, f] ** 2
             continue
-        total = _square(0.0, own.passed.by_theta[o], 0, antecedents)
+        slopes = own.passed.by_theta[o]
+        total = dot(0.0, slopes[:antecedents], slopes[:antecedents])
         for j in range(net.rules):
             at = antecedents + (j * net.outputs + o) * net.width
-            total = _square(total, own.passed.by_theta[o], at, at + net.width)
+            total = dot(total, slopes[at : at + net.width], slopes[at : at + net.width])
         own.squares[o, 0] = total
     for g in range(own.rate.shape[1]):
         root = 0.0
@@ -152,13 +141,7 @@ def _rates(net: Network, own: Learner, rule: Rule, curvature: NDArray[np.float64
 
 
 @entry_point
-def learn(
-    net: Network,
-    own: Learner,
-    rule: Rule,
-    error: Float1,
-    curvature: Float1,
-) -> None:
+def learn(net: Network, own: Learner, rule: Rule, error: Float1, curvature: Float1) -> None:
     """Run one step of adaptation with the gradients of the last pass.
 
     `error`: (outputs,), ec_p; `curvature`: (outputs,), sum_q J_qp^2 + hbar_p, for Lyapunov rates.
@@ -180,7 +163,7 @@ def learn(
             by = own.rate[o, 0] * error[o]  # one rate for all groups
             for f in range(net.width):
                 change[f] = by * slope[f] + rule.momentum * change[f]
-    total = _square(0.0, own.change, 0, own.change.size)
+    total = dot(0.0, own.change, own.change)
     fraction = 1.0
     if rule.clip > 0.0 and total > rule.clip * rule.clip:
         fraction = rule.clip / math.sqrt(total)
@@ -191,12 +174,6 @@ def learn(
             at = antecedents + (j * net.outputs + o) * net.width
             end = at + net.width
             own.moved[o] = dot(own.moved[o], own.passed.by_theta[o, at:end], own.change[at:end])
-
-
-@compiled
-def _square(start: float, a: NDArray[np.float64], first: int, end: int) -> float:
-    """`start` plus the squared norm of entries `first` to before `end`."""
-    return dot(start, a[first:end], a[first:end])
 
 
 @compiled

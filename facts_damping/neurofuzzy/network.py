@@ -8,17 +8,14 @@ input, rule by rule), then consequents (rule by rule, output by output).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from facts_damping.compiling import branching, compiled, entry_point
-from facts_damping.compiling.structs import Float1, Float2, Float3, Float4, Struct
+from facts_damping.compiling.structs import Float1, Float2, Float3, Int1, Struct
 from facts_damping.neurofuzzy.consequent import HARMONICS, fourier, fourier_by_input, fourier_terms, harmonics, sam
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENT_FUNCTIONS, CONSEQUENTS, MEMBERSHIP_FUNCTIONS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 # Arguments: a code, then those of the functions in the tables.
 membership, consequent_of = branching(MEMBERSHIP_FUNCTIONS), branching(CONSEQUENT_FUNCTIONS)
@@ -65,24 +62,8 @@ class Pass(Struct):
     terms: Float1  # (5 ** inputs,), for `fourier`
 
 
-class Passes(Struct):
-    """Results of several networks; the first axis is the network."""
-
-    mu: Float3
-    mu_by_x: Float3
-    mu_by_theta: Float4
-    firing: Float2
-    total: Float2
-    zeta: Float3
-    volume: Float3
-    zeta_by_firing: Float3
-    zeta_by_theta: Float4
-    zeta_by_x: Float4
-    output: Float2
-    by_theta: Float3
-    by_input: Float3
-    harmonics: Float4
-    terms: Float2
+class Passes(Pass, each=Pass):
+    """Results of several networks."""
 
 
 def network(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> Network:
@@ -94,7 +75,7 @@ def network(antecedent: str, consequent: str, inputs: int, rules: int, outputs: 
 
 
 @compiled
-def shape_of(row: NDArray[np.int64]) -> Network:
+def shape_of(row: Int1) -> Network:
     """A network's shape from its row of integers."""
     return Network(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
 

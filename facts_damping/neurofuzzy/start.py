@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1
     from facts_damping.neurofuzzy.network import Network
     from facts_damping.neurofuzzy.table import Antecedent, Consequent, Slot
 
@@ -47,7 +48,7 @@ def groups(net: Network) -> list[str]:
     return list(dict.fromkeys(slot.group for slot in slots(net)))
 
 
-def initial(net: Network, start: Start) -> NDArray[np.float64]:
+def initial(net: Network, start: Start) -> Float1:
     """Initial parameters, (net.size,), within their bounds."""
     sides = np.linspace(-1.0, 1.0, net.rules) if net.rules > 1 else np.zeros(1)
     antecedent, consequent = rows(net)

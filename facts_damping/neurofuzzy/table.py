@@ -138,11 +138,7 @@ CONSEQUENTS = {
         consequent.morlet, lambda m: [W] + [TAU, NU] * m, _wavelets, "w sum_i exp(-q_i^2/2) cos 5 q_i, (3.19)"
     ),
     "legendre": Consequent(
-        consequent.legendre,
-        lambda m: [W] * (DEGREES * m),
-        _weight,
-        "tanh(sum_id w_id L_d(x_i)), (3.21)",
-        bounded=True,
+        consequent.legendre, lambda m: [W] * (DEGREES * m), _weight, "tanh(sum_id w_id L_d(x_i)), (3.21)", bounded=True
     ),
     "legendre-wavelet": Consequent(
         consequent.legendre_wavelet,

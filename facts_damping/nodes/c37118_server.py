@@ -22,7 +22,7 @@ from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage
 from facts_damping.signals import NANOSECONDS
 from facts_damping.streaming import serving
-from facts_damping.streaming.concentrator import WAIT_S, Concentrator
+from facts_damping.streaming.pdc import WAIT_S, Pdc
 from facts_damping.streaming.recorded import send
 from facts_damping.streaming.serving import Serving
 
@@ -54,7 +54,7 @@ class C37118Server:
         frames = FramesMessage(self.case, seal(signing(self.case, LISTENS.start_timeout), topic))
         self.message_filter.subscribe(PmuDataFrame, topic, self.on_frames, frames.read, leads=True)
         self.message_filter.subscribe_run_state(FRAMES)
-        self.concentrator: Concentrator | None = None
+        self.pdc: Pdc | None = None
         self.servers = serving.servers(self.case, self.asked, lambda: (int(time.time()), 0))
         self.counted, self.asyncio_thread = serving.counted(self.servers), AsyncioThread()
         self.spinner = Spinner(node, self)
@@ -71,11 +71,11 @@ class C37118Server:
 
     def on_frames(self, tick: int, rows: NDArray[Any]) -> None:
         """Send the frames of a tick to the clients; the first frame gives the time of tick 0."""
-        if self.concentrator is None:
+        if self.pdc is None:
             start_ns = tick * NANOSECONDS // self.case.run.frame_rate
             begun_ns = stamps.epoch_ns() or time.time_ns() - start_ns
-            self.concentrator = Concentrator(self.case, begun_ns / NANOSECONDS, self.wait_s)
-        for instant in self.concentrator.take(tick, rows):
+            self.pdc = Pdc(self.case, begun_ns / NANOSECONDS, self.wait_s)
+        for instant in self.pdc.take(tick, rows):
             self.asyncio_thread.soon(partial(send, self.servers, instant, each=self.asked.each))
 
     def report(self, last: bool = False) -> None:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
+    from facts_damping.signals import GridEvent
 
 DRAWS = 36_000  # frames after which measurement noise repeats in an endless graph: ten minutes at 60 frames/s
 
@@ -61,9 +62,9 @@ class LivePlant:
         """PMU reports of the current tick (DELIVERY)."""
         return entries(self.start(self.tick), self.frame, self.measured_ns, self.status)
 
-    def due(self) -> list[dict[str, Any]]:
+    def due(self) -> list[GridEvent]:
         """Grid events that have happened and were not returned before."""
-        count = sum(event["time_ns"] <= self.start(self.tick) for event in self.events)
+        count = sum(event.time_ns <= self.start(self.tick) for event in self.events)
         due, self.events = self.events[:count], self.events[count:]
         return due
 

@@ -15,8 +15,8 @@ from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
 from facts_damping.nodes.base.topics import PLANT_STATE
 from facts_damping.nodes.recorder import message_type, topics
+from facts_damping.recording.columns import stamp_ns
 from facts_damping.recording.schemas import schema_text
-from facts_damping.recording.simulated import stamp_ns
 
 if TYPE_CHECKING:
     from facts_damping.nodes.base.managed import ManagedNode

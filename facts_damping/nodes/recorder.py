@@ -28,7 +28,7 @@ from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import Health, run_state
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.recording.simulated import stamp_ns
+from facts_damping.recording.columns import stamp_ns
 from facts_damping.recording.writer import RecordingWriter
 from facts_damping.version import versions
 

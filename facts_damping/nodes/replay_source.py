@@ -100,7 +100,7 @@ class ReplaySource:
             check_wanted()
             self.member.begin(tick)
             self.publish(at, tick, start)
-            while events and events[0]["time_ns"] <= start:
+            while events and events[0].time_ns <= start:
                 self.source.to_events.publish(grid_event(events.pop(0)))
             self.source.wait_for_answers(self.spinner, tick, "no answer to")
             self.source.progress(at + 1, 0, now=at + 1 == len(ticks))

@@ -34,6 +34,7 @@ from facts_damping.monitor_table import (
     STATES,
     TRIPPED,
     cause_name,
+    reason_of,
 )
 from facts_damping.nodes.admission.member import SUPERVISOR, Member
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
@@ -52,7 +53,6 @@ from facts_damping.signals import DEVICE_TRUTH, NANOSECONDS, SETPOINT, SUPERVISI
 from facts_damping.simulation.build import build_supervisors
 from facts_damping.simulation.loop import setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
-from facts_damping.supervision.reasons import reason_of
 from facts_damping.supervision.states import refusal
 from facts_damping.supervision.step import supervise, write_status
 

@@ -68,8 +68,6 @@ def _in_unit(unit: str, given: Any) -> Any:
     found = re.fullmatch(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?([^\d\s]\S*)", given.strip())
     scale = SCALES[unit].get(found[2]) if found else None
     if found is None or scale is None:
-        units = ", ".join(SCALES[unit])
-        raise ValueError(
-            f"{given!r} given; allowed: a number{'' if unit == '-' else f' in {unit}'}, or one with {units}"
-        )
+        number = "a number" if unit == "-" else f"a number in {unit}"
+        raise ValueError(f"{given!r} given; allowed: {number}, or one with {', '.join(SCALES[unit])}")
     return float(found[1]) * scale if scale != 1.0 else float(found[1])

@@ -51,15 +51,11 @@ def find(kind: str, name: str, within: str = "") -> Path:
         return plain  # without a look at all the others: a sweep asks often
     known = {n.removeprefix(within): f for n, f in shipped(kind).items() if n.startswith(within)}
     if name not in known:
-        told = f"{kind}: '{name}' given{_elsewhere(kind, name) or meant(name, known)}"
-        raise InputError(f"{told}; allowed: {', '.join(known) or 'none'}, or the path of a YAML file")
+        other = next((one for one in TAKEN_BY if one != kind and name in shipped(one)), None)
+        hint = f", one of the {other}, which `facts-damping {TAKEN_BY[other]}` takes" if other else meant(name, known)
+        allowed = f"{', '.join(known) or 'none'}, or the path of a YAML file"
+        raise InputError(f"{kind}: '{name}' given{hint}; allowed: {allowed}")
     return known[name]
-
-
-def _elsewhere(kind: str, name: str) -> str:
-    """Which command takes a name that is one of another kind; nothing where there is none."""
-    other = next((one for one in TAKEN_BY if one != kind and name in shipped(one)), None)
-    return f", one of the {other}, which `facts-damping {TAKEN_BY[other]}` takes" if other else ""
 
 
 def check_kind(kind: str, content: Mapping[str, Any], source: str) -> None:
@@ -197,9 +193,8 @@ def set_field(content: dict[str, Any], key: str, value: Any, where: str) -> None
         if isinstance(here, list):
             part = {"+": str(len(here)), "-1": str(len(here) - 1)}.get(given, given)
             if not part.isdigit() or int(part) > len(here):
-                raise InputError(
-                    f"{where}: {'.'.join(parts[: i + 1])}: '{part}' given; allowed: an index from 0 to {len(here)}"
-                )
+                path = ".".join(parts[: i + 1])
+                raise InputError(f"{where}: {path}: '{part}' given; allowed: an index from 0 to {len(here)}")
             if int(part) == len(here):
                 here.append({})
             index: Any = int(part)
@@ -208,9 +203,8 @@ def set_field(content: dict[str, Any], key: str, value: Any, where: str) -> None
             if not last and part not in here:
                 here[part] = {}
         else:
-            raise InputError(
-                f"{where}: {'.'.join(parts[:i])}: {short(here)} given, which has no fields; allowed: a section"
-            )
+            lacks = f"{'.'.join(parts[:i])}: {short(here)} given, which has no fields"
+            raise InputError(f"{where}: {lacks}; allowed: a section")
         if last:
             here[index] = value
         else:

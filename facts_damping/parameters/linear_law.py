@@ -42,8 +42,6 @@ class LinearLaw(ParameterModel):
         given = [name for form in FORMS for name in form if getattr(self, name) is not None]
         forms = [form for form in FORMS if any(name in given for name in form)]
         if len(forms) != 1 or (given != ["D"] and not set(forms[0]) - {"D"} <= set(given)):
-            raise ValueError(
-                f"{', '.join(given) or 'nothing'} given; allowed: A, B, C (and D), or D alone; or num, den; or zeros, "
-                "poles, gain"
-            )
+            allowed = "A, B, C (and D), or D alone; or num, den; or zeros, poles, gain"
+            raise ValueError(f"{', '.join(given) or 'nothing'} given; allowed: {allowed}")
         return self

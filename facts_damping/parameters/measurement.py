@@ -33,9 +33,8 @@ class Clock(ParameterModel):
     @model_validator(mode="after")
     def _drifts_alone(self) -> Clock:
         if self.drift != 0.0 and self.lost is None:
-            raise ValueError(
-                f"drift: {self.drift:g} given without `lost`; allowed: 0, as a clock in time does not drift"
-            )
+            allowed = "0, as a clock in time does not drift"
+            raise ValueError(f"drift: {self.drift:g} given without `lost`; allowed: {allowed}")
         return self
 
 

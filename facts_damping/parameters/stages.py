@@ -81,9 +81,8 @@ class Normal(StageModel):
     @model_validator(mode="after")
     def _around_the_mean(self) -> Normal:
         if not self.low <= self.mean <= self.high:
-            raise ValueError(
-                f"low {self.low:g}, mean {self.mean:g}, high {self.high:g} given; allowed: the mean between the bounds"
-            )
+            given = f"low {self.low:g}, mean {self.mean:g}, high {self.high:g} given"
+            raise ValueError(f"{given}; allowed: the mean between the bounds")
         return self
 
 
@@ -263,25 +262,7 @@ class Spoof(StageModel):
 
 # What a stage of a link may be.
 STAGES: list[type[StageModel]] = [
-    Constant,
-    Uniform,
-    Normal,
-    Gamma,
-    Lognormal,
-    Trace,
-    Bernoulli,
-    GilbertElliott,
-    Duplicate,
-    InOrder,
-    Wait,
-    Playout,
-    Freeze,
-    Replay,
-    Bias,
-    Scale,
-    Ramp,
-    Noise,
-    Flip,
-    Spoof,
+    *(Constant, Uniform, Normal, Gamma, Lognormal, Trace, Bernoulli, GilbertElliott, Duplicate, InOrder, Wait, Playout),
+    *(Freeze, Replay, Bias, Scale, Ramp, Noise, Flip, Spoof),
     *rows("stages", StageModel).values(),
 ]

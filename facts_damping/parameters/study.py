@@ -11,7 +11,8 @@ from facts_damping.parameters.files import FIELD_PATH
 
 FieldPath = Annotated[str, StringConstraints(max_length=200, pattern=rf"^{FIELD_PATH}$")]
 Number = int | float
-Criterion = Literal["unstable", "not_damped"]
+Criterion = Literal["unstable", "not_damped", "damping", "worse", "linear"]
+DAMPING_RATIO = 0.03
 Every = Literal["scenario", "controller", "network"]
 Drawn = Literal["jacobian", "portrait"]
 
@@ -191,7 +192,7 @@ def _check_numbers(values: list[Any], fields: dict[str, float] | None) -> None:
 
 
 class Margin(Target):
-    """A search for the first value at which a run fails: a coarse grid, then bisection."""
+    """A search for the values at which a run fails: a coarse grid, then bisection of each change."""
 
     low: float = Field(0.0, description="smallest value")
     high: float = Field(..., description="largest value")
@@ -200,8 +201,10 @@ class Margin(Target):
     criteria: list[Criterion] = Field(
         ["unstable"],
         min_length=1,
-        description="what counts as failure, with a margin for each: synchronism is lost or the network has no "
-        "solution (`unstable`), or the verdict is not `damped` (`not_damped`)",
+        description="what counts as failure, with a margin for each ([criteria](studies.md#margins))",
+    )
+    damping_ratio: float = quantity(
+        DAMPING_RATIO, "-", "smallest damping ratio that the criterion `damping` accepts", ge=0, le=0.5
     )
     across: str = Field("scenario", description="column whose values stand side by side in table and picture")
 

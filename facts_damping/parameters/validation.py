@@ -3,16 +3,66 @@
 from __future__ import annotations
 
 import re
+from contextlib import contextmanager
 from fnmatch import fnmatchcase
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import ValidationError
 
+from facts_damping import errors
 from facts_damping.errors import InputError, meant
 from facts_damping.escaping import escaped
 from facts_damping.parameters.base import ParameterModel
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
 M = TypeVar("M", bound=ParameterModel)
+
+
+class FieldError(InputError):
+    """An error in a field, given by its path; `worded` adds where the field's value comes from.
+
+    `part`: what follows the path of the field in the message. `above`: a field below it may have made it.
+    """
+
+    def __init__(self, field: str, text: str, part: str = "", *, above: bool = False) -> None:
+        super().__init__(f"{field}{part}: {text}")
+        self.field, self.text, self.part, self.above = field, text, part, above
+
+
+@contextmanager
+def worded(source: str, sets: dict[str, str] | None = None) -> Iterator[None]:
+    """Raise a `FieldError` as an `InputError` that begins with what gave the field's value, as `sets` has it by paths.
+
+    Where none of them did, it is the source.
+    """
+    try:
+        yield
+    except FieldError as error:
+        given, field = sets or {}, error.field
+        found = [path for path in given if fnmatchcase(f"{field}.", f"{path}.*")]
+        below = [path for path in given if error.above and path.startswith(f"{field}.")]
+        origin = given[max(found, key=len)] if found else given[below[0]] if below else source
+        where = f"{origin}: {field}" if field else origin
+        raise InputError(f"{where}{error.part}: {error.text}") from error.__cause__
+
+
+@contextmanager
+def of_field(field: str) -> Iterator[None]:
+    """Raise an `InputError` as a `FieldError` of this field, whose path may begin the message."""
+    try:
+        yield
+    except FieldError:
+        raise
+    except InputError as error:
+        raise FieldError(field, str(error).removeprefix(f"{field}: ")) from error.__cause__
+
+
+def check_known(field: str, name: str, allowed: Iterable[str]) -> None:
+    """Raise `FieldError` if a name is not among the allowed ones."""
+    with of_field(field):
+        errors.check_known(field, name, allowed)
 
 
 def short(value: Any) -> str:
@@ -85,7 +135,6 @@ def _field(model: type[ParameterModel], location: tuple[int | str, ...]) -> Any:
 
 
 def _extra(model: type[ParameterModel], location: tuple[int | str, ...]) -> dict[str, Any]:
-    """Unit and usual value of a field, as far as it has them."""
     extra = getattr(_field(model, location), "json_schema_extra", None)
     return extra if isinstance(extra, dict) else {}
 
@@ -97,49 +146,46 @@ def _wanted(model: type[ParameterModel], location: tuple[int | str, ...]) -> str
     found = [f"{word} {getattr(m, key):g}" for m in limits for key, word in words.items() if hasattr(m, key)]
     extra = _extra(model, location)
     unit = "" if extra.get("unit", "-") == "-" else str(extra["unit"])
-    told = [*([f"in {unit}"] if unit else []), *found, *([f"usual {extra['usual']:g}"] if "usual" in extra else [])]
-    return ", ".join(told) or "a value of this field"
-
-
-def origin(field: str, source: str, sets: dict[str, str] | None) -> str:
-    """Where a field's value comes from, and its path: what gave it, as `sets` has it by paths, or the source."""
-    found = [path for path in sets or {} if fnmatchcase(f"{field}.", f"{path}.*")]
-    changed = (sets or {})[max(found, key=len)] if found else source
-    return f"{changed}: {field}" if field else changed
+    usual = [f"usual {extra['usual']:g}"] if "usual" in extra else []
+    return ", ".join([*([f"in {unit}"] if unit else []), *found, *usual]) or "a value of this field"
 
 
 def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None = None, under: str = "") -> M:
     """Content as a model; the first error as one line: source, field, value, what is allowed."""
+    with worded(source, sets):
+        return check_field(model, content, under)
+
+
+def check_field(model: type[M], content: Any, under: str) -> M:
+    """Content of a field as a model; the first error as a `FieldError`."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
         errors = error.errors(include_url=False)
     first = errors[0]
-    location, given = first["loc"], first["input"]
-    keys = _place(location, content, absent=first["type"] in ("missing", "extra_forbidden"))
+    location, given, kind = first["loc"], first["input"], first["type"]
+    keys = _place(location, content, absent=kind in ("missing", "extra_forbidden"))
     if under == "scenario" and keys[:1] == ["events"]:
         keys = keys[1:]  # a run's scenario is the list of events itself
-    field = ".".join([under, *keys] if under else keys)
-    where = origin(field, source, sets)
-    message = re.sub(r"^Value error, ", "", first["msg"])
-    if first["type"] == "extra_forbidden":
-        below = [text for path, text in (sets or {}).items() if path.startswith(f"{field}.")]
-        where = f"{below[0]}: {field}" if below and where == f"{source}: {field}" else where
-        raise InputError(f"{where}: {_unknown(model, location, given)}")
-    if first["type"] == "union_tag_invalid":
-        tag = first["ctx"]["discriminator"].strip("'")
-        raise InputError(f"{where}.{tag}: {short(first['ctx']['tag'])} given; allowed: {first['ctx']['expected_tags']}")
-    if first["type"] == "union_tag_not_found":
-        raise InputError(f"{where}.{first['ctx']['discriminator'].strip(chr(39))}: missing; allowed: one of its kinds")
-    if first["type"] == "missing":
+    path = [under, *keys] if under else keys
+    field, message = ".".join(path), re.sub(r"^Value error, ", "", first["msg"])
+    if kind == "extra_forbidden":
+        raise FieldError(field, _unknown(model, location, given), above=True)
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        tag, context = first["ctx"]["discriminator"].strip("'"), first["ctx"]
+        text = "missing; allowed: one of its kinds"
+        if kind == "union_tag_invalid":
+            text = f"{short(context['tag'])} given; allowed: {context['expected_tags']}"
+        raise FieldError(field, text, f".{tag}")
+    if kind == "missing":
         beside = [one["loc"] for one in errors if one["type"] == "missing" and one["loc"][:-1] == location[:-1]]
         if len(beside) == 1:
-            raise InputError(f"{where}: missing; allowed: {_wanted(model, location)}")
-        above = origin(".".join([*([under] if under else []), *keys[:-1]]), source, sets)
+            raise FieldError(field, f"missing; allowed: {_wanted(model, location)}")
         wanted = "; ".join(f"{one[-1]}: {_wanted(model, one)}" for one in beside)
-        raise InputError(f"{above}: {', '.join(str(one[-1]) for one in beside)}: missing; allowed: {wanted}")
-    if first["type"] == "value_error":
-        raise InputError(f"{where}: {message}")
+        names = ", ".join(str(one[-1]) for one in beside)
+        raise FieldError(".".join(path[:-1]), f"{names}: missing; allowed: {wanted}")
+    if kind == "value_error":
+        raise FieldError(field, message)
     allowed = re.sub(r"^(Input should be|Input should have|.* should have|.* should match) ", "", message)
     unit = _extra(model, location).get("unit", "-")
-    raise InputError(f"{where}: {short(given)} given; allowed: {allowed}{'' if unit == '-' else f', in {unit}'}")
+    raise FieldError(field, f"{short(given)} given; allowed: {allowed}{'' if unit == '-' else f', in {unit}'}")

@@ -7,6 +7,7 @@ of the core schema of YAML 1.2; the rest of PyYAML, which is written in C, reads
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Any
 
 import yaml
@@ -75,33 +76,39 @@ def parse(text: str) -> Any:
     return yaml.load(text, _Loader)  # noqa: S506 (a safe loader)
 
 
+@dataclass
+class _Begun:
+    """A collection that has begun."""
+
+    anchor: str | None = None
+    values: int = 0  # so far
+    tables: int = 0  # collections in it so far
+
+
 def _check_size(text: str) -> None:
     """Refuse, before anything is made of it, what is nested too deep, or too large once its aliases are written out."""
     sizes: dict[str, int] = {}  # of what has an anchor
-    inside, tables = [0], [0]  # values so far of each collection that has begun, collections in it, and
-    anchors: list[str | None] = [None]
+    begun = [_Begun()]  # collections around the event
     for event in yaml.parse(text, _Loader):
         size, anchor = 0, None
         if isinstance(event, yaml.CollectionStartEvent):
-            tables[-1] += 1
-            inside.append(1)
-            tables.append(0)
-            anchors.append(event.anchor)
+            begun[-1].tables += 1
+            begun.append(_Begun(event.anchor, values=1))
         elif isinstance(event, yaml.CollectionEndEvent):
-            size, anchor = inside.pop(), anchors.pop()
-            tables.pop()
+            ended = begun.pop()
+            size, anchor = ended.values, ended.anchor
         elif isinstance(event, yaml.AliasEvent):
             size = sizes.get(event.anchor or "", 1)
         elif isinstance(event, yaml.ScalarEvent):
             size, anchor = 1, event.anchor
         if anchor is not None:
             sizes[anchor] = size
-        inside[-1] += size
-        if len(inside) > DEEPEST:
+        begun[-1].values += size
+        if len(begun) > DEEPEST:
             raise _too_much(event, f"{DEEPEST} levels")
-        if inside[-1] > MAX_VALUES:
+        if begun[-1].values > MAX_VALUES:
             raise _too_much(event, f"{MAX_VALUES} values, aliases written out")
-        if tables[-1] > MAX_ENTRIES:
+        if begun[-1].tables > MAX_ENTRIES:
             raise _too_much(event, f"{MAX_ENTRIES} tables in a list")
 
 

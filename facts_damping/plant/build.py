@@ -14,15 +14,14 @@ from facts_damping.parameters.plant.devices import Series, Transmission
 from facts_damping.phasors import magnitudes, over, times
 from facts_damping.plant import load_noise
 from facts_damping.plant.converters import devices
-from facts_damping.plant.converters.dead_time import line
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
-from facts_damping.plant.events import TopologyInterval, topology_intervals
+from facts_damping.plant.events import topology_intervals
 from facts_damping.plant.grid import load
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 from facts_damping.plant.grid.reduction import Place, reduce_network
 from facts_damping.plant.machines import block_controls, blocks, excitation, governor, machine, stabiliser
 from facts_damping.plant.model import Plant, PlantState
-from facts_damping.plant.watchdog import initial_watch
+from facts_damping.plant.watchdog import initial_watch, line
 from facts_damping.signals import to_ns
 
 if TYPE_CHECKING:
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1, Float2
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.parameters.run import Event
@@ -49,7 +49,7 @@ def build(
     installed: Sequence[str],
     listed: Sequence[Event],
     watchdog: NDArray[Any] | None = None,
-    noise: Mapping[str, NDArray[np.float64]] | None = None,
+    noise: Mapping[str, Float2] | None = None,
 ) -> Built:
     """Power flow, steady state of machines, controls and devices, and the reduced network of every stage.
 
@@ -79,6 +79,8 @@ def build(
         placed["watchdog"] = watchdog
     norton = rotating.rows["admittance"]
     pmus = [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.pmus]
+    online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
+    scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=to_ns(system.step),
@@ -94,8 +96,8 @@ def build(
         devices=placed[: len(installed)],
         infinite=np.array([flow.voltage[flow.names.index(i.bus)] for i in system.infinite_buses], np.complex128),
         stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
-        mechanical_power=np.array([_mechanical_power(system, rotating.power, s) for s in steps]),
-        online=np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps]),
+        mechanical_power=np.where(online > 0.0, rotating.power * np.array(scales), 0.0),
+        online=online,
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
         load_noise=load_noise.table(drawn, loads),
         network=np.array([reduce_network(system, ports.places, norton, s.topology, magnitude) for s in steps]),
@@ -122,7 +124,7 @@ class _States:
         self.values: list[float] = []
         self.names: list[str] = []
 
-    def add(self, owner: str, names: Sequence[str], values: Sequence[float] | NDArray[np.float64]) -> None:
+    def add(self, owner: str, names: Sequence[str], values: Sequence[float] | Float1) -> None:
         self.names += [f"{owner}.{name}" for name in names]
         self.values += [float(value) for value in values]
 
@@ -158,7 +160,6 @@ class _Rotating(NamedTuple):
 
 
 def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
-    """Machines and their controls in the steady state of a power flow."""
     n = len(system.machines)
     made = _Rotating(
         np.zeros(n, machine.MACHINE),
@@ -239,12 +240,7 @@ def _add_blocks(
 
 
 def _loads(
-    system: System,
-    loads: Sequence[Load],
-    flow: PowerFlow,
-    magnitude: dict[str, float],
-    states: _States,
-    ports: _Ports,
+    system: System, loads: Sequence[Load], flow: PowerFlow, magnitude: dict[str, float], states: _States, ports: _Ports
 ) -> NDArray[Any]:
     """Loads that are not constant impedances; frequency-dependent ones at rest."""
     rows = []
@@ -265,7 +261,6 @@ def _devices(
     states: _States,
     ports: _Ports,
 ) -> NDArray[Any]:
-    """Devices at rest."""
     rows = np.zeros(len(installed), devices.DEVICE)
     for d, device in enumerate(installed):
         if isinstance(device, Series):
@@ -277,14 +272,6 @@ def _devices(
         rows[d]["port"] = ports.add(DEVICE, d, places[0], start.minimum, start.maximum)
         for place in places[1:]:
             rows[d]["other"] = ports.add(OTHER_END, d, place)
-        names = devices.states_of(device)
+        names = [*devices.KINDS[device.kind].states, *(["reference"] if device.response_time > 0.0 else [])]
         states.add(device.name, names, [*start.states, *([0.0] * (len(names) - len(start.states)))])
     return rows
-
-
-def _mechanical_power(system: System, power: NDArray[np.float64], stage: TopologyInterval) -> list[float]:
-    """Mechanical powers in a stage, p.u. of the ratings; 0 for a tripped machine."""
-    return [
-        0.0 if m.name in stage.topology.machines_out else power[g] * stage.mechanical_scale.get(m.name, 1.0)
-        for g, m in enumerate(system.machines)
-    ]

@@ -5,24 +5,21 @@ The same functions serve the integration, the measurement and the linearisation.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
 from facts_damping.elementary import magnitude, sin_cos
-from facts_damping.plant import controls
 from facts_damping.plant.converters import devices
 from facts_damping.plant.grid import load
+from facts_damping.plant.machines import blocks, excitation, governor, stabiliser
+from facts_damping.plant.machines.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VD, VQ, VREF, VS, VT
 from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.ports import solve_ports
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
 
 @compiled
-def row_times(plant: Plant, stage: int, row: int, inputs: NDArray[np.complex128]) -> complex:
+def row_times(plant: Plant, stage: int, row: int, inputs: Complex1) -> complex:
     """One row of the network times its inputs, p.u."""
     total = 0j
     for column in range(inputs.size):
@@ -31,14 +28,7 @@ def row_times(plant: Plant, stage: int, row: int, inputs: NDArray[np.complex128]
 
 
 @entry_point
-def solve_network(
-    plant: Plant,
-    x: Float1,
-    reference: Float1,
-    source: Complex1,
-    stage: int,
-    work: Work,
-) -> None:
+def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> None:
     """Write the inputs of the network from machines, infinite buses and ports into `work.inputs`, p.u.
 
     Machines: y E with E = (Ed + j Eq) exp(j (delta - pi/2)).
@@ -98,14 +88,7 @@ def saturated(m: Any, emf: complex) -> float:
 
 @compiled
 def _circuits(
-    m: Any,
-    x: NDArray[np.float64],
-    n: int,
-    current: complex,
-    efd: float,
-    saturation: float,
-    emf: complex,
-    dx: NDArray[np.float64],
+    m: Any, x: Float1, n: int, current: complex, efd: float, saturation: float, emf: complex, dx: Float1
 ) -> None:
     """Write the derivatives of a machine's n rotor circuits, 1/s: dz = A z + B [Id, Iq, Efd] - S W [Eq, Ed]."""
     first = m.offset + 2
@@ -120,13 +103,7 @@ def _circuits(
 
 @entry_point
 def derivatives(
-    plant: Plant,
-    x: Float1,
-    reference: Float1,
-    source: Complex1,
-    stage: int,
-    dx: Float1,
-    work: Work,
+    plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, dx: Float1, work: Work
 ) -> None:
     """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, loads, devices; solves `source`.
 
@@ -139,7 +116,7 @@ def derivatives(
         omega = x[o + 1]
         voltage, current, power = stator(plant, stage, g, work)
         saturation = saturated(m, work.emf[g])
-        efd, given = controls.move(plant, x, stage, g, voltage, current, saturation, dx, work)
+        efd, given = move_controls(plant, x, stage, g, voltage, current, saturation, dx, work)
         driven = given * plant.online[stage, g]
         dx[o] = plant.omega_0 * omega
         dx[o + 1] = (driven - power - m.D * omega) / (2.0 * m.H)
@@ -159,11 +136,80 @@ def _port_derivatives(plant: Plant, x: Float1, reference: Float1, dx: Float1, wo
     for i in range(plant.placed.size):
         d = plant.placed[i]
         u = devices.reference_of(reference, i)
-        devices.lag_derivative(d, x, u, dx)
+        if d.response_time > 0.0:  # its lag also moves while the device is blocked
+            dx[d.lag] = (u - x[d.lag]) / d.response_time
         if work.blocked[d.port]:
             for k in range(d.states):
                 dx[d.offset + k] = 0.0
         else:
-            devices.derivatives(d, x, u, magnitude(work.response[d.port]), dx)
+            u = devices.effective_reference(d, x, u)
+            devices.derivatives(d.kind, d, x, u, magnitude(work.response[d.port]), dx)
             if d.other > 0:
-                devices.other_derivatives(d, x, u, magnitude(work.response[d.other]), dx)
+                devices.other_derivatives(d.kind, d, x, u, magnitude(work.response[d.other]), dx)
+
+
+AT = len(SENSED)
+
+
+@compiled
+def _field_current(m: Any, x: Float1, current: complex, saturation: float, emf: complex) -> float:
+    """Field current of a machine, p.u. of that for 1 p.u. of voltage without saturation: T'd0 dE'q = Efd - Ifd."""
+    if m.circuits == 0:
+        return 0.0
+    slope = m.B[0, 0] * current.real + m.B[0, 1] * current.imag
+    for j in range(m.circuits):
+        slope += m.A[0, j] * x[m.offset + 2 + j]
+    if saturation > 0.0:
+        slope -= saturation * (m.W[0, 0] * emf.imag + m.W[0, 1] * emf.real)
+    return -slope / m.B[0, 2]  # type: ignore[no-any-return]
+
+
+@compiled
+def _given(plant: Plant, first: int, end: int, gives: int, x: Float1, dx: Float1, work: Work) -> float:
+    """The output of a block control; writes the derivatives of its states, 1/s."""
+    blocks.outputs(plant.blocks, first, end, AT, x, work.signals)
+    blocks.derivatives(plant.blocks, first, end, x, work.signals, dx)
+    return work.signals[AT + gives]  # type: ignore[no-any-return]
+
+
+@compiled
+def move_controls(
+    plant: Plant,
+    x: Float1,
+    stage: int,
+    g: int,
+    voltage: complex,
+    current: complex,
+    saturation: float,
+    dx: Float1,
+    work: Work,
+) -> tuple[float, float]:
+    """Field voltage and mechanical power of machine g, p.u. of its rating; writes its controls' derivatives, 1/s.
+
+    `voltage`, `current`: of its stator; `saturation`: S of its flux.
+    """
+    m, s = plant.machines[g], work.signals
+    omega, size, asked = x[m.offset + 1], magnitude(voltage), plant.mechanical_power[stage, g]
+    driven = governor.power(plant.governors[g], x, asked, omega)
+    governor.derivatives(plant.governors[g], x, asked, omega, dx)
+    added = stabiliser.output(plant.stabilisers[g], x, omega)
+    stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
+    if plant.blocks.size > 0:
+        c = plant.controls[g]
+        ifd = _field_current(m, x, current, saturation, work.emf[g])
+        seen = voltage * work.rotation[g].conjugate()  # in the rotor's frame
+        s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, magnitude(seen), omega, ifd
+        s[VD], s[VQ], s[ID], s[IQ] = seen.real, seen.imag, current.real, current.imag
+        s[PE] = (seen * current.conjugate()).real
+        s[VREF], s[PREF] = c.Vref, asked + c.power_offset
+        if c.governor_end > c.governor_first:
+            driven = _given(plant, c.governor_first, c.governor_end, c.governor_gives, x, dx, work)
+        s[PA] = driven - s[PE]
+        if c.stabiliser_end > c.stabiliser_first:
+            added = _given(plant, c.stabiliser_first, c.stabiliser_end, c.stabiliser_gives, x, dx, work)
+        s[VS] = added
+        if c.exciter_end > c.exciter_first:
+            return _given(plant, c.exciter_first, c.exciter_end, c.exciter_gives, x, dx, work), driven
+    efd = excitation.field_voltage(plant.exciters[g], x, size, added)
+    excitation.derivatives(plant.exciters[g], x, size, added, efd, dx)
+    return efd, driven

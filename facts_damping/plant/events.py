@@ -61,7 +61,6 @@ def topology_intervals(system: System, listed: Sequence[Event]) -> list[Topology
 
 
 def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyInterval:
-    """The stage after a change."""
     event, where, before = change.event, change.where, stage.topology
     lines = [line.name for line in system.lines]
     buses = [bus.name for bus in system.buses]
@@ -92,15 +91,15 @@ def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyI
 
 
 def _fault(before: Topology, event: events.Fault | events.Clear, where: str) -> Topology:
-    """Topology after a fault appears or is cleared."""
     element = event.bus or event.line or ""
     burning = [place for place in before.faults if (place.bus, place.line) == (event.bus, event.line)]
     if isinstance(event, events.Clear):
         if not burning:
             places = ", ".join(place.bus or place.line or "" for place in before.faults)
             raise InputError(f"{where}: '{element}' given, where no fault burns; allowed: {places or 'none'}")
-        return before.without_fault(event.bus, event.line)
+        return replace(before, faults={place: z for place, z in before.faults.items() if place not in burning})
     if burning:
         raise InputError(f"{where}: '{element}' given, where a fault burns already; allowed: one fault an element")
     location = event.location if event.line is not None else 0.0
-    return before.with_fault(FaultPlace(event.bus, event.line, location), complex(event.r, event.x))
+    place = FaultPlace(event.bus, event.line, location)
+    return replace(before, faults={**before.faults, place: complex(event.r, event.x)})

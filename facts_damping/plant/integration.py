@@ -9,22 +9,22 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.plant.converters.dead_time import arrive, send
 from facts_damping.plant.converters.devices import first_order_lag
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
-from facts_damping.plant.watchdog import NEVER, accepts, due_ns, release
+from facts_damping.plant.watchdog import NEVER, accepts, arrive, due_ns, release, send
 from facts_damping.signals import Setpoints
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
+
+    from facts_damping.compiling.structs import Float1
 
 
 @compiled
 def _runge_kutta(
-    plant: Plant, state: PlantState, ramp: NDArray[np.float64], stage: int, elapsed: float, h: float, work: Work
+    plant: Plant, state: PlantState, ramp: Float1, stage: int, elapsed: float, h: float, work: Work
 ) -> None:
     """One classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s.
 
@@ -98,7 +98,7 @@ def _let_go(plant: Plant, state: PlantState, end: int, now: int) -> int:
 
 
 @compiled
-def _ramp(plant: Plant, state: PlantState, ramp: NDArray[np.float64], end: int, now: int) -> int:
+def _ramp(plant: Plant, state: PlantState, ramp: Float1, end: int, now: int) -> int:
     """Write the slopes (p.u./s) of the references towards their targets; return when the first arrives."""
     for d in range(ramp.size):
         gap = state.target[d] - state.reference[d]
@@ -113,7 +113,7 @@ def _ramp(plant: Plant, state: PlantState, ramp: NDArray[np.float64], end: int, 
 
 
 @compiled
-def _move_reference(state: PlantState, ramp: NDArray[np.float64], seconds: float) -> None:
+def _move_reference(state: PlantState, ramp: Float1, seconds: float) -> None:
     """Move the references along their ramps, up to their targets."""
     for d in range(ramp.size):
         gap = state.target[d] - state.reference[d]
@@ -138,13 +138,7 @@ def watch(plant: Plant, state: PlantState, start_ns: int, end_ns: int, setpoints
 
 @entry_point
 def advance(
-    plant: Plant,
-    state: PlantState,
-    start_ns: int,
-    end_ns: int,
-    setpoints: Setpoints,
-    count: int,
-    work: Work,
+    plant: Plant, state: PlantState, start_ns: int, end_ns: int, setpoints: Setpoints, count: int, work: Work
 ) -> None:
     """Advance the plant in place from `start_ns` to `end_ns` with `count` setpoints, sorted by time.
 

@@ -11,9 +11,7 @@ from facts_damping.plant.converters.site import DEVICE, OTHER_END, SALIENT
 from facts_damping.plant.grid import load
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.plant.model import Plant, Work
 
 SMALL = 1e-12  # p.u., magnitude of a response below which its direction is undefined
@@ -43,14 +41,16 @@ def salient(plant: Plant, stage: int, g: int, voltage: complex, p: int, work: Wo
 
 @compiled
 def characteristic(
-    plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, p: int, size: float, work: Work
+    plant: Plant, x: Float1, reference: Float1, stage: int, p: int, size: float, work: Work
 ) -> tuple[complex, complex]:
     """Source of a load's or device's port relative to the direction of its response, and its derivative by |q|, p.u."""
     port = plant.ports[p]
-    if port.kind == DEVICE:
-        return devices.characteristic(plant.placed[port.row], x, devices.reference_of(reference, port.row), size)
-    if port.kind == OTHER_END:
-        return devices.other_characteristic(plant.placed[port.row], x, devices.reference_of(reference, port.row), size)
+    if port.kind in (DEVICE, OTHER_END):
+        device = plant.placed[port.row]
+        u = devices.effective_reference(device, x, devices.reference_of(reference, port.row))
+        if port.kind == DEVICE:
+            return devices.characteristic(device.kind, device, x, u, size)  # type: ignore[no-any-return]
+        return devices.other_characteristic(device.kind, device, x, u, size)  # type: ignore[no-any-return]
     d = plant.loads[port.row]
     active, reactive = 1.0 + work.noise[port.row, 0], 1.0 + work.noise[port.row, 1]
     if d.offset >= 0:
@@ -62,9 +62,7 @@ def characteristic(
 
 
 @compiled
-def law(
-    plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, p: int, work: Work
-) -> complex:
+def law(plant: Plant, x: Float1, reference: Float1, stage: int, p: int, work: Work) -> complex:
     """Source of port p at its response, p.u.; writes its derivative into `work.slope`.
 
     Except for machines, it is f(|q|) q / |q| with f the port's characteristic; zero if blocked.

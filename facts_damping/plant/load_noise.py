@@ -22,14 +22,12 @@ import numpy as np
 
 from facts_damping import random_numbers
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Float2
+from facts_damping.compiling.structs import Float2, Float3
 from facts_damping.elementary import exp
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
 
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.load_noise import LoadNoise
@@ -40,7 +38,7 @@ LONGEST = 3600.0  # s, longest series
 STREAM = int.from_bytes(b"LOAD", "big")  # first of the spawn keys, unique to load noise
 
 
-def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: int) -> dict[str, NDArray[np.float64]]:
+def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: int) -> dict[str, Float2]:
     """Relative deviations of P and Q of each noisy load at all points of the grid, (points, 2).
 
     Each load has its own random stream, from the run's seed and its index; a longer series begins with the shorter one.
@@ -60,7 +58,7 @@ def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: 
     return found
 
 
-def table(drawn: Mapping[str, NDArray[np.float64]], loads: Sequence[Load]) -> NDArray[np.float64]:
+def table(drawn: Mapping[str, Float2], loads: Sequence[Load]) -> Float3:
     """Noise of a plant's loads, (points, loads, 2): zeros for loads without noise; no points if all are without."""
     points = len(next(iter(drawn.values()))) if drawn else 0
     made = np.zeros((points, len(loads), 2))

@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Float2
+from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2
 from facts_damping.elementary import atan2, magnitude, phase
-from facts_damping.plant import controls
 from facts_damping.plant.converters import devices as facts
-from facts_damping.plant.dynamics import derivatives, row_times, saturated, solve_network, stator
+from facts_damping.plant.dynamics import derivatives, move_controls, row_times, saturated, solve_network, stator
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
 from facts_damping.signals import SPEED_BAND, DeviceTruths, MachineTruths
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
 
 MOMENT = 1e-6  # s, time step of the angle's difference quotient for the frequency
 
 
 @compiled
 def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work: Work) -> None:
-    """Write the true values of machine g."""
     x, m = state.x, plant.machines[g]
     omega = x[m.offset + 1]
     voltage, current, power = stator(plant, stage, g, work)
     saturation = saturated(m, work.emf[g])
-    efd, driven = controls.move(plant, x, stage, g, voltage, current, saturation, work.slopes[4], work)
+    efd, driven = move_controls(plant, x, stage, g, voltage, current, saturation, work.slopes[4], work)
     out.rotor_angle = x[m.offset]
     out.speed_deviation = omega
     out.electrical_power = power * m.ratio
@@ -59,11 +52,12 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
         watch.refused_stamp,
         watch.refused_order,
     )
-    facts.truth(row, state.x, state.reference[d], magnitude(response), blocked, out)
+    u = facts.effective_reference(row, state.x, state.reference[d])
+    facts.truth(row.kind, row, state.x, u, magnitude(response), blocked, out)
 
 
 @compiled
-def _in_synchronism(plant: Plant, x: NDArray[np.float64], stage: int) -> bool:
+def _in_synchronism(plant: Plant, x: Float1, stage: int) -> bool:
     """Whether rotors in service and infinite buses are within 180 degrees of each other, and speeds in their band."""
     low, high = math.inf, -math.inf
     for g in range(plant.machines.size):
@@ -79,7 +73,7 @@ def _in_synchronism(plant: Plant, x: NDArray[np.float64], stage: int) -> bool:
 
 
 @compiled
-def _phasors(plant: Plant, stage: int, inputs: NDArray[np.complex128], phasors: NDArray[np.complex128]) -> None:
+def _phasors(plant: Plant, stage: int, inputs: Complex1, phasors: Complex2) -> None:
     """Voltage and current of each PMU from the network's inputs, p.u."""
     first, pmus = plant.machines.size + plant.ports.size, plant.pmu_machine.size
     for s in range(pmus):

@@ -20,7 +20,6 @@ from facts_damping.compiling.structs import (
     Int1,
     Struct,
 )
-from facts_damping.plant.converters.dead_time import UNDER_WAY
 from facts_damping.plant.converters.devices import DEVICE
 from facts_damping.plant.converters.site import PORT
 from facts_damping.plant.grid.load import LOAD
@@ -29,7 +28,7 @@ from facts_damping.plant.machines.excitation import EXCITER
 from facts_damping.plant.machines.governor import GOVERNOR
 from facts_damping.plant.machines.machine import MACHINE
 from facts_damping.plant.machines.stabiliser import STABILISER
-from facts_damping.plant.watchdog import WATCH
+from facts_damping.plant.watchdog import UNDER_WAY, WATCH
 
 
 class Plant(Struct):
@@ -78,7 +77,7 @@ class PlantState(Struct):
     target: Float1
     watch: Annotated[NDArray[Any], Array(WATCH, 1)]  # watchdog.WATCH
     source: Complex1
-    under_way: Annotated[NDArray[Any], Array(UNDER_WAY, 2)]  # dead_time.UNDER_WAY, (devices, room)
+    under_way: Annotated[NDArray[Any], Array(UNDER_WAY, 2)]  # watchdog.UNDER_WAY, (devices, room)
     waiting: Int1  # (devices,), number of setpoints in `under_way`
 
 
@@ -95,8 +94,7 @@ class Work(Struct):
     blocked: Bool1  # (ports,)
     low: Bool1  # (ports,), loads with their characteristic below V_min
     slope: Float3  # (ports, 2, 2), derivative of the source by the response
-    matrix: Float2  # (2 ports, 2 ports)
-    change: Float1  # (2 ports,)
+    matrix: Float2  # (2 ports, 2 ports + 1), of Newton's method, with the mismatch
     step: Float1  # (2 ports,)
     source: Complex1  # (ports,), of a solution that is not stored in the state
     phasors: Complex2  # (PMUs, 2), voltages and currents of the PMUs, p.u.
@@ -120,8 +118,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(ports, np.bool_),
         np.zeros(ports, np.bool_),
         np.zeros((ports, 2, 2)),
-        np.zeros((2 * ports, 2 * ports)),
-        np.zeros(2 * ports),
+        np.zeros((2 * ports, 2 * ports + 1)),
         np.zeros(2 * ports),
         np.zeros(ports, np.complex128),
         np.zeros((len(plant.pmu_machine), 2), np.complex128),
@@ -138,18 +135,14 @@ def copy(state: PlantState) -> PlantState:
 
 
 @compiled
-def interval_at(plant: Plant, time_ns: int) -> int:
-    """Index of the stage at a time; an event acts from its own instant on."""
+def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
+    """Index of the stage at a time; an event acts from its own instant on.
+
+    If the stage begins there, the last solution is no start for the new network.
+    """
     stage = 0
     while stage + 1 < len(plant.stage_start_ns) and plant.stage_start_ns[stage + 1] <= time_ns:
         stage += 1
-    return stage
-
-
-@compiled
-def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
-    """Index of the stage at a time; if it begins there, the last solution is no start for the new network."""
-    stage = interval_at(plant, time_ns)
     if plant.stage_start_ns[stage] == time_ns:
         state.source[:] = 0.0
     return stage

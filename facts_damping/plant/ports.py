@@ -8,19 +8,14 @@ are bypassed, parallel devices carry no current and loads are impedances.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
 from facts_damping.elementary import magnitude
+from facts_damping.matrices import eliminate
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.model import Plant, Work
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
 
 TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
 MAX_ITERATIONS = 40
@@ -29,50 +24,21 @@ ATTEMPTS = 5  # number of starts of Newton's method
 LAST_CHANGE = 1e-9  # relative; the remaining error is of the order of its square
 
 
-@compiled
-def _eliminate(matrix: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-    """Solve `matrix` z = b in place, z into b, by Gaussian elimination with pivoting; returns whether it is regular.
-
-    The systems have few unknowns and are solved some hundred thousand times, so a library call costs more.
-    """
-    n = b.size
-    for i in range(n):
-        pivot = i
-        for r in range(i + 1, n):
-            if abs(matrix[r, i]) > abs(matrix[pivot, i]):
-                pivot = r
-        if not abs(matrix[pivot, i]) > 0.0:
-            return False
-        if pivot != i:
-            for c in range(i, n):
-                matrix[i, c], matrix[pivot, c] = matrix[pivot, c], matrix[i, c]
-            b[i], b[pivot] = b[pivot], b[i]
-        for r in range(i + 1, n):
-            factor = matrix[r, i] / matrix[i, i]
-            if factor != 0.0:
-                for c in range(i + 1, n):
-                    matrix[r, c] -= factor * matrix[i, c]
-                b[r] -= factor * b[i]
-    for i in range(n - 1, -1, -1):
-        total = b[i]
-        for c in range(i + 1, n):
-            total -= matrix[i, c] * b[c]
-        b[i] = total / matrix[i, i]
-    return True
-
-
 @entry_point
 def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> float:
-    """Write f(q) - s of all ports into `work.change`; returns the sum of squares, 0 if all are within the tolerance."""
+    """Write f(q) - s of all ports into the last column of `work.matrix`.
+
+    Returns the sum of squares, 0 if all are within the tolerance.
+    """
     first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
-    solved, total = True, 0.0
+    solved, total, last = True, 0.0, 2 * source.size
     for p in range(source.size):
         q = work.given[p]
         for r in range(source.size):
             q += plant.network[stage, first_row + p, first_column + r] * source[r]
         work.response[p] = q
         rest = law(plant, x, reference, stage, p, work) - source[p]
-        work.change[2 * p], work.change[2 * p + 1] = rest.real, rest.imag
+        work.matrix[2 * p, last], work.matrix[2 * p + 1, last] = rest.real, rest.imag
         square = rest.real * rest.real + rest.imag * rest.imag
         size = source[p].real * source[p].real + source[p].imag * source[p].imag
         # Written so that a non-finite value counts as unsolved.
@@ -97,14 +63,7 @@ def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
 
 
 @compiled
-def _newton(
-    plant: Plant,
-    x: NDArray[np.float64],
-    reference: NDArray[np.float64],
-    source: NDArray[np.complex128],
-    stage: int,
-    work: Work,
-) -> bool:
+def _newton(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> bool:
     """Newton's method from `source`, into `source` and `work.response`; returns whether it converged.
 
     A step that does not reduce the sum of squares is halved: limits cause kinks at which full steps may oscillate.
@@ -116,11 +75,11 @@ def _newton(
             return True
         if total < before or fraction < SMALLEST_FRACTION:
             _newton_matrix(plant, stage, work)
-            if not _eliminate(work.matrix, work.change):
+            if not eliminate(work.matrix):
                 return False
             before, fraction = total, 1.0
             for i in range(work.step.size):
-                work.step[i] = work.change[i]
+                work.step[i] = work.matrix[i, work.step.size]
             for p in range(source.size):
                 source[p] += complex(work.step[2 * p], work.step[2 * p + 1])
         else:
@@ -175,7 +134,7 @@ def _block(plant: Plant, work: Work) -> bool:
 
 
 @compiled
-def _release(plant: Plant, source: NDArray[np.complex128], work: Work) -> bool:
+def _release(plant: Plant, source: Complex1, work: Work) -> bool:
     """Release the load furthest above V_min that still has its characteristic below V_min; returns whether one was.
 
     It starts as an impedance, from high voltage, to find the higher of the two voltages at which it draws its power.

@@ -1,8 +1,13 @@
-"""The watchdog of a device, which accepts setpoints and releases the device on time-out; compiled.
+"""Acceptance of setpoints by a device: its watchdog, and the queue of its dead time; compiled.
 
-It is local to the device and relies on no controller, link or remote clock. It accepts a setpoint that is finite,
-within the device's limit, fresh, and newer than those before it. Without one for `timeout` the device is released: its
-reference goes to zero at `release_rate` and stays there until re-armed.
+The watchdog is local to the device and relies on no controller, link or remote clock. It accepts a setpoint that is
+finite, within the device's limit, fresh, and newer than those before it. Without one for `timeout` the device is
+released: its reference goes to zero at `release_rate` and stays there until re-armed.
+
+An accepted setpoint acts exactly `dead_time` (whole ns) later, independent of frames and integration steps. Each that
+does not act yet is a row of UNDER_WAY, the oldest first. A half-full queue, as after a flood of messages, is thinned: a
+setpoint replaces the one before if that is too close to its own predecessor. So no setpoint acts early, the last one
+acts on time, and the queue never overflows.
 """
 
 from __future__ import annotations
@@ -16,8 +21,11 @@ from facts_damping.compiling import compiled
 from facts_damping.signals import NANOSECONDS, to_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1, Int1
     from facts_damping.parameters.plant.watchdog import Watchdog
 
 NEVER = -1  # ns, time of an event that has not happened yet
@@ -73,9 +81,9 @@ def initial_watch(devices: int) -> NDArray[Any]:
 
 def initial_clock_state(devices: int) -> NDArray[Any]:
     """Initial state of `late_by_clock` for a number of devices."""
-    heard = np.zeros(devices, LAST_ACCEPTED)
-    heard["accepted_ns"] = NEVER
-    return heard
+    last = np.zeros(devices, LAST_ACCEPTED)
+    last["accepted_ns"] = NEVER
+    return last
 
 
 @compiled
@@ -122,14 +130,14 @@ def release(watch: Any) -> None:
     watch.released, watch.good = 1, 0
 
 
-def late_by_clock(watch: NDArray[Any], heard: NDArray[Any], now_s: float, timeout_s: float) -> list[int]:
+def late_by_clock(watch: NDArray[Any], last: NDArray[Any], now_s: float, timeout_s: float) -> list[int]:
     """The devices to be released: their watchdogs have accepted nothing for a time-out of the wall clock as well.
 
-    `heard`: one row per device, updated; `now_s`: wall time, s. Called once per tick, in real time.
+    `last`: one row per device, updated; `now_s`: wall time, s. Called once per tick, in real time.
     """
-    heard["at_s"][watch["accepted_ns"] != heard["accepted_ns"]] = now_s
-    heard["accepted_ns"] = watch["accepted_ns"]
-    late = (heard["accepted_ns"] != NEVER) & (now_s - heard["at_s"] > timeout_s) & (watch["released"] == 0)
+    last["at_s"][watch["accepted_ns"] != last["accepted_ns"]] = now_s
+    last["accepted_ns"] = watch["accepted_ns"]
+    late = (last["accepted_ns"] != NEVER) & (now_s - last["at_s"] > timeout_s) & (watch["released"] == 0)
     return [int(device) for device in np.flatnonzero(late)]
 
 
@@ -144,3 +152,44 @@ def rearm(watch: NDArray[Any], now: int) -> None:
     those = watch["released"] == 1
     watch["released"][those] = watch["good"][those] = 0
     watch["accepted_ns"][those] = now
+
+
+DENSEST = 10_000  # setpoints/s, largest density of a thinned queue
+CLOSE = NANOSECONDS // DENSEST  # ns
+
+# A queued setpoint: its time of action, and its limited value, p.u.
+UNDER_WAY = np.dtype([("due_ns", "i8"), ("value", "f8")])
+
+
+def line(dead_times: Sequence[float]) -> tuple[NDArray[Any], Int1]:
+    """Empty queues for devices with these dead times (s): (devices, room) of UNDER_WAY, and the length of each."""
+    longest = max(dead_times, default=0.0)
+    room = 2 * (2 + math.ceil(longest * DENSEST)) if longest > 0.0 else 0
+    return np.zeros((len(dead_times), room), UNDER_WAY), np.zeros(len(dead_times), np.int64)
+
+
+@compiled
+def send(under_way: NDArray[Any], waiting: Int1, d: int, due_ns: int, value: float) -> None:
+    """Queue a setpoint of device d, due no earlier than those in the queue."""
+    n, room = waiting[d], under_way.shape[1]
+    if 2 * n >= room and (n == room or under_way[d, n - 1].due_ns - under_way[d, n - 2].due_ns < CLOSE):
+        n -= 1
+    under_way[d, n].due_ns, under_way[d, n].value = due_ns, value
+    waiting[d] = n + 1
+
+
+@compiled
+def arrive(under_way: NDArray[Any], waiting: Int1, target: Float1, end: int, now: int) -> int:
+    """Apply the setpoints due by `now`; return the time of the next one, or `end`."""
+    for d in range(waiting.size):
+        due = 0
+        while due < waiting[d] and under_way[d, due].due_ns <= now:
+            target[d] = under_way[d, due].value
+            due += 1
+        if due > 0:
+            waiting[d] -= due
+            for i in range(waiting[d]):
+                under_way[d, i] = under_way[d, due + i]
+        if waiting[d] > 0:
+            end = min(end, under_way[d, 0].due_ns)
+    return end

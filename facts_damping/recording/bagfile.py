@@ -55,8 +55,7 @@ def bag_information(
     `counts`: messages per topic; `span`: log times of the first and last message, ns; `custom`: free text by key.
     The compression fields stay empty because chunks are compressed inside the MCAP file.
     """
-    start = {"nanoseconds_since_epoch": span[0]}
-    duration = {"nanoseconds": span[1] - span[0]}
+    start, duration = {"nanoseconds_since_epoch": span[0]}, {"nanoseconds": span[1] - span[0]}
     total = sum(counts.values())
     return {
         "version": VERSION,
@@ -75,24 +74,18 @@ def bag_information(
 
 
 def _topic(topic: TopicInfo, count: int) -> dict[str, Any]:
-    return {
-        "topic_metadata": {
-            "name": topic.name,
-            "type": topic.message_type,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": _profiles(topic.qos),
-            "type_description_hash": topic.type_hash,
-        },
-        "message_count": count,
-    }
-
-
-def _profiles(text: str) -> Any:
-    """Offered QoS profiles as another recorder wrote them; empty if unreadable."""
     try:
-        return parse(text) or []
-    except UNREADABLE:
-        return []
+        profiles = parse(topic.qos) or []
+    except UNREADABLE:  # as another recorder wrote them
+        profiles = []
+    metadata = {
+        "name": topic.name,
+        "type": topic.message_type,
+        "serialization_format": "cdr",
+        "offered_qos_profiles": profiles,
+        "type_description_hash": topic.type_hash,
+    }
+    return {"topic_metadata": metadata, "message_count": count}
 
 
 class _PlainDumper(yaml.CSafeDumper):

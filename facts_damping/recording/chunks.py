@@ -43,38 +43,31 @@ class UnpackLimit:
     """Limits the number of bytes that the chunks of a file may unpack to."""
 
     def __init__(self) -> None:
-        self._taken = 0
+        self._size = 0
 
     def has(self, chunk: Chunk, end: int) -> bool:
         """Whether a chunk fits; if so, its size is counted. `end`: byte of the file at which it ends."""
-        fits = self._taken + chunk.uncompressed_size <= ROOM + RATIO * end
-        self._taken += chunk.uncompressed_size if fits else 0
+        fits = self._size + chunk.uncompressed_size <= ROOM + RATIO * end
+        self._size += chunk.uncompressed_size if fits else 0
         return fits
 
 
 def unpack(chunk: Chunk) -> list[McapRecord]:
     """Records in a chunk, checksum verified. Raises ValueError, or the libraries' own errors if damaged."""
-    data = _plain(chunk)
-    _check_kinds(data)
-    return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
-
-
-def _check_kinds(data: bytes) -> None:
-    """Raise ValueError, before reading, if a chunk may not hold a record's kind: a few bytes can pack a million."""
-    at = 0
-    while at < len(data):
+    data, at = _plain(chunk), 0
+    while at < len(data):  # before they are read: a few bytes can pack a million records of a kind that is not allowed
         opcode, length = HEAD.unpack_from(data, at)
         if opcode not in INSIDE:
             raise ValueError(f"a record of kind {opcode} in a chunk")
         at += HEAD.size + length
+    return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
 
 
 def _plain(chunk: Chunk) -> bytes:
     """Unpacked data of a chunk; its size must be as stated. Raises as `unpack` does."""
     size = chunk.uncompressed_size
     if chunk.compression == "zstd":
-        told = zstandard.get_frame_parameters(chunk.data).content_size
-        if told not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+        if zstandard.get_frame_parameters(chunk.data).content_size not in (size, zstandard.CONTENTSIZE_UNKNOWN):
             raise ValueError("a chunk is not as large as it says")
         data = zstandard.decompress(chunk.data, max_output_size=size)
     elif chunk.compression == "lz4":

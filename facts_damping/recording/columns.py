@@ -7,12 +7,15 @@ counted after the four bytes of encapsulation).
 
 from __future__ import annotations
 
+import struct
 import sys
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from rosbags.interfaces import Nodetype
+
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -26,6 +29,15 @@ FORMATS = {
 }  # fmt: skip
 SIZES = {form: np.dtype(form).itemsize for form in FORMATS.values()}
 PASSES = 30  # layouts to compare with all messages of one length; the remaining messages are then parsed one by one
+
+
+def stamp_ns(cdr: bytes) -> int:
+    """Time in the header at the start of a message, ns; 0 if before 0.
+
+    The stamp is the first eight bytes after the encapsulation, whose second byte gives the byte order.
+    """
+    sec, nanosec = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, HEADER)
+    return max(0, int(sec) * NANOSECONDS + int(nanosec))
 
 
 class Block(NamedTuple):
@@ -127,9 +139,8 @@ class Walk:
         self._messages += 1
         if self._messages > self._stacked.shape[1]:
             raise ValueError("a message has more parts than bytes")
-        return SimpleNamespace(
-            **{name: self._value(kind, f"{path}{name}") for name, kind in self._fields[message_type][1]}
-        )
+        fields = self._fields[message_type][1]
+        return SimpleNamespace(**{name: self._value(kind, f"{path}{name}") for name, kind in fields})
 
     def _value(self, kind: Any, path: str) -> Any:
         node, what = kind
@@ -150,8 +161,8 @@ class Walk:
         self.places[path] = (begin, form)
         if not self._numbers:
             return None
-        taken = np.ascontiguousarray(self._stacked[:, begin : self.end]).view(self._order + form)[:, 0]
-        return taken.astype(form) if self._swapped else taken
+        numbers = np.ascontiguousarray(self._stacked[:, begin : self.end]).view(self._order + form)[:, 0]
+        return numbers.astype(form) if self._swapped else numbers
 
     def _length(self) -> int:
         """Length, the same in all messages. ValueError if it exceeds the bytes left: each item takes at least one."""

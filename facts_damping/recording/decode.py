@@ -9,23 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
+from facts_damping import signals
 from facts_damping.errors import RecordingError
 from facts_damping.monitor_table import CODES, MONITORS, STATES, cause_code
 from facts_damping.recording.columns import Block, blocks, kept
 from facts_damping.recording.fields import DEVICE_FIELDS, FRAME_FIELDS, MACHINE_FIELDS, check_fields
 from facts_damping.recording.schemas import parse_schema
-from facts_damping.signals import (
-    CHANNELS,
-    DELIVERY,
-    DEVICE_TRUTH,
-    ESTIMATE,
-    LEARNING,
-    LOST,
-    MACHINE_TRUTH,
-    NANOSECONDS,
-    SETPOINT,
-    SUPERVISION,
-)
+from facts_damping.signals import LOST, NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -37,13 +27,19 @@ if TYPE_CHECKING:
 
 
 NewestTicks = dict[tuple[str, int, str], "NDArray[np.int64]"]
+SUPERVISION_FIELDS = {  # of SupervisorState, by the column of signals.SUPERVISION
+    "fraction": "fraction",
+    "probe_gain": "probe_gain",
+    "probe_phase": "probe_phase_rad",
+    "probe_coherence": "probe_coherence",
+    "added_damping": "added_damping_per_s",
+    "phase_margin": "phase_margin_rad",
+    "gain_margin": "gain_margin",
+}
 
 
 class Series(NamedTuple):
-    """Messages of one topic in order of ticks.
-
-    The rows of the blocks are indices into `ticks`.
-    """
+    """Messages of one topic in order of ticks; the rows of the blocks are indices into `ticks`."""
 
     topic: str
     ticks: NDArray[np.int64]
@@ -80,11 +76,8 @@ def _store(message_type: str, schema: str) -> Typestore:
     return store
 
 
-def series(topic: str, found: Sequence[Block], several: bool = False) -> tuple[Series, int]:
-    """Messages sorted by tick, and how many of them repeat a tick.
-
-    Only the first message of a tick is kept, or all if `several`.
-    """
+def series(topic: str, found: Sequence[Block], several: bool, notes: list[str]) -> Series:
+    """Messages sorted by tick; of one tick only the first is kept, or all if `several`. A note counts the others."""
     count = sum(len(block.rows) for block in found)
     ticks = np.zeros(count, np.int64)
     for block in found:
@@ -96,7 +89,10 @@ def series(topic: str, found: Sequence[Block], several: bool = False) -> tuple[S
         sorted_ticks = ticks[first]
     place = np.full(count, -1)
     place[first] = np.arange(len(first))
-    return Series(topic, sorted_ticks, _placed(found, place)), again
+    if again:
+        text = "all are kept" if several else "the first counts"
+        notes.append(f"{topic}: {again} messages are not the first of their tick: {text}")
+    return Series(topic, sorted_ticks, _placed(found, place))
 
 
 def select(source: Series, ticks: NDArray[np.int64]) -> Series:
@@ -120,11 +116,11 @@ def _placed(found: Sequence[Block], place: NDArray[np.int64]) -> list[Block]:
     return sorted((block for block in moved if len(block.rows)), key=lambda block: int(block.rows.min()))
 
 
-def column(source: Series, take: Callable[[Any], NDArray[Any]], kind: type) -> NDArray[Any]:
-    """Value that `take` returns for each message, (ticks,)."""
+def column(source: Series, value: Callable[[Any], NDArray[Any]], kind: type) -> NDArray[Any]:
+    """A value of each message, (ticks,)."""
     values: NDArray[Any] = np.zeros(len(source.ticks), kind)
     for block in source.blocks:
-        values[block.rows] = take(block.message)
+        values[block.rows] = value(block.message)
     return values
 
 
@@ -143,7 +139,7 @@ def frames(source: Series, pmus: Sequence[str]) -> tuple[NDArray[np.float64], ND
 
     NaN, LOST and 0 where a PMU did not report.
     """
-    values = np.full((len(source.ticks), len(pmus), len(CHANNELS)), np.nan)
+    values = np.full((len(source.ticks), len(pmus), len(signals.CHANNELS)), np.nan)
     measured_ns, status = np.full(values.shape[:2], LOST), np.zeros(values.shape[:2], np.int64)
     index = _index(pmus)
     for block in source.blocks:
@@ -156,7 +152,9 @@ def frames(source: Series, pmus: Sequence[str]) -> tuple[NDArray[np.float64], ND
 
 def truth(source: Series, entries: str, name: str, names: Sequence[str]) -> NDArray[Any]:
     """True states of machines or devices (`entries` of PlantState), (ticks, names); NaN where missing."""
-    fields, layout = (MACHINE_FIELDS, MACHINE_TRUTH) if entries == "machines" else (DEVICE_FIELDS, DEVICE_TRUTH)
+    fields, layout = (
+        (MACHINE_FIELDS, signals.MACHINE_TRUTH) if entries == "machines" else (DEVICE_FIELDS, signals.DEVICE_TRUTH)
+    )
     values = np.full((len(source.ticks), len(names), len(fields)), np.nan)
     index = _index(names)
     for block in source.blocks:
@@ -173,7 +171,7 @@ def deliveries(sources: Sequence[Series], pmus: Sequence[str]) -> NDArray[Any]:
     index = _index(pmus)
     parts = [
         _rows(
-            DELIVERY,
+            signals.DELIVERY,
             block,
             source,
             pmu=_lookup(index, entry.pmu, source.topic),
@@ -187,8 +185,7 @@ def deliveries(sources: Sequence[Series], pmus: Sequence[str]) -> NDArray[Any]:
         for block in source.blocks
         for entry in block.message.frames
     ]
-    table = _joined(parts, DELIVERY)
-    return table[np.lexsort((_order(parts), table["link"], table["tick"]))]
+    return _table(parts, signals.DELIVERY, "link", "tick")
 
 
 def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Sequence[str]) -> NDArray[Any]:
@@ -199,7 +196,7 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
     controller, device = _index(controllers), _index(devices)
     parts = [
         _rows(
-            SETPOINT,
+            signals.SETPOINT,
             block,
             source,
             controller=_lookup(controller, entry.controller, source.topic),
@@ -213,8 +210,7 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
         for block in source.blocks
         for entry in block.message.setpoints
     ]
-    table = _joined(parts, SETPOINT)
-    return table[np.lexsort((_order(parts), table["tick"]))]
+    return _table(parts, signals.SETPOINT, "tick")
 
 
 def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArray[Any]:
@@ -228,30 +224,19 @@ def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArra
         for block in source.blocks:
             message = block.message
             values = np.full((len(block.rows), len(MONITORS)), np.nan)
-            for name, given in zip(message.monitors, message.values, strict=False):
+            for name, column in zip(message.monitors, message.values, strict=False):
                 if name in CODES:
-                    values[:, CODES[name]] = given
-            parts.append(
-                _rows(
-                    SUPERVISION,
-                    block,
-                    source,
-                    controller=_lookup(controller, message.controller, source.topic),
-                    state=_known(STATES.index, message.state, source.topic),
-                    cause=_known(cause_code, message.cause, source.topic),
-                    refused=_known(cause_code, message.refused, source.topic),
-                    fraction=message.fraction,
-                    values=values,
-                    probe_gain=message.probe_gain,
-                    probe_phase=message.probe_phase_rad,
-                    probe_coherence=message.probe_coherence,
-                    added_damping=message.added_damping_per_s,
-                    phase_margin=message.phase_margin_rad,
-                    gain_margin=message.gain_margin,
-                )
-            )
-    table = _joined(parts, SUPERVISION)
-    return table[np.lexsort((table["controller"], table["tick"]))]
+                    values[:, CODES[name]] = column
+            fields = {
+                "controller": _lookup(controller, message.controller, source.topic),
+                "state": _known(STATES.index, message.state, source.topic),
+                "cause": _known(cause_code, message.cause, source.topic),
+                "refused": _known(cause_code, message.refused, source.topic),
+                "values": values,
+            }
+            numbers = {name: getattr(message, field) for name, field in SUPERVISION_FIELDS.items()}
+            parts.append(_rows(signals.SUPERVISION, block, source, **fields, **numbers))
+    return _table(parts, signals.SUPERVISION, "controller", "tick")
 
 
 def _known(code: Callable[[str], int], name: str, topic: str) -> int:
@@ -272,7 +257,7 @@ def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]
     index = _index(devices)
     parts = [
         _rows(
-            ESTIMATE,
+            signals.ESTIMATE,
             block,
             source,
             controller=place(message.identifier),
@@ -288,18 +273,17 @@ def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]
         for source in sources
         for block in source.blocks
         for message in [block.message]
-        for i in range(_same_length(message.prediction, message.error, message.change))
+        for i in range(len(message.prediction))
         for j, name in enumerate(message.input_names)
     ]
-    table = _joined(parts, ESTIMATE)
-    return table[np.lexsort((_order(parts), table["controller"], table["tick"]))]
+    return _table(parts, signals.ESTIMATE, "controller", "tick")
 
 
 def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> NDArray[Any]:
     """Learning of the networks: one row (LEARNING) per learning rate, by tick; controllers before identifiers."""
     parts = [
         _rows(
-            LEARNING,
+            signals.LEARNING,
             block,
             source,
             controller=place(message.identifier if identifier else message.controller),
@@ -316,8 +300,7 @@ def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> ND
         for message in [block.message]
         for k, rate in enumerate(message.learning_rates)
     ]
-    table = _joined(parts, LEARNING)
-    return table[np.lexsort((_order(parts), table["controller"], table["identifier"], table["tick"]))]
+    return _table(parts, signals.LEARNING, "controller", "identifier", "tick")
 
 
 def heard(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) -> NewestTicks:
@@ -338,7 +321,6 @@ def heard(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) ->
 
 
 def _rows(layout: Any, block: Block, source: Series, **fields: Any) -> NDArray[Any]:
-    """Table rows, one per message of a block."""
     table = np.zeros(len(block.rows), layout)
     table["tick"] = source.ticks[block.rows]
     for name, values in fields.items():
@@ -346,19 +328,10 @@ def _rows(layout: Any, block: Block, source: Series, **fields: Any) -> NDArray[A
     return table
 
 
-def _joined(parts: Sequence[NDArray[Any]], layout: Any) -> NDArray[Any]:
-    return np.concatenate(parts) if parts else np.zeros(0, layout)
-
-
-def _order(parts: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
-    """Index of the part that each row of the joined table comes from."""
-    return np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-
-
-def _same_length(*lists: Sequence[Any]) -> int:
-    """Common length of the lists. Raises ValueError if they differ."""
-    (length,) = {len(one) for one in lists}
-    return length
+def _table(parts: Sequence[NDArray[Any]], layout: Any, *keys: str) -> NDArray[Any]:
+    """Rows of all parts, sorted by the keys, the last one first; rows of equal keys stay in the order of the parts."""
+    table = np.concatenate(parts) if parts else np.zeros(0, layout)
+    return table[np.lexsort([table[key] for key in keys])]
 
 
 def place(name: str) -> int:

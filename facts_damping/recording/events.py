@@ -1,9 +1,13 @@
-"""Messages without a tick: grid events, refused messages, nodes that joined later, changes, end of the run."""
+"""Stamps counted from the start of a run, and its messages without a tick.
+
+These are grid events, refused messages, nodes that joined later, changes, and the end of the run.
+"""
 
 from __future__ import annotations
 
 import re
 from contextlib import suppress
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,10 +15,10 @@ import numpy as np
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.decode import time_ns
-from facts_damping.signals import NANOSECONDS, RunChange
+from facts_damping.signals import NANOSECONDS, GridEvent, RunChange
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping, Sequence
 
     from facts_damping.recording.columns import Block
 
@@ -23,31 +27,59 @@ KINDS = ("start", *COMMANDS, "weights", "parameter", "link", "event", "rearm", "
 MAX_TICKS = 10**9  # upper bound of any run
 ENDED, STOPPED = 2, "stopped"  # state of an ended RunState; the reason if the run was stopped early
 TIME = r"[0-9]{1,18}"  # ns
+SIMULATED_NS = 10**17  # about three years: simulated times are below, wall times above
 
 
-def events(found: Iterable[Block]) -> list[dict[str, Any]]:
-    """Grid events by time: `time_ns`, `kind`, `element`, `value`, `location` (NaN: not given)."""
-    told = [
-        (
-            int(row),
-            {
-                "time_ns": int(at),
-                "kind": block.message.kind,
-                "element": block.message.element,
-                "value": float(value),
-                "location": float(location),
-            },
-        )
+def subtract_epoch(messages: Mapping[str, Sequence[Block]], plant: Iterable[str], frame_rate: Any) -> None:
+    """Shift all stamps so that they count from the start of the run; `plant`: topics that determine that start.
+
+    The start is the median over the plant's messages. An unknown frame rate follows from their median time step.
+    """
+    found = [block for topic in plant for block in messages[topic]]
+    none = np.zeros(0, np.int64)
+    stamps = np.concatenate([none, *(time_ns(block.message.header.stamp) for block in found)])
+    bounded = (np.minimum(np.asarray(block.message.tick, np.uint64), np.uint64(MAX_TICKS)) for block in found)
+    ticks = np.concatenate([none, *(part.astype(np.int64) for part in bounded)])
+    if not len(stamps) or np.median(stamps) < SIMULATED_NS:
+        return
+    stamps, ticks = stamps[ticks < MAX_TICKS], ticks[ticks < MAX_TICKS]
+    if not (isinstance(frame_rate, int) and frame_rate > 0):
+        steps = np.diff(stamps)[np.diff(ticks) == 1]
+        frame_rate = round(NANOSECONDS / np.median(steps)) if len(steps) and np.median(steps) > 0 else 0
+    starts = ticks * NANOSECONDS // frame_rate if frame_rate else stamps - stamps.min()
+    begin = int(np.sort(stamps - starts)[len(stamps) // 2])
+    for blocks in messages.values():
+        for block in blocks:
+            _shift(block.message, begin)
+
+
+def _shift(part: Any, begin_ns: int) -> None:
+    """Subtract a time from all times in a message and its parts."""
+    if isinstance(part, (list, tuple)):
+        for one in part:
+            _shift(one, begin_ns)
+        return
+    content = getattr(part, "__dict__", None)
+    if content is None:
+        return
+    if {"sec", "nanosec"} <= content.keys():
+        moved = time_ns(part) - begin_ns
+        part.sec, part.nanosec = moved // NANOSECONDS, moved % NANOSECONDS
+        return
+    for one in content.values():
+        _shift(one, begin_ns)
+
+
+def events(found: Iterable[Block]) -> list[GridEvent]:
+    """Grid events by time."""
+    numbered = [
+        (int(row), GridEvent(int(at), block.message.kind, block.message.element, float(value), float(location)))
         for block in found
         for row, at, value, location in zip(
-            block.rows,
-            time_ns(block.message.header.stamp),
-            block.message.value,
-            block.message.location,
-            strict=True,
+            block.rows, time_ns(block.message.header.stamp), block.message.value, block.message.location, strict=True
         )
     ]
-    return [event for _, event in sorted(told, key=lambda one: (one[1]["time_ns"], one[0]))]
+    return [event for _, event in sorted(numbered, key=lambda pair: (pair[1].time_ns, pair[0]))]
 
 
 def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
@@ -57,10 +89,8 @@ def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
         for entry in block.message.refused:
             key = (block.message.node, entry.topic, entry.cause, entry.source)
             maximum[key] = max(maximum.get(key, 0), int(np.max(entry.count)))
-    return [
-        {"node": node, "topic": topic, "cause": cause, "source": source, "count": count}
-        for (node, topic, cause, source), count in maximum.items()
-    ]
+    names = ("node", "topic", "cause", "source", "count")
+    return [dict(zip(names, (*key, count), strict=True)) for key, count in maximum.items()]
 
 
 def changes(found: Iterable[Block]) -> list[RunChange]:
@@ -68,32 +98,27 @@ def changes(found: Iterable[Block]) -> list[RunChange]:
 
     Messages that this package cannot have sent are left out: unknown role or kind, a value that is not YAML.
     """
-    told: list[tuple[int, RunChange]] = []
+    rows: list[tuple[int, int, RunChange]] = []
     for block in found:
         message = block.message
         if message.role not in ROLES or message.kind not in KINDS:
             continue
         with suppress(*UNREADABLE):
             value = parse(message.value)
-            told += [
-                (
-                    int(row),
-                    RunChange(int(tick), message.node, message.role, int(index), message.kind, message.name, value),
-                )
-                for row, tick, index in zip(block.rows, message.tick, message.index, strict=True)
-                if tick < MAX_TICKS
-            ]
-    return [change for _, change in sorted(told, key=lambda one: (one[1].tick, one[0]))]
+            for row, tick, index in zip(block.rows, message.tick, message.index, strict=True):
+                fields = int(tick), message.node, message.role, int(index), message.kind, message.name, value
+                rows += [(int(tick), int(row), RunChange(*fields))] if tick < MAX_TICKS else []
+    return [change for _, _, change in sorted(rows, key=itemgetter(0, 1))]
 
 
 def run_ended(found: Iterable[Block]) -> str | None:
     """Reason why the run ended, by the last message of its plant; None if the plant does not state one."""
-    told = [
+    states = [
         (int(row), str(block.message.reason) if state == ENDED else None)
         for block in found
         for row, state in zip(block.rows, block.message.state, strict=True)
     ]
-    return max(told, key=lambda one: one[0])[1] if told else None
+    return max(states, key=itemgetter(0))[1] if states else None
 
 
 def joined(found: Iterable[Block]) -> list[dict[str, Any]]:
@@ -101,8 +126,8 @@ def joined(found: Iterable[Block]) -> list[dict[str, Any]]:
     last: dict[tuple[int, str], float | None] = {}
     for block in found:
         for status in block.message.status:
-            said = {value.key: value.value for value in status.values}
-            at, armed = said.get("joined_ns", ""), said.get("armed_ns", "")
+            values = {value.key: value.value for value in status.values}
+            at, armed = values.get("joined_ns", ""), values.get("armed_ns", "")
             if re.fullmatch(TIME, at):
                 key = (int(at), status.name)
                 last[key] = last.get(key) or (int(armed) / NANOSECONDS if re.fullmatch(TIME, armed) else None)

@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv, parquet
 
-from facts_damping.errors import RecordingError
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.recording.writer import writing
 from facts_damping.terminal import replacing
 
 if TYPE_CHECKING:
@@ -37,14 +37,11 @@ def write(record: Record, path: Path) -> None:
     ]
     schema = pa.schema(fields, metadata={"run.yaml": dump(record.configuration)})
     table = pa.table([pa.array(values) for values in record.arrays.values()], schema=schema)
-    try:
-        with replacing(path) as beside:
-            if path.suffix == ".csv":
-                csv.write_csv(table, beside)
-            else:
-                parquet.write_table(table, beside)
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be written: {error.strerror or error}") from error
+    with writing(path), replacing(path) as beside:
+        if path.suffix == ".csv":
+            csv.write_csv(table, beside)
+        else:
+            parquet.write_table(table, beside)
 
 
 def _write_andes(record: Record, path: Path) -> None:
@@ -52,10 +49,8 @@ def _write_andes(record: Record, path: Path) -> None:
     columns = {name: values for name, values in record.arrays.items() if name != "time_s"}
     data = np.column_stack([record.time_s, *(values.astype(float) for values in columns.values())])
     rows = [f"{i:>6}, {name}, {name}" for i, name in enumerate(["Time [s]", *columns])]
-    try:
+    with writing(path):
         with replacing(path.with_suffix(".npz")) as beside, beside.open("wb") as file:
             np.savez_compressed(file, data=data)
         with replacing(path) as beside:
             beside.write_text("\n".join(rows) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be written: {error.strerror or error}") from error

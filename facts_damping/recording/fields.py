@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 # Fields of PmuFrame, MachineState and DeviceState in the order of the arrays' columns.
 # A field's name is the column's name and its unit.
-# message is the column's name and its unit.
 FRAME_FIELDS = [f"{name}_{unit}" for name, unit in CHANNELS.items()]
 MACHINE_FIELDS = [truth_field(name) for name in MACHINE_TRUTH.names or ()]
 DEVICE_FIELDS = [truth_field(name) for name in DEVICE_TRUTH.names or ()]
@@ -43,18 +42,8 @@ FIELDS: dict[str, dict[str, str]] = {
     f"{OURS}SupervisorState": _HEAD
     | dict.fromkeys(("controller", "state", "cause", "refused"), "string")
     | {"monitors": "string[]", "values": "float64[]"}
-    | dict.fromkeys(
-        (
-            "fraction",
-            "probe_gain",
-            "probe_phase_rad",
-            "probe_coherence",
-            "added_damping_per_s",
-            "phase_margin_rad",
-            "gain_margin",
-        ),
-        "float64",
-    ),
+    | dict.fromkeys(("fraction", "probe_gain", "probe_phase_rad", "probe_coherence"), "float64")
+    | dict.fromkeys(("added_damping_per_s", "phase_margin_rad", "gain_margin"), "float64"),
     f"{OURS}RunState": {"state": "uint8", "reason": "string"},
     f"{OURS}PlantState": _HEAD
     | {"in_synchronism": "bool", "machines": f"{OURS}MachineState[]", "devices": f"{OURS}DeviceState[]"},

@@ -25,14 +25,8 @@ ROLES = {
     **dict.fromkeys(("supervised", "supervision"), "supervisor"),
     "estimates": "identifier",
 }
-NEEDED_FOR_REPLAY = (
-    "delivered",
-    "issued",
-    "learning",
-    "supervised",
-    "supervision",
-    "estimates",
-)  # inputs and outputs of controllers
+# Inputs and outputs of controllers.
+NEEDED_FOR_REPLAY = ("delivered", "issued", "learning", "supervised", "supervision", "estimates")
 LISTED = 5  # number of missing ticks that are listed
 
 
@@ -44,7 +38,7 @@ def late_starts(changes: Sequence[RunChange]) -> set[tuple[str, int, int]]:
 def first_complete_tick(found: dict[str, list[Series]], late: set[tuple[str, int, int]]) -> int:
     """First tick at which the series of all nodes that were present then have begun."""
     firsts = [(_owner(kind, i, one), int(one.ticks[0])) for kind, i, one in _of_nodes(found) if len(one.ticks)]
-    return max([tick for owner, tick in firsts if not list(_came(late, owner, 0, tick))], default=0)
+    return max([tick for owner, tick in firsts if not list(_begins(late, owner, 0, tick))], default=0)
 
 
 def find_absences(
@@ -61,7 +55,7 @@ def find_absences(
         owner = _owner(kind, i, one)
         for a, b in _gaps(one, first, end):
             served = kind not in OF_LINKS and any(x.role == "link" and x.first <= a and b <= x.end for x in away)
-            begun = max(_came(late, owner, a, b), default=None)
+            begun = max(_begins(late, owner, a, b), default=None)
             if begun is not None and kind in OF_LINKS and _answered(found, late, begun, b):
                 away.append(Absence(*owner, a, begun))
             elif begun is not None or served:
@@ -84,27 +78,24 @@ def missing_ticks(
 
 def gap_notes(found: dict[str, list[Series]], away: Sequence[Absence], last: int) -> list[str]:
     """A note for each topic that lacks ticks before the last one, which needs no reply."""
-    told = []
+    notes = []
     for _, one, gaps in missing_ticks(found, away, 0, last):
-        count = sum(b - a for a, b in gaps)
-        if count:
+        if gaps:
+            count = sum(b - a for a, b in gaps)
             listed = list(islice((tick for a, b in gaps for tick in range(a, b)), LISTED + 1))
-            named = ", ".join(map(str, listed[:LISTED])) + (", ..." if len(listed) > LISTED else "")
-            told.append(f"{one.topic}: {count} of {last + 1} ticks are missing ({named})")
-    return told
+            text = ", ".join(map(str, listed[:LISTED])) + (", ..." if len(listed) > LISTED else "")
+            notes.append(f"{one.topic}: {count} of {last + 1} ticks are missing ({text})")
+    return notes
 
 
 def first_missing(found: dict[str, list[Series]], away: Sequence[Absence], ticks: NDArray[np.int64]) -> int | None:
     """First tick in the span of `ticks` that `ticks` or a series of NEEDED_FOR_REPLAY lacks; None if complete."""
     first, end = int(ticks[0]), int(ticks[-1]) + 1
-    lacking = [
-        gaps[0][0] for kind, _, gaps in missing_ticks(found, away, first, end) if kind in NEEDED_FOR_REPLAY and gaps
-    ]
-    lacking += [a for a, _ in _between(ticks, first, end)][:1]
-    return min(lacking, default=None)
+    needed = [gaps for kind, _, gaps in missing_ticks(found, away, first, end) if kind in NEEDED_FOR_REPLAY]
+    return min([gaps[0][0] for gaps in [*needed, _between(ticks, first, end)] if gaps], default=None)
 
 
-def _came(late: set[tuple[str, int, int]], owner: tuple[str, int], first: int, end: int) -> Iterator[int]:
+def _begins(late: set[tuple[str, int, int]], owner: tuple[str, int], first: int, end: int) -> Iterator[int]:
     """Ticks at which a node began, from `first` to `end` inclusive."""
     return (tick for role, place, tick in late if (role, place) == owner and first <= tick <= end)
 

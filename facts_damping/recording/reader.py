@@ -14,7 +14,7 @@ from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.recording import decode, epoch, events, gaps
+from facts_damping.recording import decode, events, gaps
 from facts_damping.recording.gaps import OF_LINKS
 from facts_damping.recording.scan import scan
 from facts_damping.recording.validation import drop_foreign, expected, sender
@@ -27,14 +27,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.recording.bagfile import TopicInfo
     from facts_damping.recording.columns import Block
-    from facts_damping.recording.content import Content
     from facts_damping.recording.decode import Series
+    from facts_damping.recording.scan import Content
     from facts_damping.recording.validation import Expected
 
 # Topics that are read: kind, message type, end of the topic's name. Each controller has its `/setpoints`, each link
-# its `/pmu/delivered` and `/setpoints/delivered`.
 # its `/pmu/delivered` and `/setpoints/delivered`.
 KINDS = {
     "frames": ("facts_damping_msgs/msg/PmuDataFrame", "/pmu/frames"),
@@ -54,15 +52,8 @@ KINDS = {
 }
 REQUIRED = ("frames", "state")  # required of every recording
 CLOSED_LOOP = ("delivered", "issued", "applied")  # required of a run with controllers
-SEVERAL = (
-    *OF_LINKS,
-    "issued",
-    "supervised",
-    "supervision",
-    "estimates",
-    "learning",
-    "diagnostics",
-)  # kinds with several topics: one per link, controller, identifier, ...
+# Kinds with several topics: one per link, controller, identifier, ...
+SEVERAL = (*OF_LINKS, "issued", "supervised", "supervision", "estimates", "learning", "diagnostics")
 SETPOINTS = ("issued", "supervised", "applied")  # several messages of one tick are all kept
 UNTIMED = ("events", "refused", "diagnostics", "changes", "run")  # messages without a tick
 
@@ -79,9 +70,8 @@ def load(path: Path | str) -> Record:
     try:
         record = _assemble(content, configuration, notes)
     except (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError) as error:
-        reason = one_line(error)
-        said = f"{path}: a message has not the fields of this package's messages ({reason})"
-        raise RecordingError(content.refusal(said)) from error
+        reason = f"{path}: a message has not the fields of this package's messages ({one_line(error)})"
+        raise RecordingError(content.refusal(reason)) from error
     except RecordingError as error:
         raise RecordingError(content.refusal(f"{path}: {error}")) from error
     if content.digest and content.digest != (found := digest(record)):
@@ -107,34 +97,32 @@ def origin(path: Path | str) -> tuple[dict[str, Any], str]:
 
 
 def _assemble(content: Content, configuration: dict[str, Any], notes: list[str]) -> Record:
-    """Decode the content and assemble the record."""
     topics = _topics(content, bool(configuration.get("controllers")))
     messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
-    epoch.subtract_epoch(messages, topics["state"], configuration.get("frame_rate"))
+    events.subtract_epoch(messages, topics["state"], configuration.get("frame_rate"))
     of = expected(configuration)
     drop_foreign(messages, topics, of, notes)
     found = {
-        kind: [_series(topic, messages[topic], kind in SETPOINTS, notes) for topic in names]
+        kind: [decode.series(topic, messages[topic], kind in SETPOINTS, notes) for topic in names]
         for kind, names in topics.items()
         if kind not in UNTIMED
     }
-    changes = events.changes(block for topic in topics["changes"] for block in messages[topic])
+    untimed = {kind: [block for topic in topics[kind] for block in messages[topic]] for kind in UNTIMED}
+    changes = events.changes(untimed["changes"])
     late = gaps.late_starts(changes)
     ticks = _ticks(found, late, content.complete)
     away = gaps.find_absences(found, late, 0, int(ticks[-1]) + 1)
     notes += gaps.gap_notes(found, away, int(ticks[-1]))
-    told = [events.run_ended(messages[topic]) for topic in topics["run"]]
-    _check_end(ticks, configuration, found["state"][0], content.complete, told, notes)
+    ends = [events.run_ended(messages[topic]) for topic in topics["run"]]
+    _check_end(ticks, configuration, found["state"][0], content.complete, ends, notes)
     first, last = int(ticks[0]), int(ticks[-1])
     cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
-    plant = {kind: decode.select(cut[kind][0], ticks) for kind in REQUIRED}
-    pmus = _named(of, "pmu", plant["frames"], "frames")
-    devices = _named(of, "device", plant["state"], "devices")
-    machines = _named(of, "machine", plant["state"], "machines")
+    measured, state = (decode.select(cut[kind][0], ticks) for kind in REQUIRED)
+    pmus = _named(of, "pmu", measured, "frames")
+    devices, machines = (_named(of, kind, state, f"{kind}s") for kind in ("device", "machine"))
     controllers, issued = _controllers(cut["issued"], cut["applied"])
     applied = decode.setpoints(cut["applied"], controllers, devices)
-    state = plant["state"]
-    frames, measured_ns, status = decode.frames(plant["frames"], pmus)
+    frames, measured_ns, status = decode.frames(measured, pmus)
     return Record(
         configuration=configuration,
         pmus=pmus,
@@ -156,9 +144,9 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         learning=decode.learning(cut["learning"], cut["estimates"]),
         in_synchronism=decode.column(state, attrgetter("in_synchronism"), np.bool_),
         links=len(found["delivered"]),
-        events=events.events(block for topic in topics["events"] for block in messages[topic]),
-        refused=events.refused(block for topic in topics["refused"] for block in messages[topic]),
-        joined=events.joined(block for topic in topics["diagnostics"] for block in messages[topic]),
+        events=events.events(untimed["events"]),
+        refused=events.refused(untimed["refused"]),
+        joined=events.joined(untimed["diagnostics"]),
         changes=changes,
         absences=away,
         heard=decode.heard("controller", cut["learning"], attrgetter("controller"))
@@ -235,26 +223,16 @@ def _messages(content: Content, topics: Sequence[str], notes: list[str]) -> dict
         if message.topic in data:
             data[message.topic].append(message.data)
     content.messages.clear()  # frees the memory: an hour of messages takes a gigabyte
-    return {topic: _decoded(content.topics[topic], data.pop(topic), notes) for topic in topics}
-
-
-def _decoded(topic: TopicInfo, data: list[bytes], notes: list[str]) -> list[Block]:
-    """Messages of a topic; none for diagnostics that cannot be decoded, which any program may publish."""
-    try:
-        return decode.decode(topic, data, notes)
-    except RecordingError as error:
-        if not topic.message_type.startswith("diagnostic_msgs/"):
-            raise
-        notes.append(f"{topic.name} is left out: {error}")
-        return []
-
-
-def _series(topic: str, messages: list[Block], several: bool, notes: list[str]) -> Series:
-    ordered, again = decode.series(topic, messages, several)
-    if again:
-        kept = "all are kept" if several else "the first counts"
-        notes.append(f"{topic}: {again} messages are not the first of their tick: {kept}")
-    return ordered
+    found: dict[str, list[Block]] = {}
+    for topic in topics:
+        try:
+            found[topic] = decode.decode(content.topics[topic], data.pop(topic), notes)
+        except RecordingError as error:
+            if not content.topics[topic].message_type.startswith("diagnostic_msgs/"):
+                raise
+            found[topic] = []  # any program may publish diagnostics
+            notes.append(f"{topic} is left out: {error}")
+    return found
 
 
 def _ticks(found: dict[str, list[Series]], late: set[tuple[str, int, int]], complete: bool) -> NDArray[np.int64]:
@@ -293,18 +271,18 @@ def _check_end(
     configuration: dict[str, Any],
     state: Series,
     complete: bool,
-    told: list[str | None],
+    reasons: list[str | None],
     notes: list[str],
 ) -> None:
-    """Note where a recording was cut, or that the run did not end by itself; `told`: reasons given by its plant.
+    """Note where a recording was cut, or that the run did not end by itself; `reasons`: those that its plant gives.
 
     A recording without the plant's `/run/state` gets no such note.
     """
     if not complete:
         why = "the end is missing"
-    elif told == [None]:
+    elif reasons == [None]:
         why = "the run has not ended properly: its plant does not say so, as where it was killed"
-    elif told == [events.STOPPED]:
+    elif reasons == [events.STOPPED]:
         why = "the run was stopped"
     else:
         return

@@ -1,45 +1,90 @@
-"""Raw content of a recording, sound or damaged: topics, CDR messages, attachments and metadata."""
+"""Raw content of a recording, sound or damaged: topics, CDR messages, attachments and metadata.
+
+Files are MCAP, or SQLite as `ros2 bag record` made them before. SQLite files have no checksums: damage that only
+changes a number is not detected.
+"""
 
 from __future__ import annotations
 
 import json
 import re
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from zlib import crc32
 
 from mcap.records import Attachment, Channel, Chunk, DataEnd, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
+from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.rosbag2 import Reader
 
-from facts_damping.errors import InputError, RecordingError
+from facts_damping.errors import InputError, RecordingError, one_line
 from facts_damping.input_files import RECORDING, read_bytes, read_text
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.bagfile import CUSTOM, DIGEST, FILE_NAME, INFORMATION, TopicInfo
 from facts_damping.recording.chunks import UnpackLimit, check_counts, unpack
-from facts_damping.recording.content import Content, RawMessage
-from facts_damping.recording.database import SQLITE, read_database
+from facts_damping.recording.schemas import schema_text
 from facts_damping.recording.writer import CONFIGURATION, LOST, PUBLISHERS, VERSIONS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+SQLITE = ".db3"
+
+
+class RawMessage(NamedTuple):
+    """One message: topic, reception and publication time (ns), publisher's counter, CDR bytes."""
+
+    topic: str
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
+
+
+@dataclass
+class Content:
+    """All that could be read. `complete`: no file is cut; `notes`: damage found."""
+
+    topics: dict[str, TopicInfo] = field(default_factory=dict)
+    messages: list[RawMessage] = field(default_factory=list)
+    configuration: str = ""
+    versions: dict[str, str] = field(default_factory=dict)
+    lost: dict[str, int] = field(default_factory=dict)
+    publishers: dict[str, str] = field(default_factory=dict)  # node by `topic identity`
+    digest: str = ""  # as stored when the recording was made; empty: not stored
+    complete: bool = True
+    notes: list[str] = field(default_factory=list)
+
+    def add_topic(self, topic: TopicInfo) -> bool:
+        """Add a topic. Returns whether type and schema agree with those known; if not, adds a note."""
+        known = self.topics.setdefault(topic.name, topic)
+        same = (known.message_type, known.schema) == (topic.message_type, topic.schema)
+        if not same:
+            types = f"{known.message_type}, {topic.message_type}"
+            self.notes.append(f"{topic.name} has two types: {types}; messages of the second are left out")
+        return same
+
+    def refusal(self, reason: str) -> str:
+        """Error message in one line: the reason, then the damage that may have caused it."""
+        return "; ".join([reason, *self.notes])
+
 
 def scan(path: Path | str) -> Content:
     """Read a recording: a folder in rosbag2's layout, with or without metadata.yaml, or one of its files.
 
-    Files are MCAP, or SQLite as older `ros2 bag record` makes them; those of a folder are read in order. A damaged
-    chunk is skipped; other damage ends the reading of its file. Raises RecordingError if the file does not exist or no
-    message is found.
+    The files of a folder are read in order. A damaged chunk is skipped; other damage ends the reading of its file.
+    Raises RecordingError if the file does not exist or no message is found.
     """
     content = Content(digest=_stored_digest(Path(path) / FILE_NAME))
     for file in bag_files(Path(path)):
         try:
             if file.suffix == SQLITE:
-                read_database(file, content)
+                _scan_database(file, content)
             else:
-                _scan_file(file, content)
+                _scan_mcap(file, content)
         except InputError as error:
             raise RecordingError(str(error)) from error
     if not content.messages:
@@ -59,8 +104,8 @@ def bag_files(path: Path) -> list[Path]:
         packed = ", ".join(sorted(file.name for file in path.glob("*.zstd")))
         why = f"; {packed}: unpack with zstd -d" if packed else ""
         raise RecordingError(f"{path} holds no .mcap file (nor {SQLITE}){why}")
-    told = metadata(path / FILE_NAME).get("relative_file_paths")
-    listed = [Path(str(name)).name for name in told] if isinstance(told, list) else []
+    paths = metadata(path / FILE_NAME).get("relative_file_paths")
+    listed = [Path(str(name)).name for name in paths] if isinstance(paths, list) else []
     return sorted(files, key=lambda file: listed.index(file.name) if file.name in listed else len(listed))
 
 
@@ -80,7 +125,7 @@ def _stored_digest(file: Path) -> str:
         return ""
 
 
-def _scan_file(file: Path, content: Content) -> None:
+def _scan_mcap(file: Path, content: Content) -> None:
     """Add the content of one MCAP file to `content`.
 
     Schemas and channels are in the first chunk and again in the summary at the end. The first one read counts, so
@@ -98,11 +143,10 @@ def _scan_file(file: Path, content: Content) -> None:
     for start, end, record in _sound_records(data, file.name, notes):
         if isinstance(record, Message):
             messages.append(record)
-        elif isinstance(record, (Schema, Channel)):
-            if isinstance(record, Schema) and (summary or not complete):
-                schemas.setdefault(record.id, record)
-            elif isinstance(record, Channel) and (summary or not complete):
-                channels.setdefault(record.id, record)
+        elif isinstance(record, Schema) and (summary or not complete):
+            schemas.setdefault(record.id, record)
+        elif isinstance(record, Channel) and (summary or not complete):
+            channels.setdefault(record.id, record)
         elif isinstance(record, DataEnd):
             complete = True
             if len(notes) == known and record.data_section_crc not in (0, crc32(data[:start])):
@@ -114,8 +158,12 @@ def _scan_file(file: Path, content: Content) -> None:
             notes.append(f"{file.name}: {record.name} is damaged and left out")
         else:
             _add_extra(record, content)
-    own = {i: one for i, one in channels.items() if _add_topic(one, schemas.get(one.schema_id), content)}
-    _add_messages(messages, own, content)
+    topics = {i: one.topic for i, one in channels.items() if _add_topic(one, schemas.get(one.schema_id), content)}
+    content.messages += [
+        RawMessage(topics[one.channel_id], one.log_time, one.publish_time, one.sequence, bytes(one.data))
+        for one in messages
+        if one.channel_id in topics
+    ]
     content.complete = content.complete and complete
 
 
@@ -129,14 +177,6 @@ def _summary_is_sound(data: bytes) -> bool:
     start = int.from_bytes(data[end - 16 : end - 8], "little")
     stored = _crc(data[end : end + 4])
     return data.endswith(MCAP0_MAGIC) and (stored == 0 or stored == crc32(data[start:end]))
-
-
-def _add_messages(messages: list[Message], channels: dict[int, Channel], content: Content) -> None:
-    content.messages += [
-        RawMessage(channels[one.channel_id].topic, one.log_time, one.publish_time, one.sequence, bytes(one.data))
-        for one in messages
-        if one.channel_id in channels
-    ]
 
 
 def _add_topic(channel: Channel, schema: Schema | None, content: Content) -> bool:
@@ -199,3 +239,34 @@ def _unpack(record: McapRecord, end: int, room: UnpackLimit, where: str, notes: 
     except Exception:  # noqa: BLE001 (as in _sound_records)
         notes.append(f"{where} is damaged and left out")
         return []
+
+
+def _scan_database(file: Path, content: Content) -> None:
+    """Add the content of one SQLite file to `content`; of a damaged file, all that precedes the damage.
+
+    Message definitions are taken from the file; older files have none, then the installed ones are used.
+    """
+    if not read_bytes(file, RECORDING)[:16].startswith(b"SQLite format 3"):
+        raise RecordingError(f"{file} is not an SQLite file")
+    try:
+        with Reader(file) as reader:
+            topics = [connection for connection in reader.connections if _add_connection(connection, content)]
+            for connection, log_ns, data in reader.messages(topics) if topics else ():
+                content.messages.append(RawMessage(connection.topic, log_ns, log_ns, 0, bytes(data)))
+    except RecordingError:
+        raise
+    except Exception as error:  # noqa: BLE001 (SQLite and rosbags raise many kinds on damaged files)
+        content.complete = False
+        content.notes.append(f"{file.name}: cut or damaged ({one_line(error) or type(error).__name__})")
+
+
+def _add_connection(connection: Any, content: Content) -> bool:
+    name = connection.msgtype
+    if connection.msgdef.format == MessageDefinitionFormat.MSG:
+        text = connection.msgdef.data
+    else:
+        try:
+            text = schema_text(name)
+        except RecordingError:
+            text = ""
+    return content.add_topic(TopicInfo(connection.topic, name, text, "", connection.digest))

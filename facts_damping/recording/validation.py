@@ -17,13 +17,12 @@ if TYPE_CHECKING:
     from facts_damping.recording.columns import Block
 
 # Where names stand in messages, by kind: owner of the name, list, field of its entries (none: the entry itself).
+_OF_SETPOINTS = [("device", "setpoints", "device"), ("controller", "setpoints", "controller")]
 NAMES: dict[str, list[tuple[str, str, str]]] = {
     "frames": [("pmu", "frames", "pmu")],
     "state": [("machine", "machines", "machine"), ("device", "devices", "device")],
     "delivered": [("pmu", "frames", "pmu")],
-    "issued": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
-    "supervised": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
-    "applied": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
+    **dict.fromkeys(("issued", "supervised", "applied"), _OF_SETPOINTS),
     "estimates": [("device", "input_names", "")],
     "learning": [],
     "supervision": [],
@@ -67,26 +66,24 @@ def drop_foreign(
     senders = {topic: sender(messages[topic], topic) for topic in topics["issued"]}
     for kind in NAMES:
         for topic in topics[kind]:
-            own = of
+            of_topic = of
             if kind in ("issued", "supervised", "supervision", "applied") and senders:
                 names = [senders[topic]] if kind == "issued" else list(senders.values())
-                own = of._replace(names={**of.names, "controller": names})
-            messages[topic] = _sift(kind, topic, messages[topic], own, notes)
+                of_topic = of._replace(names={**of.names, "controller": names})
+            messages[topic] = _sift(kind, topic, messages[topic], of_topic, notes)
             if kind in ("frames", "state"):
                 of = of._replace(names={**of.names, **_named(kind, messages[topic])})
 
 
 def _sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: list[str]) -> list[Block]:
     """Messages of a topic that belong to the run; `notes` count the others."""
-    own: list[Block] = []
+    valid: list[Block] = []
     unknown: Counter[str] = Counter()
     odd: Counter[str] = Counter()
     for block in found:
-        foreign = next(
-            (name for whose, name in _names(kind, block.message) if name not in of.names.get(whose, [name])), None
-        )
-        if foreign is not None:
-            unknown[foreign] += len(block.rows)
+        foreign = [name for whose, name in _names(kind, block.message) if name not in of.names.get(whose, [name])]
+        if foreign:
+            unknown[foreign[0]] += len(block.rows)
             continue
         if not _whole(kind, block.message):
             odd["with lists of other lengths than they say"] += len(block.rows)
@@ -99,15 +96,14 @@ def _sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: li
             wrong = ~later & (time_ns(block.message.header.stamp) != start)
         odd["of ticks that the run has not"] += int(later.sum())
         odd["with a stamp that is not their tick's"] += int(wrong.sum())
-        own.append(kept(block, np.where(later | wrong, -1, block.rows)))
-    told = [(f"with the unknown name {name[:SHOWN]!r}", count) for name, count in unknown.most_common(LISTED)]
-    told.append(("with other unknown names", unknown.total() - sum(count for _, count in told)))
-    notes += [f"{topic}: {count} messages {what} are left out" for what, count in (*told, *odd.items()) if count]
-    return counted([block for block in own if len(block.rows)])
+        valid.append(kept(block, np.where(later | wrong, -1, block.rows)))
+    rows = [(f"with the unknown name {name[:SHOWN]!r}", count) for name, count in unknown.most_common(LISTED)]
+    rows.append(("with other unknown names", unknown.total() - sum(count for _, count in rows)))
+    notes += [f"{topic}: {count} messages {what} are left out" for what, count in (*rows, *odd.items()) if count]
+    return counted([block for block in valid if len(block.rows)])
 
 
 def _whole(kind: str, message: Any) -> bool:
-    """Whether the lengths of a message's lists agree."""
     if kind == "learning":
         return bool(message.parameter_groups) or not message.learning_rates
     if kind == "supervision":
@@ -137,7 +133,7 @@ def _named(kind: str, found: Sequence[Block]) -> dict[str, list[str]]:
 
 def sender(found: Sequence[Block], topic: str) -> str:
     """Name of the controller of a setpoint topic: from the topic's name, else the most frequent in its messages."""
-    own, counts = topic.split("/")[-2], Counter[str]()
+    name, counts = topic.split("/")[-2], Counter[str]()
     for block in found:
         counts[block.message.controller] += len(block.rows)
-    return own if own in counts or not counts else counts.most_common(1)[0][0]
+    return name if name in counts or not counts else counts.most_common(1)[0][0]

@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import json
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from mcap.writer import CompressionType, Writer
 
 from facts_damping.errors import RecordingError
-from facts_damping.recording.bagfile import (
-    FILE_NAME,
-    INFORMATION,
-    RELIABLE,
-    TopicInfo,
-    bag_information,
-    dump,
-    qos_text,
-)
+from facts_damping.recording.bagfile import FILE_NAME, INFORMATION, RELIABLE, TopicInfo, bag_information, dump, qos_text
 from facts_damping.recording.schemas import schema_text, type_hash
 from facts_damping.terminal import clean_up_first, write_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from types import TracebackType
+    from collections.abc import Iterator, Mapping
 
     from typing_extensions import Self
 
@@ -54,14 +46,12 @@ class RecordingWriter:
         self._span: tuple[int, int] | None = None
         self._stream: IO[bytes] | None = _open_new(self.file)
         self._mcap = Writer(self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        try:
+        with writing(self.file):
             self._mcap.start(profile="ros2")
             self._mcap.add_metadata(VERSIONS, self._versions)
             if configuration:
                 self._mcap.add_attachment(0, 0, CONFIGURATION, "application/yaml", configuration.encode())
             self._stream.flush()
-        except OSError as error:
-            raise _write_error(self.file, error) from error
 
     def add_topic(
         self, topic: str, message_type: str, qos: Mapping[str, Any] = RELIABLE, schema: str | None = None
@@ -96,10 +86,8 @@ class RecordingWriter:
         self._check_open()
         if topic not in self._channels:
             raise RecordingError(f"topic {topic} was not announced; there are {', '.join(self._channels) or 'none'}")
-        try:
+        with writing(self.file):
             self._mcap.add_message(self._channels[topic][0], log_ns, bytes(cdr), publish_ns, sequence % 2**32)
-        except OSError as error:
-            raise _write_error(self.file, error) from error
         self._counts[topic] += 1
         first, last = self._span or (log_ns, log_ns)
         self._span = (min(first, log_ns), max(last, log_ns))
@@ -111,10 +99,8 @@ class RecordingWriter:
         to disk before a chunk is full.
         """
         self._check_open()
-        try:
+        with writing(self.file):
             self._mcap.flush()  # type: ignore[no-untyped-call]
-        except OSError as error:
-            raise _write_error(self.file, error) from error
 
     def close(self, lost: Mapping[str, int] | None = None, publishers: Mapping[str, str] | None = None) -> None:
         """End the MCAP file, then write `metadata.yaml`: its presence marks a complete recording.
@@ -125,32 +111,25 @@ class RecordingWriter:
         if self._stream is None:
             return
         missed = {topic: str(int(count)) for topic, count in (lost or {}).items()}
-        information = self._information(missed)
+        counts = {topic: self._counts[name] for name, (_, topic) in self._channels.items()}
+        custom = {"versions": json.dumps(self._versions), "lost": json.dumps(missed)}
+        information = bag_information(self.file.name, counts, self._span or (0, 0), custom)
         stream, self._stream = self._stream, None
-        try:
+        with writing(self.file):
             with stream:
                 self._mcap.add_metadata(LOST, missed)
                 self._mcap.add_metadata(PUBLISHERS, dict(publishers or {}))
                 self._mcap.add_metadata("rosbag2", {"serialized_metadata": dump(information)})
                 self._mcap.finish()  # type: ignore[no-untyped-call]
             write_whole(self.folder / FILE_NAME, dump({INFORMATION: information}))
-        except OSError as error:
-            raise _write_error(self.file, error) from error
 
     def __enter__(self) -> Self:
         """Return the writer; the recording is already open."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the recording, also after an error, so that it stays readable."""
         self.close()
-
-    def _information(self, lost: Mapping[str, str]) -> dict[str, Any]:
-        counts = {topic: self._counts[name] for name, (_, topic) in self._channels.items()}
-        custom = {"versions": json.dumps(self._versions), "lost": json.dumps(lost)}
-        return bag_information(self.file.name, counts, self._span or (0, 0), custom)
 
     def _check_open(self) -> None:
         if self._stream is None:
@@ -160,14 +139,17 @@ class RecordingWriter:
 def _open_new(file: Path) -> IO[bytes]:
     """Create the MCAP file of a new recording; raises rather than overwrite an existing one."""
     folder = file.parent
-    try:
+    with writing(file):
         folder.mkdir(parents=True, exist_ok=True)
         if (folder / FILE_NAME).exists() or any(folder.glob("*.mcap")):
             raise RecordingError(f"{folder} holds a recording already; give a new folder")
         return file.open("xb")
+
+
+@contextmanager
+def writing(file: Path) -> Iterator[None]:
+    """Errors of writing a file as RecordingError."""
+    try:
+        yield
     except OSError as error:
-        raise _write_error(file, error) from error
-
-
-def _write_error(file: Path, error: OSError) -> RecordingError:
-    return RecordingError(f"{file} cannot be written: {error.strerror or error}")
+        raise RecordingError(f"{file} cannot be written: {error.strerror or error}") from error

@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING
 
 from facts_damping.analysis.supervision import trips
 from facts_damping.report import tables
-from facts_damping.report.charts import charts, modes
-from facts_damping.report.contents import Report, Section
-from facts_damping.report.lead import lead, tiles
-from facts_damping.report.maps import maps
+from facts_damping.report.charts import charts, maps, modes
+from facts_damping.report.contents import Report, Section, Tile
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from typing import Any
 
     from facts_damping.report.contents import ReportedRun
@@ -24,6 +22,7 @@ FIRST = ("tie_power", "differences")  # the first of these that has data opens t
 TIME = ("differences", "tie_power", "speeds", "voltage", "centre_of_angle")
 LEARNT = ("jacobian", "learning_rate")
 MAX_EVENTS = 12  # listed one by one
+NONE = "-"
 
 
 def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
@@ -46,14 +45,15 @@ def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
         Section("What was learnt", charts(runs, LEARNT)),
         Section("Conditions", [tables.conditions(runs)]),
     ]
-    names = [run.name for run in runs]
+    names, what = [run.name for run in runs], " and ".join(unlike)
+    warning = f"The runs differ in {what}: their figures cannot be compared, and none is marked as best."
     return Report(
         title=names[0] if len(names) == 1 else f"{len(names)} runs side by side",
         names=names,
         lead=lead(runs, baseline, not unlike),
         tiles=tiles(runs),
-        remarks=[*_unlike(unlike), *(remark for run in runs for remark in _remarks(run))],
-        events=sorted({*_events([run.record for run in runs]), *_trips(runs), *_releases(runs), *_cuts(runs)}),
+        remarks=[*([warning] if unlike else []), *(remark for run in runs for remark in _remarks(run))],
+        events=sorted({event for run in runs for event in _events(run, f"{run.name}: " * (len(runs) > 1))}),
         sections=[section for section in sections if section.items],
     )
 
@@ -68,12 +68,6 @@ def differences(records: Sequence[Record]) -> list[str]:
     return [name for name, values in found.items() if any(value != values[0] for value in values)]
 
 
-def _unlike(unlike: Sequence[str]) -> list[str]:
-    if not unlike:
-        return []
-    return [f"The runs differ in {' and '.join(unlike)}: their figures cannot be compared, and none is marked as best."]
-
-
 def _remarks(run: ReportedRun) -> list[str]:
     """Remarks that a reader needs before a run's figures."""
     found = [f"{run.name}: {note}." for note in run.record.notes]
@@ -85,37 +79,24 @@ def _remarks(run: ReportedRun) -> list[str]:
     return found
 
 
-def _trips(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
-    """Time (s) and text of each trip of a controller."""
-    several = len(runs) > 1
-    return [
-        (round(time, 3), f"{run.name}: " * several + f"{controller} tripped by {cause}")
-        for run in runs
-        for time, controller, cause in trips(run.summary.get("supervision") or ())
-    ]
+def _events(run: ReportedRun, name: str) -> Iterator[tuple[float, str]]:
+    """Time (s) and text of each grid event, trip, release, and start and end of a time in which a link loses all.
 
-
-def _releases(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
-    """Time (s) and text of each release of a device by its watchdog."""
-    several = len(runs) > 1
-    return [
-        (round(one["time_s"], 3), f"{run.name}: " * several + f"{one['device']} released")
-        for run in runs
-        for one in run.summary.get("releases") or ()
-    ]
-
-
-def _cuts(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
-    """Start and end (s) of the times in which a link loses everything."""
-    found = {
-        (round(time, 3), f"link {what}")
-        for run in runs
-        for stage in _stages(run.record.configuration)
-        if stage.get("loss") == 1.0 and stage.get("duration") is not None
-        for time, what in ((stage["start"], "cut"), (stage["start"] + stage["duration"], "back"))
-        if time <= float(run.record.time_s[-1])
-    }
-    return sorted(found)
+    `name`: of the run, where its trips and releases need it.
+    """
+    record = run.record
+    for event in record.events:
+        if event.time_ns <= record.time_ns[-1]:
+            yield event.time_ns / NANOSECONDS, f"{event.kind.replace('_', ' ')} {event.element}".strip()
+    for time, controller, cause in trips(run.summary.get("supervision") or ()):
+        yield round(time, 3), f"{name}{controller} tripped by {cause}"
+    for row in run.summary.get("releases") or ():
+        yield round(row["time_s"], 3), f"{name}{row['device']} released"
+    for stage in _stages(record.configuration):
+        if stage.get("loss") == 1.0 and stage.get("duration") is not None:
+            for time, what in ((stage["start"], "cut"), (stage["start"] + stage["duration"], "back")):
+                if time <= float(record.time_s[-1]):
+                    yield round(time, 3), f"link {what}"
 
 
 def _stages(configuration: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -124,12 +105,76 @@ def _stages(configuration: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [stage for link in links if isinstance(link, dict) for part in ("up", "down") for stage in link[part]]
 
 
-def _events(records: Sequence[Record]) -> list[tuple[float, str]]:
-    """Time (s), kind and element of the grid events within the runs, without duplicates."""
-    found = {
-        (event["time_ns"] / NANOSECONDS, f"{event['kind'].replace('_', ' ')} {event['element']}".strip())
-        for record in records
-        for event in record.events
-        if event["time_ns"] <= record.time_ns[-1]
-    }
-    return sorted(found)
+# The opening: a sentence and three tiles
+
+
+def lead(runs: Sequence[ReportedRun], baseline: int, comparable: bool) -> str:
+    """Main result: of a single run, or of comparable runs against the baseline."""
+    base, others = runs[baseline], [run for i, run in enumerate(runs) if i != baseline]
+    if not comparable or not others:
+        return " ".join(f"{_alone(run)}." for run in runs)
+    clauses = [_alone(base)] if _ratio(base) is None else []
+    clauses += [_beside(run, base, first=i == 0) for i, run in enumerate(others)]
+    return f"{'; '.join(clauses)}."
+
+
+def _alone(run: ReportedRun) -> str:
+    """One run: whether it is damped, its damping, its swing."""
+    if run.summary["stable"] is False:
+        return _lost(run)
+    parts = [f"{run.name}: {run.summary['verdict']}"]
+    if run.summary["modes"]:
+        parts.append(f"{_mode(run)} has a damping ratio of {_percent(_ratio(run))}")
+    if run.summary["indices"]:
+        parts.append(f"ITAE is {run.summary['indices']['ITAE']:.3g}")
+    return ", ".join(parts)
+
+
+def _beside(run: ReportedRun, base: ReportedRun, *, first: bool) -> str:
+    """A run against the baseline: change of damping and of ITAE."""
+    if run.summary["stable"] is False:
+        return _lost(run)
+    now, before = _ratio(run), _ratio(base)
+    if now is None or before is None:
+        return _alone(run)
+    verb = "raises" if now > before else "lowers"
+    what = f"the damping ratio of {_mode(base)} from {_percent(before)}" if first else "it"
+    text = f"{run.name} {verb} {what} to {_percent(now)}"
+    less = (run.summary.get("improvement_percent") or {}).get("ITAE")
+    return text if less is None else f"{text} and {'raises' if less < 0 else 'lowers'} ITAE by {abs(less):.0f} %"
+
+
+def _lost(run: ReportedRun) -> str:
+    return f"{run.name}: {run.summary['instability']} at {float(run.record.time_s[-1]):.1f} s"
+
+
+def _ratio(run: ReportedRun) -> float | None:
+    return run.summary["modes"][0]["damping_ratio"] if run.summary["modes"] else None
+
+
+def _mode(run: ReportedRun) -> str:
+    return f"the {run.summary['modes'][0]['frequency_hz']:.2f} Hz mode"
+
+
+def _percent(value: float | None) -> str:
+    return NONE if value is None else f"{100 * value:.1f} %"
+
+
+def tiles(runs: Sequence[ReportedRun]) -> list[Tile]:
+    """Damping, swing and path of each run."""
+    return [
+        Tile("Damping ratio of the strongest mode", [_percent(_ratio(run)) for run in runs]),
+        Tile("ITAE of the speed differences", [_itae(run.summary) for run in runs]),
+        Tile("Mean latency, measurement to device", [_latency(run.summary) for run in runs]),
+    ]
+
+
+def _itae(summary: Mapping[str, Any]) -> str:
+    return f"{summary['indices']['ITAE']:.3g}" if summary["indices"] else NONE
+
+
+def _latency(summary: Mapping[str, Any]) -> str:
+    mean = (summary.get("latency_ms") or {}).get("mean")
+    lost = summary.get("frames_lost") or 0
+    text = NONE if mean is None else f"{mean:.0f} ms"
+    return f"{text}, {lost} frames lost" if lost else text

@@ -1,4 +1,7 @@
-"""Charts of a report: the pictures of `analysis` with all runs in each, and the modes."""
+"""Charts of a report: the pictures of `analysis` with all runs in each, the modes, and time-frequency distributions.
+
+Long traces and large distributions are thinned for display.
+"""
 
 from __future__ import annotations
 
@@ -6,41 +9,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.analysis.measures import event_times
+from facts_damping.analysis.measures import event_times, measure_weights, speed_differences
 from facts_damping.analysis.modes.ringdown import interval
-from facts_damping.analysis.plotting.pictures import PICTURES, Picture, shown, title_of
-from facts_damping.report.contents import Chart, Curve, Panel
-from facts_damping.report.traces import detailed, steps
+from facts_damping.analysis.plotting.pictures import PICTURES, shown, title_of
+from facts_damping.analysis.time_frequency import BAND, analyse
+from facts_damping.errors import InputError
+from facts_damping.report.contents import SENTENCES, Chart, Curve, Map, Maps, Panel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from facts_damping.analysis.plotting import pictures as analysed
+    from facts_damping.analysis.plotting.pictures import Picture
+    from facts_damping.analysis.time_frequency import Distribution
     from facts_damping.report.contents import ReportedRun
 
-# Section and explanation of each picture, by its stem.
-SENTENCES = {
-    "speeds": "Speed of each machine against synchronous speed, as its PMU measures it: machines that swing against "
-    "each other go up and down by turns.",
-    "differences": "Speeds of machines or areas against each other: what the indices, the settling time and the modes "
-    "are taken from. It should die out.",
-    "tie_power": "Active power at the PMUs without a machine: over a tie it swings with the areas at its ends.",
-    "voltage": "Magnitude of the voltage at the same PMUs.",
-    "centre_of_angle": "Mean rotor angle of each area, weighted by inertia: areas that drift apart lose synchronism.",
-    "injected_voltage": "What each device does: a series device injects a voltage, one at a bus moves its voltage "
-    "reference. Dashed is the setpoint in force, dotted its limit.",
-    "indices": "How each performance index grows over time. The circles bound the cliff, from 5 % to 95 % of the final "
-    "value: before it is the error floor, after it the small error. The lower a curve ends, the better.",
-    "jacobian": "How a signal answers a device's setpoint, as the identifier takes it to be: an adaptive controller "
-    "learns by its sign and size.",
-    "learning_rate": "How fast each network learns.",
-    "supervision": "What each supervisor does with its controller: only in armed do the controller's setpoints act, in "
-    "fallback those of another one, in all others zero.",
-    "monitors": "What supervisors watch, beside its limit, which is 1: what came above 0.3 of it, drawn up to 3. What "
-    "stays above the limit has the controller fall back, or trips it.",
-    "latency": "Fraction of all frames or setpoints that took at most so long: a vertical line is a constant delay, a "
-    "slope is jitter.",
-}
+BEFORE, AFTER = 2.0, 58.0  # s before and after the first event shown in detail
+POINTS = 6000  # of a trace, at most: three per pixel of a wide screen
+COLUMNS, ROWS = 300, 150  # size of a map, at most
+UNIT = "(10⁻³ p.u.)²/Hz"
+DIGITS = 3  # significant digits of a value of a map: more would be invisible and compress badly
 
 
 def charts(runs: Sequence[ReportedRun], stems: Sequence[str]) -> list[Chart]:
@@ -52,21 +42,17 @@ def charts(runs: Sequence[ReportedRun], stems: Sequence[str]) -> list[Chart]:
 
 def _chart(picture: Picture, runs: Sequence[ReportedRun]) -> Chart:
     """One picture: a panel for each name that any run has."""
-    drawn = [{panel.name: panel for panel in picture.panels(run.record)} for run in runs]
-    names = shown(picture, drawn)
-    found = {name: [(index, one[name]) for index, one in enumerate(drawn) if name in one] for name in names}
-    over_time = picture.over == Picture._field_defaults["over"]
-    panels = [panel for panel in (_panel(*one, runs, over_time) for one in found.items()) if panel.curves]
-    return Chart(
-        picture.stem, title_of(picture, drawn, names), SENTENCES[picture.stem], picture.over, picture.label, panels,
-        over_time, picture.logarithmic, picture.words,
-    )  # fmt: skip
+    by_run = [{panel.name: panel for panel in picture.panels(run.record)} for run in runs]
+    names = shown(picture, by_run)
+    found = {name: [(index, row[name]) for index, row in enumerate(by_run) if name in row] for name in names}
+    panels = [panel for panel in (_panel(*parts, runs, picture.over_time) for parts in found.items()) if panel.curves]
+    texts = picture.stem, title_of(picture, by_run, names), SENTENCES[picture.stem], picture.over, picture.label
+    return Chart(*texts, panels, picture.over_time, picture.logarithmic, picture.words)
 
 
 def _panel(
     name: str, parts: Sequence[tuple[int, analysed.Panel]], runs: Sequence[ReportedRun], over_time: bool
 ) -> Panel:
-    """Curves of all runs in one panel."""
     curves: list[Curve] = []
     levels: dict[float, None] = {}
     for index, panel in parts:
@@ -87,21 +73,106 @@ def _panel(
 
 def modes(runs: Sequence[ReportedRun]) -> list[Chart]:
     """Frequency over damping ratio of each mode, with 95 % intervals; empty if no run has modes."""
-    found = [(index, mode) for index, run in enumerate(runs) for mode in run.summary["modes"]]
-    curves = [curve for index, mode in found for curve in _cross(index, mode)]
-    sentence = (
-        "Each circle is a mode of the mode table, its cross the interval of 95 %: the further right, the better "
-        "damped; left of zero it grows."
-    )
-    panels = [Panel("", curves)]
-    chart = Chart("modes", "Damping of the modes", sentence, "damping ratio [%]", "f [Hz]", panels, over_time=False)
-    return [chart] if curves else []
+    curves = [curve for i, run in enumerate(runs) for mode in run.summary["modes"] for curve in _cross(i, mode)]
+    texts = "modes", "Damping of the modes", SENTENCES["modes"], "damping ratio [%]", "f [Hz]"
+    return [Chart(*texts, [Panel("", curves)], over_time=False)] if curves else []
 
 
 def _cross(run: int, mode: Mapping[str, Any]) -> list[Curve]:
-    """A mode and its intervals."""
     ratio, frequency = 100 * mode["damping_ratio"], mode["frequency_hz"]
     at = Curve(run, np.array([ratio]), np.array([frequency]), "points")
     errors = 100 * (mode["damping_ratio_error"] or 0.0), mode["frequency_error_hz"] or 0.0
     across, along = np.array(interval(ratio, errors[0])), np.array(interval(frequency, errors[1]))
     return [at, Curve(run, across, np.full(2, frequency)), Curve(run, np.full(2, ratio), along)]
+
+
+def maps(runs: Sequence[ReportedRun]) -> list[Maps]:
+    """The distribution of each run's last speed difference, if available; empty if there is none."""
+    made = [one for index, run in enumerate(runs) for one in _map(index, run)]
+    return [Maps("spwvd", "Time and frequency (SPWVD)", SENTENCES["spwvd"], made)] if made else []
+
+
+def _map(index: int, run: ReportedRun) -> list[Map]:
+    """The map of a run; empty without a speed difference or if the run is too short."""
+    if not measure_weights(run.record.configuration):
+        return []
+    name, values = list(speed_differences(run.record).items())[-1]
+    try:
+        found = analyse(run.record.time_s, 1e3 * values).distribution
+    except InputError:
+        return []
+    lines = [mode["frequency_hz"] for mode in run.summary["modes"]]
+    return [Map(index, f"{name}, {run.name} [{UNIT}]", *_thinned(found), UNIT, lines)]
+
+
+def _thinned(found: Distribution) -> tuple[tuple[float, float, float, float], NDArray[np.float32]]:
+    """Outer edges and values (frequencies, times) within the band: the largest value by magnitude of each block."""
+    t, f = found.time_s, found.frequency_hz
+    inside = np.flatnonzero((f >= BAND[0]) & (f <= BAND[1]))
+    values = _blocks(_blocks(found.values[:, inside], COLUMNS).T, ROWS)
+    dt, df = t[1] - t[0], f[1]
+    low, high = f[inside[[0, -1]]]
+    extent = float(t[0] - dt / 2), float(t[-1] + dt / 2), float(low - df / 2), float(high + df / 2)
+    scale = float(np.abs(values).max()) or 1.0
+    return extent, (np.round(values / scale, DIGITS) * scale).astype(np.float32)
+
+
+def _blocks(values: NDArray[np.float64], maximum: int) -> NDArray[np.float64]:
+    """Group rows into at most `maximum` blocks of nearly equal size; of each the largest magnitude by column."""
+    starts = np.linspace(0, len(values), min(len(values), maximum) + 1).astype(int)[:-1]
+    high, low = np.maximum.reduceat(values, starts), np.minimum.reduceat(values, starts)
+    return np.where(high >= -low, high, low)
+
+
+# Thinning: traces that look the same with fewer points
+
+
+def envelope(
+    x: NDArray[np.float64], y: NDArray[np.float64], maximum: int = POINTS
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A trace of at most `maximum` points that looks the same: smallest and largest value of each block of samples.
+
+    `x`, `y`: (n,); short traces are returned unchanged. Otherwise each block gives two points, in order of occurrence,
+    at the block's first and middle x, so that traces over the same x share it. NaN is ignored beside numbers.
+    """
+    if len(x) <= maximum:
+        return x, y
+    size = -(-2 * len(x) // maximum)
+    starts = np.arange(0, len(x), size)
+    low, high = np.fmin.reduceat(y, starts), np.fmax.reduceat(y, starts)
+    padded = np.append(y, np.full(-len(y) % size, np.nan)).reshape(-1, size)
+    falls = np.argmax(padded == high[:, np.newaxis], axis=1) < np.argmax(padded == low[:, np.newaxis], axis=1)
+    values = np.column_stack([np.where(falls, high, low), np.where(falls, low, high)])
+    ends = np.minimum(starts + size, len(x)) - 1
+    return x[np.column_stack([starts, (starts + ends + 1) // 2]).ravel()], values.ravel()
+
+
+def detailed(
+    time_s: NDArray[np.float64], y: NDArray[np.float64], since: float, maximum: int = POINTS
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Envelope of a long trace, with a separate envelope for the minute after `since` (s; the first event).
+
+    Zooming into a long run then shows the oscillation. At most `3 maximum` points.
+    """
+    if len(time_s) <= maximum:
+        return time_s, y
+    edges = np.searchsorted(time_s, [since - BEFORE, since + AFTER])
+    parts = [
+        envelope(x, part, maximum)
+        for x, part in zip(np.split(time_s, edges), np.split(y, edges), strict=True)
+        if len(x)
+    ]
+    return np.concatenate([x for x, _ in parts]), np.concatenate([part for _, part in parts])
+
+
+def steps(
+    x: NDArray[np.float64], y: NDArray[np.float64], maximum: int = POINTS
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A staircase of at most `maximum` points: each y holds until the next x.
+
+    `x`, `y`: (n,), n > 0, x non-decreasing. For equal x the last y counts; if there are too many steps, every k-th is
+    kept, and always the last.
+    """
+    ends = np.flatnonzero(np.append(x[1:] != x[:-1], True))
+    kept = ends[np.unique(np.linspace(0, len(ends) - 1, min(len(ends), maximum // 2)).astype(int))]
+    return np.repeat(x[kept], 2), np.append(y[0], np.repeat(y[kept], 2)[:-1])

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from facts_damping.input_files import read_text
+from facts_damping.parameters.yaml_text import parse
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -12,6 +16,7 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
+SENTENCES: dict[str, str] = parse(read_text(Path(__file__).with_name("sentences.yaml")))
 Mark = Literal["", "best", "worst"]
 
 

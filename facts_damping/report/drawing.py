@@ -5,17 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from bokeh.models import (
-    BoxZoomTool,
-    ColumnDataSource,
-    DataRange1d,
-    HoverTool,
-    LinearColorMapper,
-    PanTool,
-    Range1d,
-    ResetTool,
-    WheelZoomTool,
-)
+from bokeh import models
 from bokeh.models.annotations import ColorBar, Span
 from bokeh.palettes import RdBu, interp_palette
 from bokeh.plotting import figure
@@ -48,24 +38,17 @@ DRESS: dict[str, Any] = {
 Figure = figure  # the library's class name is lower-case
 
 
-class Drawn(NamedTuple):
-    """A figure and its title."""
-
-    title: str
-    figure: Figure
-
-
 class _Shared(NamedTuple):
     """Shared by all figures: range of time, sources by run and abscissae, names of the runs."""
 
-    time: Range1d
-    sources: dict[tuple[int, bytes], ColumnDataSource]
+    time: models.Range1d
+    sources: dict[tuple[int, bytes], models.ColumnDataSource]
     names: Sequence[str]
     events: Sequence[float]
 
 
-def draw(report: Report) -> dict[str, list[Drawn]]:
-    """Figures of each chart and of each group of maps, by key."""
+def draw(report: Report) -> dict[str, list[tuple[str, Figure]]]:
+    """Titles and figures of each chart and of each group of maps, by key."""
     items = [item for section in report.sections for item in section.items]
     spans = [
         (curve.x[0], curve.x[-1])
@@ -79,32 +62,30 @@ def draw(report: Report) -> dict[str, list[Drawn]]:
     time = _range(begin, max(end, begin + 1e-3))
     time.name = TIME
     shared = _Shared(time, {}, report.names, [at for at, _ in report.events])
-    found: dict[str, list[Drawn]] = {}
+    found: dict[str, list[tuple[str, Figure]]] = {}
     for item in items:
         if isinstance(item, Chart):
-            found[item.key] = [Drawn(panel.title, _panel(item, panel, shared)) for panel in item.panels]
+            found[item.key] = [(panel.title, _panel(item, panel, shared)) for panel in item.panels]
         elif isinstance(item, Maps):
-            found[item.key] = [Drawn(one.title, _map(one, shared)) for one in item.maps]
+            found[item.key] = [(one.title, _map(one, shared)) for one in item.maps]
     return found
 
 
-def _range(start: float, end: float) -> Range1d:
-    """A range that limits zooming."""
-    return Range1d(start=start, end=end, bounds=(start, end))
+def _range(start: float, end: float) -> models.Range1d:
+    return models.Range1d(start=start, end=end, bounds=(start, end))
 
 
 def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
-    """Axes with the curves of all runs."""
     made = figure(
         height=HEIGHT if len(chart.panels) > 1 else TALL,
-        x_range=shared.time if chart.over_time else DataRange1d(),
+        x_range=shared.time if chart.over_time else models.DataRange1d(),
         y_axis_type="log" if chart.logarithmic else "linear",
         window_axis="x" if chart.over_time else "none",
         x_axis_label=chart.x_label,
         y_axis_label=chart.y_label or panel.title,
         **DRESS,
     )
-    drawn = [_curve(made, curve, shared) for curve in panel.curves]
+    renderers = [_curve(made, curve, shared) for curve in panel.curves]
     if chart.words:
         made.y_range = _range(-0.5, len(chart.words) - 0.5)
         made.yaxis.ticker = list(range(len(chart.words)))
@@ -113,9 +94,8 @@ def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
         made.add_layout(Span(location=level, dimension="width", line_color=LIMIT, line_dash="dotted"))
     if chart.over_time:
         _mark_events(made, shared)
-    hover = HoverTool(
-        renderers=drawn, tooltips=[("", "$name"), (chart.x_label, "$x{0.000}"), (chart.y_label, "$y{0.00000}")]
-    )
+    tips = [("", "$name"), (chart.x_label, "$x{0.000}"), (chart.y_label, "$y{0.00000}")]
+    hover = models.HoverTool(renderers=renderers, tooltips=tips)
     _equip(made, hover, "width" if chart.over_time else "both")
     return made
 
@@ -123,43 +103,35 @@ def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
 def _curve(made: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
     """One curve; curves of a run over the same x share a source."""
     key = curve.run, curve.x.tobytes()
-    source = shared.sources.setdefault(key, ColumnDataSource({"x": curve.x}))
+    source = shared.sources.setdefault(key, models.ColumnDataSource({"x": curve.x}))
     column = f"y{len(source.data)}"
     source.data[column] = curve.y.astype(np.float32)
     name = shared.names[curve.run] + (f": {curve.name}" if curve.name else "")
     look: dict[str, Any] = {"name": name, "color": COLOURS[curve.run % len(COLOURS)], "source": source}
-    drawn: DataRenderer
+    renderer: DataRenderer
     if curve.style == "points":
-        drawn = made.scatter("x", column, size=8, line_width=2, fill_color=None, **look)
+        renderer = made.scatter("x", column, size=8, line_width=2, fill_color=None, **look)
     else:
-        drawn = made.line("x", column, line_dash=curve.style, line_width=WIDTHS[curve.style], **look)
-    drawn.tags = [f"run-{curve.run}"]  # the page hides a run by this tag
-    return drawn
+        renderer = made.line("x", column, line_dash=curve.style, line_width=WIDTHS[curve.style], **look)
+    renderer.tags = [f"run-{curve.run}"]  # the page hides a run by this tag
+    return renderer
 
 
 def _map(one: Map, shared: _Shared) -> Figure:
-    """A distribution as a colour map."""
     first, last, low, high = one.extent
-    made = figure(
-        height=TALL,
-        x_range=shared.time,
-        y_range=_range(low, high),
-        x_axis_label="t [s]",
-        y_axis_label="f [Hz]",
-        **DRESS,
-    )
+    labels: dict[str, Any] = {"x_axis_label": "t [s]", "y_axis_label": "f [Hz]"}
+    made = figure(height=TALL, x_range=shared.time, y_range=_range(low, high), **labels, **DRESS)
     largest = float(np.abs(one.values).max()) or 1.0
-    colours = LinearColorMapper(palette=PALETTE, low=-largest, high=largest)
-    image = made.image(
-        [one.values], first, low, last - first, high - low, color_mapper=colours, name=shared.names[one.run]
-    )
+    colours = models.LinearColorMapper(palette=PALETTE, low=-largest, high=largest)
+    area, name = (first, low, last - first, high - low), shared.names[one.run]
+    image = made.image([one.values], *area, color_mapper=colours, name=name)
     image.tags = [f"run-{one.run}"]
     made.add_layout(ColorBar(color_mapper=colours, width=10, title=None, background_fill_color=None), "right")
     for line in one.lines:
         made.add_layout(Span(location=line, dimension="width", line_color="black", line_dash="dashed", line_width=0.8))
     _mark_events(made, shared)
     tips = [("t [s]", "$x{0.0}"), ("f [Hz]", "$y{0.000}"), (f"W [{one.unit}]", "@image")]
-    _equip(made, HoverTool(renderers=[image], tooltips=tips), "both")
+    _equip(made, models.HoverTool(renderers=[image], tooltips=tips), "both")
     return made
 
 
@@ -168,10 +140,10 @@ def _mark_events(made: Figure, shared: _Shared) -> None:
         made.add_layout(Span(location=at, dimension="height", line_color=GREY, line_dash="dashed", line_width=1))
 
 
-def _equip(made: Figure, hover: HoverTool, zoomed: Literal["width", "both"]) -> None:
+def _equip(made: Figure, hover: models.HoverTool, zoomed: Literal["width", "both"]) -> None:
     """Add tools: drag zooms; wheel zoom and pan are off at first, so that the page scrolls over the figure."""
-    zoom = BoxZoomTool(dimensions=zoomed)
-    made.add_tools(zoom, PanTool(), WheelZoomTool(dimensions=zoomed), ResetTool(), hover)
+    zoom = models.BoxZoomTool(dimensions=zoomed)
+    made.add_tools(zoom, models.PanTool(), models.WheelZoomTool(dimensions=zoomed), models.ResetTool(), hover)
     made.toolbar.active_drag = zoom
     made.toolbar.active_scroll = None
     made.toolbar.logo = None

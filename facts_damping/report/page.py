@@ -58,16 +58,18 @@ def _shown(value: Any) -> Any:
 
 def page(report: Report) -> str:
     """A report as HTML. Names and notes come from recordings, so all text but Bokeh's is escaped."""
-    drawn = draw(report)
-    flat: dict[str, Model] = {f"{key}-{i}": one.figure for key, parts in drawn.items() for i, one in enumerate(parts)}
+    charts = draw(report)
+    flat: dict[str, Model] = {
+        f"{key}-{i}": figure for key, parts in charts.items() for i, (_, figure) in enumerate(parts)
+    }
     document = Document()
     with document.models.freeze():  # otherwise every figure traverses all shared models again
-        for figure in flat.values():
-            document.add_root(figure)
+        for model in flat.values():
+            document.add_root(model)
     script, divs = components(flat) if flat else ("", {})
     figures = {
-        key: [(one.title, Markup(divs[f"{key}-{i}"])) for i, one in enumerate(parts)]  # noqa: S704 (Bokeh's own)
-        for key, parts in drawn.items()
+        key: [(title, Markup(divs[f"{key}-{i}"])) for i, (title, _) in enumerate(parts)]  # noqa: S704 (Bokeh's own)
+        for key, parts in charts.items()
     }
     templates = Environment(
         loader=PackageLoader("facts_damping.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
@@ -88,7 +90,6 @@ def page(report: Report) -> str:
 
 
 def _events(report: Report) -> str:
-    """Grid events in one line."""
     named = [f"{at:g} s {what}" for at, what in report.events[:MAX_EVENTS]]
     more = len(report.events) - len(named)
     return "; ".join(named) + (f"; and {more} more" if more else "")

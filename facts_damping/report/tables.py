@@ -15,7 +15,7 @@ from facts_damping.analysis.supervision import cause_text, probe_text
 from facts_damping.digest import digest
 from facts_damping.findings import clause
 from facts_damping.monitor_table import STATES
-from facts_damping.report.contents import Cell, ReportTable
+from facts_damping.report.contents import SENTENCES, Cell, ReportTable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,13 +26,8 @@ if TYPE_CHECKING:
 
 # Rows of the summary in which runs are compared, and whether the largest value is best. Low device effort and
 # low link latency do not count as best.
-LARGEST_IS_BEST = {
-    "in synchronism": True,
-    "verdict": True,
-    **dict.fromkeys(INDICES, False),
-    "settling time [s]": False,
-    "  its damping ratio": True,
-}
+LARGEST_IS_BEST = dict.fromkeys(("in synchronism", "verdict", "  its damping ratio"), True)
+LARGEST_IS_BEST |= dict.fromkeys((*INDICES, "settling time [s]"), False)
 JUDGED_BY = {"verdict": ("damped",)}  # paths of the compared values, if not those shown in the row
 STATISTICS = {"mean": "mean [ms]", "p50": "median [ms]", "p99": "99 % [ms]", "max": "max [ms]"}
 NONE = "-"
@@ -46,15 +41,13 @@ def summary(runs: Sequence[ReportedRun], comparable: bool) -> ReportTable:
         texts = [row_text(run.summary, path, form) for run in runs]
         if all(text == NONE for text in texts):
             continue
-        judged = comparable and label in LARGEST_IS_BEST
-        worth = [find(run.summary, JUDGED_BY.get(label, path)) for run in runs]
-        marks = ranked(worth, LARGEST_IS_BEST[label]) if judged else [UNMARKED] * len(runs)
-        cells = [Cell(text, mark) for text, mark in zip(texts, marks, strict=True)]
-        rows.append([Cell(label.strip()), *cells])
+        marks = [UNMARKED] * len(runs)
+        if comparable and label in LARGEST_IS_BEST:
+            worth = [find(run.summary, JUDGED_BY.get(label, path)) for run in runs]
+            marks = ranked(worth, LARGEST_IS_BEST[label])
+        rows.append([Cell(label.strip()), *map(Cell, texts, marks)])
     rows += [[Cell(label), *map(Cell, cells)] for label, cells in more_rows([run.summary for run in runs])]
-    sentence = "All figures of the runs side by side; those that no run has are left out."
-    if comparable and len(runs) > 1:
-        sentence += " ▲ is the best of a row, ▼ the worst; a dash is a figure that the run does not have."
+    sentence = SENTENCES["summary"] + SENTENCES["summary_marks"] * (comparable and len(runs) > 1)
     return ReportTable("summary", "Summary", sentence, ["", *(run.name for run in runs)], rows, runs=True)
 
 
@@ -64,8 +57,8 @@ def ranked(values: Sequence[float | bool | None], largest_is_best: bool) -> list
     worth = [-np.inf if value is None else sign * float(value) for value in values]
     if len(set(worth)) < 2:
         return [UNMARKED] * len(values)
-    words: dict[float, Mark] = {min(worth): "worst", max(worth): "best"}
-    return [words.get(one, UNMARKED) for one in worth]
+    marks: dict[float, Mark] = {min(worth): "worst", max(worth): "best"}
+    return [marks.get(value, UNMARKED) for value in worth]
 
 
 def improvements(runs: Sequence[ReportedRun], baseline: int) -> list[ReportTable]:
@@ -75,10 +68,7 @@ def improvements(runs: Sequence[ReportedRun], baseline: int) -> list[ReportTable
         return []
     name = runs[baseline].name
     rows = [[Cell(figure), *(Cell(_number((part or {}).get(figure), ".1f")) for part in parts)] for figure in JUDGED]
-    sentence = (
-        f"By how much each figure is below that of {name}, in % of it: 100 would be no deviation at all, a negative "
-        "number is worse."
-    )
+    sentence = SENTENCES["improvement"].format(baseline=name)
     head = ["[%]", *(run.name for run in runs)]
     return [ReportTable("improvement", f"Improvement on {name}", sentence, head, rows, runs=True)]
 
@@ -86,27 +76,22 @@ def improvements(runs: Sequence[ReportedRun], baseline: int) -> list[ReportTable
 def modes(runs: Sequence[ReportedRun]) -> ReportTable:
     """Modes of all runs with their intervals."""
     rows = [
-        [Cell(run.name), *_mode(mode), Cell(_number(find(run.summary, ("ringdown", "snr_db")), ".0f"))]
+        list(map(Cell, [run.name, *_mode(mode), _number(find(run.summary, ("ringdown", "snr_db")), ".0f")]))
         for run in runs
         for mode in run.summary["modes"]
     ]
     without = [run.name for run in runs if not run.summary["modes"]]
-    sentence = (
-        "Modes of 0.1 to 2.5 Hz in the ringdown after the last event, or in the noise of a run without one, the "
-        "strongest of each run first, with intervals of 95 %. A damping ratio below zero is an oscillation that grows."
-    )
+    sentence = SENTENCES["mode_table"]
     if without:
-        sentence += f" None was found in: {', '.join(without)}."
+        sentence += SENTENCES["mode_table_none"].format(runs=", ".join(without))
     head = ["run", "frequency [Hz]", "damping ratio [%]", "amplitude [10⁻³ p.u.]", "signal to noise [dB]"]
     return ReportTable("mode_table", "Mode table", sentence, head, rows)
 
 
-def _mode(mode: Mapping[str, Any]) -> list[Cell]:
-    return [
-        Cell(_interval(mode["frequency_hz"], mode["frequency_error_hz"], 1.0, ".3f")),
-        Cell(_interval(mode["damping_ratio"], mode["damping_ratio_error"], 100.0, ".2f")),
-        Cell(format(1e3 * max(mode["amplitude"]), ".3g")),
-    ]
+def _mode(mode: Mapping[str, Any]) -> list[str]:
+    frequency = _interval(mode["frequency_hz"], mode["frequency_error_hz"], 1.0, ".3f")
+    ratio = _interval(mode["damping_ratio"], mode["damping_ratio_error"], 100.0, ".2f")
+    return [frequency, ratio, format(1e3 * max(mode["amplitude"]), ".3g")]
 
 
 def effort(runs: Sequence[ReportedRun]) -> ReportTable:
@@ -117,70 +102,47 @@ def effort(runs: Sequence[ReportedRun]) -> ReportTable:
         for i, device in enumerate(run.record.device_names):
             setpoint = table["setpoint"][:, i]
             figures = np.abs(setpoint).max(), np.sqrt(np.mean(setpoint**2))
-            fraction = duty.get(device)
-            rows.append([
-                Cell(run.name), Cell(device), *(Cell(format(one, ".4f")) for one in figures),
-                Cell(_number(None if fraction is None else 100 * fraction, ".1f")),
-            ])  # fmt: skip
+            fraction = _number(100 * duty[device] if device in duty else None, ".1f")
+            rows.append(list(map(Cell, [run.name, device, *(format(figure, ".4f") for figure in figures), fraction])))
     head = ["run", "device", "largest setpoint [p.u.]", "root mean square [p.u.]", "at the limit [% of frames]"]
-    sentence = (
-        "How much each device is used: one that is often at its limit has no more to give, and a setpoint near zero "
-        "leaves it unused."
-    )
-    return ReportTable("effort", "Use of the devices", sentence, head, rows)
+    return ReportTable("effort", "Use of the devices", SENTENCES["effort"], head, rows)
 
 
 def supervision(runs: Sequence[ReportedRun]) -> list[ReportTable]:
     """Actions of supervisors and their causes; empty without supervisors."""
-    told = [(run.name, one) for run in runs for one in run.summary.get("supervision") or ()]
-    if not told:
+    found = [(run.name, one) for run in runs for one in run.summary.get("supervision") or ()]
+    if not found:
         return []
     fractions = [
-        [
-            run,
-            one["controller"],
-            *(f"{100 * fraction:.1f}" for fraction in one["fractions"].values()),
-            probe_text(one["probe"]),
-        ]
-        for run, one in told
+        [run, one["controller"], *(f"{100 * part:.1f}" for part in one["fractions"].values()), probe_text(one["probe"])]
+        for run, one in found
     ]
     changes = [
         [run, one["controller"], f"{row['time_s']:.2f}", row.get("state", "not armed"), cause_text(row) or NONE]
-        for run, one in told
+        for run, one in found
         for row in sorted([*one["changes"], *one["refusals"]], key=lambda row: float(row["time_s"]))
     ]
+    head = ["run", "controller"]
+    states, causes = [*head, *(f"{state} [%]" for state in STATES), "probe"], [*head, "time [s]", "state", "cause"]
     return [
-        ReportTable(
-            "supervisors", "Time in each state",
-            "Fraction of the run's frames in each state, and what the newest probe says: how the plant answers, beside "
-            "how it should.",
-            ["run", "controller", *(f"{state} [%]" for state in STATES), "probe"],
-            [list(map(Cell, r)) for r in fractions],
-        ),
-        ReportTable(
-            "changes", "Changes of state",
-            "Every change of a supervisor's state with its cause: who asked for it, or the monitor that was beyond its "
-            "limit. A run begins in shadow.",
-            ["run", "controller", "time [s]", "state", "cause"], [list(map(Cell, row)) for row in changes],
-        ),
-    ]  # fmt: skip
+        ReportTable(key, title, SENTENCES[key], titles, [list(map(Cell, row)) for row in rows])
+        for key, title, titles, rows in (
+            ("supervisors", "Time in each state", states, fractions),
+            ("changes", "Changes of state", causes, changes),
+        )
+    ]
 
 
 def links(runs: Sequence[ReportedRun]) -> ReportTable:
     """Latency of each hop, and frames lost."""
     rows = [
-        [Cell(run.name), Cell(HOPS[hop]), Cell(together(names)), *(Cell(one) for one in told)]
+        list(map(Cell, [run.name, HOPS[hop], together(names), *texts]))
         for run in runs
         for hop, parts in hops_ms(run.record).items()
-        for told, names in alike(_latencies(parts)).items()
+        for texts, names in alike({name: _latencies(values) for name, values in parts.items()}).items()
     ]
     lost = ", ".join(f"{run.name} {run.summary['frames_lost']}" for run in runs)
-    sentence = (
-        "Latency of each hop from the measurement to the device, in simulated time, by PMU, controller or device; "
-        "n is how many were delivered to each. A setpoint rests on the newest frames that are there: late ones count "
-        f"in the first hop, and not in the whole. Entries of frames that the link lost: {lost}."
-    )
-    sentence += "".join(_modelled_twice(run) for run in runs)
+    sentence = SENTENCES["links"].format(lost=lost) + "".join(map(_modelled_twice, runs))
     head = ["run", "hop", "of", "n", *STATISTICS.values()]
     return ReportTable("links", "Link statistics", sentence, head, rows)
 
@@ -192,40 +154,32 @@ def _modelled_twice(run: ReportedRun) -> str:
     delay = sum(one["delay"] for one in stages)
     if not delay or measurement.get("filter", "ideal") == "ideal":
         return ""
-    told = f"of {clause(link) or 'the link'} {1e3 * delay:g} ms stand for PMUs and do not count"
-    return f" {run.name}: {told}, as the run's PMUs have a filter of their own, {measurement['filter']}."
+    names = {"run": run.name, "link": clause(link) or "the link", "filter": measurement["filter"]}
+    return SENTENCES["links_twice"].format(**names, delay_ms=1e3 * delay)
 
 
-def _latencies(parts: Mapping[str, NDArray[np.float64]]) -> dict[str, tuple[str, ...]]:
-    """Number of values and their statistics, by name."""
-    return {
-        who: (str(len(values)), *(_number(one, ".2f") for one in statistics(values).values()))
-        for who, values in parts.items()
-    }
+def _latencies(values: NDArray[np.float64]) -> tuple[str, ...]:
+    return str(len(values)), *(_number(value, ".2f") for value in statistics(values).values())
 
 
 def conditions(runs: Sequence[ReportedRun]) -> ReportTable:
     """Conditions of the runs."""
     fields = ["system", "scenario", "devices", "controllers", "link", "frame_rate", "duration", "seed"]
     fields += [field for field in ("supervision", "arm_at") if any(run.record.asked.get(field) for run in runs)]
-    rows = [
-        [Cell(field.replace("_", " ")), *(Cell(_said(run.record.asked.get(field))) for run in runs)] for field in fields
+    rows = [[field.replace("_", " "), *(_field_text(run.record.asked.get(field)) for run in runs)] for field in fields]
+    versions = [", ".join(f"{name} {version}" for name, version in run.record.versions.items()) for run in runs]
+    rows += [
+        ["recording", *(run.path for run in runs)],
+        ["digest", *(digest(run.record) for run in runs)],
+        ["versions", *(text or NONE for text in versions)],
     ]
-    rows.append([Cell("recording"), *(Cell(run.path) for run in runs)])
-    rows.append([Cell("digest"), *(Cell(digest(run.record)) for run in runs)])
-    rows.append([Cell("versions"), *(Cell(_versions(run.record.versions)) for run in runs)])
-    sentence = "The runs by the names in their files; what stands inline without a name is called custom."
-    return ReportTable("conditions", "Conditions", sentence, ["", *(run.name for run in runs)], rows, runs=True)
+    head, cells = ["", *(run.name for run in runs)], [list(map(Cell, row)) for row in rows]
+    return ReportTable("conditions", "Conditions", SENTENCES["conditions"], head, cells, runs=True)
 
 
-def _versions(found: Mapping[str, str]) -> str:
-    return ", ".join(f"{name} {version}" for name, version in found.items()) or NONE
-
-
-def _said(value: Any) -> str:
-    """Short text of a field of a run."""
+def _field_text(value: Any) -> str:
     if isinstance(value, list):
-        return ", ".join(map(_said, value)) or "none"
+        return ", ".join(map(_field_text, value)) or "none"
     if isinstance(value, dict):
         return " ".join(str(value[key]) for key in ("name", "scheme", "kind") if value.get(key)) or "custom"
     return NONE if value is None else str(value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.identifier import identifiers
 from facts_damping.control.identifier_model import Identified, Identifiers, IdentifierState
 from facts_damping.control.inputs import TURN, UNSET
-from facts_damping.control.plant_prior import PlantPrior
+from facts_damping.control.neuro_fuzzy import PlantPrior
 from facts_damping.control.table import kind_of
 from facts_damping.elementary import exp_complex
 from facts_damping.errors import InputError
@@ -31,7 +31,7 @@ from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
 from facts_damping.plant.load_noise import draw as draw_noise
 from facts_damping.plant.watchdog import settings as watchdog_settings
-from facts_damping.signals import CHANNELS
+from facts_damping.signals import CHANNELS, GridEvent
 from facts_damping.small_signal import own_linear
 from facts_damping.small_signal.residues import Residues, residues
 from facts_damping.supervision.model import Supervisors, SupervisorState, Watched, supervisors
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from facts_damping.measurement.pmu_model import Pmus, PmuState
     from facts_damping.neurofuzzy.network import Network
     from facts_damping.parameters.run import Controller
-
 
 STILL = 1e-6  # p.u. or rad per p.u.: least mode shape, relative to the first signal, of a signal that swings
 
@@ -117,27 +116,17 @@ def ways(case: Case) -> dict[str, DirectionSpec]:
 
 def needs_residues(case: Case) -> bool:
     """Whether a controller or supervisor of a case needs the linearised plant."""
-    linear = (c.scheme or c.compensation != "none" or _optimal(c) for c in case.controllers)
+    linear = (c.scheme or c.compensation != "none" or kind_of(c).design for c in case.controllers)
     return case.supervision is not None or any(linear)
-
-
-def _design(controller: Controller) -> Callable[..., StateSpace]:
-    """The design function of a controller: (plant, system, controller, its field) to matrices."""
-    module, _, name = kind_of(controller).design.partition(":")
-    found: Callable[..., StateSpace] = getattr(importlib.import_module(module), name)
-    return found
-
-
-def _optimal(controller: Controller) -> bool:
-    """Whether a controller is designed for the linearised plant."""
-    return bool(kind_of(controller).design)
 
 
 def _designed(case: Case, i: int, plant: Residues | None) -> StateSpace | None:
     """Matrices of controller i: designed for the plant or given by a user's linear law; None for other kinds."""
     controller = case.controllers[i]
-    if _optimal(controller):
-        return _design(controller)(plant, case.designed_on, controller, f"controllers.{i}")
+    module, _, name = kind_of(controller).design.partition(":")
+    if module:
+        design: Callable[..., StateSpace] = getattr(importlib.import_module(module), name)
+        return design(plant, case.designed_on, controller, f"controllers.{i}")
     return own_linear.design(controller, case.run.frame_rate) if controller.linear is not None else None
 
 
@@ -208,10 +197,8 @@ def _check_probes(case: Case, given: Supervision, made: Supervisors, plant: Resi
         if math.ceil(case.run.arm_at * rate) < over:
             many = f" of {devices} devices" if devices > 1 else ""
             minimum = math.ceil(over / rate * 1000.0) / 1000.0
-            raise InputError(
-                f"arm_at: {case.run.arm_at:g} given, but the probe{many} before it is not over then; "
-                f"allowed: from {minimum:g} on"
-            )
+            early = f"{case.run.arm_at:g} given, but the probe{many} before it is not over then"
+            raise InputError(f"arm_at: {early}; allowed: from {minimum:g} on")
 
 
 def _watched(case: Case, c: int, reserve: int, plant: Residues | None) -> Watched:
@@ -228,9 +215,8 @@ def _watched(case: Case, c: int, reserve: int, plant: Residues | None) -> Watche
         ahead = 0.0 if filtered is None else filtered.delay
         for d, device in enumerate(controller.devices):
             down = mean_delay(case.links[used].down, [device])
-            residue[d] = complex(
-                times(plant.residue[row, plant.devices.index(device)], exp_complex(mode * (ahead - down)))
-            )
+            moved = plant.residue[row, plant.devices.index(device)]
+            residue[d] = complex(times(moved, exp_complex(mode * (ahead - down))))
     return Watched(c, reserve, used, case.run.arm_at, mode, residue)
 
 
@@ -261,10 +247,8 @@ def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:
     mode_shape = np.array([plant.ratio(signal, c.signals[0]) for signal in c.signals])
     for signal, ratio in zip(c.signals, np.abs(mode_shape), strict=True):
         if not ratio > STILL:
-            raise InputError(
-                f"controllers.{i}.signals: '{signal}' given, which does not swing at the least damped mode "
-                f"({plant.frequency_hz:.2f} Hz); allowed: signals that do"
-            )
+            why = f"which does not swing at the least damped mode ({plant.frequency_hz:.2f} Hz)"
+            raise InputError(f"controllers.{i}.signals: '{signal}' given, {why}; allowed: signals that do")
     z_pole = exp_complex(plant.eigenvalue / case.run.frame_rate)
     return PlantPrior(np.sign(jacobian) if c.scheme == "indirect" else sign, jacobian, mode_shape, z_pole)
 
@@ -284,14 +268,12 @@ def _compensated(case: Case, i: int, plant: Residues | None) -> float:
         allowed = [*COMPENSATIONS, *(OF_IDENTIFIERS if c.scheme == "indirect" else [])]
         raise InputError(f"{here}: 'smith' given; allowed: {', '.join(allowed)}: {_no_smith(mode)}")
     if mode is None and c.number("mode_hz") == 0.0:
-        raise InputError(
-            f"{here}: '{c.compensation}' given, but the plant has no electromechanical mode; allowed: none"
-        )
+        given = f"'{c.compensation}' given, but the plant has no electromechanical mode"
+        raise InputError(f"{here}: {given}; allowed: none")
     return TURN * c.number("mode_hz") or float(mode.imag if mode is not None else 0.0)
 
 
 def _no_smith(mode: complex | None) -> str:
-    """Reason why a Smith predictor is refused."""
     if mode is None:
         return "the plant has no electromechanical mode"
     of = f"{mode.real:+.3f} +- {mode.imag:.3f}j 1/s ({mode.imag / TURN:.2f} Hz) without controllers"
@@ -301,7 +283,6 @@ def _no_smith(mode: complex | None) -> str:
 
 
 def _identified(case: Case, i: int, made: Bank, known: PlantPrior) -> Identified:
-    """Controller, signals, devices and settings of the identifier of controller i."""
     c = case.controllers[i]
     places = [case.run.devices.index(device) for device in c.devices]
     return Identified(
@@ -317,20 +298,13 @@ def _identified(case: Case, i: int, made: Bank, known: PlantPrior) -> Identified
     )
 
 
-def grid_events(case: Case) -> list[dict[str, Any]]:
-    """All grid events in order of time, as published: time_ns, kind, element, value, location."""
+def grid_events(case: Case) -> list[GridEvent]:
+    """All grid events in order of time, as published."""
     found = []
     for change in timeline(case.scenario.events):
         row = change.event.model_dump()
         element = next(row[key] for key in ("line", "bus", "load", "machine") if row.get(key) is not None)
         on_line = row["kind"] == "fault" and row.get("line") is not None
-        found.append(
-            {
-                "time_ns": change.time_ns,
-                "kind": row["kind"],
-                "element": element,
-                "value": row.get("change", float("nan")),
-                "location": row["location"] if on_line else float("nan"),
-            }
-        )
+        location = row["location"] if on_line else math.nan
+        found.append(GridEvent(change.time_ns, row["kind"], element, row.get("change", math.nan), location))
     return found

@@ -21,6 +21,7 @@ from facts_damping.input_files import naming_no_files
 from facts_damping.link.transfer import Links, changed, replaced
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.files import read_value
+from facts_damping.parameters.validation import worded
 from facts_damping.plant.watchdog import initial_watch, let_go, rearm
 from facts_damping.signals import NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_plant, build_pmus, commands, grid_events, ways
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from facts_damping.measurement.pmu_model import Pmus
     from facts_damping.parameters.link import Link
     from facts_damping.plant.build import Built
-    from facts_damping.signals import Record, RunChange
+    from facts_damping.signals import GridEvent, Record, RunChange
     from facts_damping.simulation.tick import Loop
     from facts_damping.supervision.model import Supervisors, SupervisorState
 
@@ -58,19 +59,13 @@ def with_event(case: Case, text: str, at_ns: int) -> Case:
     return replace(case, scenario=case.scenario.model_copy(update={"events": listed}))
 
 
-def with_reset(case: Case, at_ns: int) -> Case:
-    """The case with its scenario shifted to start at a time; `case`: as at the start of the run."""
-    events = [event.model_copy(update={"time": event.time + at_ns / NANOSECONDS}) for event in case.scenario.events]
-    return replace(case, scenario=case.scenario.model_copy(update={"events": events}))
-
-
 def with_link(case: Case, index: int, given: Any) -> Case:
     """The case with link `index` replaced; `given`: name, YAML text or parsed YAML.
 
     Raises `InputError` if it is not a link, or does not fit the run.
     """
-    with naming_no_files("a change of a run"):
-        link = read_link(read_value(given, SOURCE) if isinstance(given, str) else given, "link", SOURCE, None)
+    with naming_no_files("a change of a run"), worded(SOURCE):
+        link = read_link(read_value(given, SOURCE) if isinstance(given, str) else given, "link")
     own = next((c for c, used in enumerate(case.used_links) if used == index and case.run.controllers[c].link), None)
     content = case.document()
     (content if own is None else content["controllers"][own])["link"] = link.model_dump()
@@ -105,15 +100,16 @@ def measured_otherwise(case: Case, path: str, value: float, before: Pmus) -> tup
     return build_pmus(now, before=before)[0], now
 
 
-def pending(case: Case, events: Sequence[dict[str, Any]], at_ns: int) -> list[dict[str, Any]]:
+def pending(case: Case, events: Sequence[GridEvent], at_ns: int) -> list[GridEvent]:
     """Grid events not yet published at a time: those of `events` before it, and all of the case from then on."""
-    late = [event for event in events if event["time_ns"] < at_ns]
-    return late + [event for event in grid_events(case) if event["time_ns"] >= at_ns]
+    late = [event for event in events if event.time_ns < at_ns]
+    return late + [event for event in grid_events(case) if event.time_ns >= at_ns]
 
 
 def reset_plant(case: Case, at_ns: int) -> tuple[Built, Case]:
     """The plant at equilibrium at a time, and the case with its scenario shifted to it; `case`: as at the start."""
-    again = with_reset(case, at_ns)
+    events = [event.model_copy(update={"time": event.time + at_ns / NANOSECONDS}) for event in case.scenario.events]
+    again = replace(case, scenario=case.scenario.model_copy(update={"events": events}))
     return build_plant(again), again
 
 
@@ -122,17 +118,17 @@ def apply(loop: Loop, now: Case, start: Case, change: RunChange) -> tuple[Loop, 
 
     `now`: the case so far; `start`: the case as at the start of the run.
     """
-    at, what, value = tick_ns(change.tick, loop.pmus.frame_rate), change.kind, change.value
-    index = change.index
+    at, what, value, index = tick_ns(change.tick, loop.pmus.frame_rate), change.kind, change.value, change.index
     change_watch(now.run.devices, loop.plant_state.watch, change, at)
     if change.role == "supervisor":  # first: its `reset` is not that of the plant
         ask(loop.control.supervisors, loop.control.supervisor_state, change)
     elif what == "event":
         now = with_event(now, value, at)
-        loop = loop._replace(plant=build_plant(now).plant)
+        loop = loop._replace(plant=build_plant(now).plant._replace(load_noise=loop.plant.load_noise))
     elif what == "reset":
         built, again = reset_plant(start, at)
-        loop = loop._replace(plant=built.plant, plant_state=built.state)
+        plant = built.plant._replace(load_noise=loop.plant.load_noise)
+        loop = loop._replace(plant=plant, plant_state=built.state)
         now = replace(now, scenario=again.scenario)
     elif what == "link":
         now = with_link(now, index, value)
@@ -187,21 +183,24 @@ def ask(supervisors: Supervisors, state: SupervisorState, change: RunChange) -> 
         state.rows["asked"][own.index(change.index)] = COMMANDS[change.kind]
 
 
-def rerun(case: Case, changes: Sequence[RunChange]) -> Record:
-    """Run a closed loop in process with recorded changes; gives the record of the lockstep graph."""
-    loop, now, events = build_loop(case), case, grid_events(case)
+def rerun(case: Case, changes: Sequence[RunChange], loop: Loop | None = None) -> Record:
+    """Run a closed loop in process with recorded changes; gives the record of the lockstep graph.
+
+    `loop`: the case's, not yet run; None: it is built.
+    """
+    loop, now, events = loop or build_loop(case), case, grid_events(case)
     if any(change.kind in ("link", "parameter") for change in changes):  # copies of entries, stamps of their own
         loop = loop._replace(signals=signals_for(case, stamps=len(case.system.pmus), up=2, down=2))
-    told: list[dict[str, Any]] = []
-    acting, restarts = by_tick(changes), Restarts(loop.control.bank, loop.control.bank_state)
+    passed: list[GridEvent] = []
+    at_ticks, restarts = by_tick(changes), Restarts(loop.control.bank, loop.control.bank_state)
     for tick in range(case.ticks):
         at = tick_ns(tick, loop.pmus.frame_rate)
         restarts.begin(tick)
-        for change in acting.get(tick, ()):
+        for change in at_ticks.get(tick, ()):
             loop, now = apply(loop, now, case, change)
             events = pending(now, events, at)
-        while events and events[0]["time_ns"] <= at:
-            told.append(events.pop(0))
+        while events and events[0].time_ns <= at:
+            passed.append(events.pop(0))
         if not step(loop, tick):
             break
-    return replace(record(case, loop), events=told, changes=list(changes))
+    return replace(record(case, loop), events=passed, changes=list(changes))

@@ -39,7 +39,7 @@ class FmuController:
     def __init__(self, spec: Spec, given: str | Fmu, where: str) -> None:
         """Load it. Raises `InputError` if that fails or a variable is missing."""
         fmu = Fmu(file=given) if isinstance(given, str) else given
-        self._said: list[str] = []
+        self._errors: list[str] = []
         folder, description = _unpacked(Path(fmu.file), where)
         names = {one.name: one for one in description.modelVariables}
         self._real = REAL[description.fmiVersion]
@@ -56,10 +56,9 @@ class FmuController:
             self._fmu = make(folder.name, description, "CoSimulation", logger=self._log)
             self._set(parameters, [float(value) for value in spec.parameters.values()])
         except Exception as error:  # for example a library for another machine
-            reason = one_line("; ".join([str(error), *self._said]))
-            raise InputError(
-                f"{where}: {fmu.file}: cannot be loaded: {reason}; allowed: one for this machine"
-            ) from error
+            reason = one_line("; ".join([str(error), *self._errors]))
+            given = f"{fmu.file}: cannot be loaded: {reason}"
+            raise InputError(f"{where}: {given}; allowed: one for this machine") from error
         # Not freed at exit, which ends it anyway: an FMU in Python would no longer have an interpreter.
         weakref.finalize(self, self._fmu.freeInstance).atexit = False
         self._measured_ns = -1
@@ -71,7 +70,7 @@ class FmuController:
         try:
             return self._step(round((t_s - float(np.min(age_s))) * 1e9), y.tolist())
         except Exception as error:
-            raise RuntimeError("; ".join([str(error), *self._said])) from error
+            raise RuntimeError("; ".join([str(error), *self._errors])) from error
 
     def _step(self, measured_ns: int, y: list[float]) -> list[float]:
         before, self._measured_ns = self._measured_ns, measured_ns
@@ -100,29 +99,23 @@ class FmuController:
         """Store error messages of the FMU for the exception of its call; `message` ends with status, category, text."""
         status, _, text = message[-3:]
         if status >= ERROR:
-            self._said.append(one_line((text or b"").decode(errors="replace")))
+            self._errors.append(one_line((text or b"").decode(errors="replace")))
 
     def _references(
         self, names: dict[str, Any], causality: str, wanted: dict[str, str], file: str, where: str
     ) -> list[int]:
         """References of the variables for signals, devices or parameters. Raises `InputError` if one is missing."""
-        allowed = [
-            one.name
-            for one in names.values()
-            if one.causality == causality and one.type == self._real and not one.dimensions
-        ]
+        fitting = [one for one in names.values() if one.causality == causality and one.type == self._real]
+        allowed = [one.name for one in fitting if not one.dimensions]
         for own, name in wanted.items():
             if name not in allowed:
                 more = f", or `{causality}s: {{{own}: ...}}`" if causality != "parameter" else ""
-                raise InputError(
-                    f"{where}: {file} has no {causality} '{name}' of type {self._real}; "
-                    f"allowed: {', '.join(allowed) or 'none'}{more}"
-                )
+                lacks = f"{file} has no {causality} '{name}' of type {self._real}"
+                raise InputError(f"{where}: {lacks}; allowed: {', '.join(allowed) or 'none'}{more}")
         return [names[name].valueReference for name in wanted.values()]
 
 
 def _unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
-    """The unpacked folder of an FMU and its description. Raises `InputError` if it is not an FMU."""
     library("fmpy", "fmi", "FMPy", where)
     if not is_file(path):
         raise InputError(f"{where}: {path}: no such file; allowed: an FMU")

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from facts_damping.small_signal.residues import Residues
 
+BY_TICK = ("time_ns", "frames", "measured_ns", "status", "machines", "devices", "in_synchronism")
+TABLES = ("delivered", "issued", "applied", "estimates", "learning", "supervised", "supervision")
 TICKS_AT_ONCE = 3600  # between such blocks other threads can run
 
 
@@ -74,11 +76,9 @@ def build_loop(
     work = workspace(built.plant, built.state)
     applied = np.zeros(links.down.out.size, SETPOINT)
     spoofed = bool((links.up.chain.rows["model"] == SPOOF).any())
-    stamps = (
-        len(case.system.pmus) if spoofed or clocks_differ(case.measurement, [s.name for s in case.system.pmus]) else 1
-    )
+    differ = spoofed or clocks_differ(case.measurement, [s.name for s in case.system.pmus])
     up, down = (way.packets.now_ns.shape[1] for way in (links.up, links.down))
-    signals = signals_for(case, stamps, up, down)
+    signals = signals_for(case, len(case.system.pmus) if differ else 1, up, down)
     pmus, pmu_state = build_pmus(case)
     programs = connect(case, control.bank_state, outside=outside)
     return Loop(built.plant, built.state, work, pmus, pmu_state, links, control, applied, signals, programs)
@@ -165,30 +165,21 @@ def record(case: Case, loop: Loop) -> Record:
     refused = int(loop.links.up.ring[:, RING_NO_ROOM].sum() + loop.links.down.ring[:, RING_NO_ROOM].sum())
     if refused:
         raise RunError(f"link: {refused} entries found no room under way; its delays are not what was allowed for")
-    ticks, delivered, issued, applied, estimates, learning, passed, told = (int(n) for n in kept.used)
-    if delivered > kept.delivered.size or issued > kept.issued.size or applied > kept.applied.size:
+    ticks, *counts = (int(n) for n in kept.used)
+    used = dict(zip(TABLES, counts, strict=True))
+    if any(used[name] > len(getattr(kept, name)) for name in TABLES[:3]):
+        delivered, issued, applied = counts[:3]
         raise RunError(f"loop: {delivered} entries, {issued} setpoints, {applied} applied: more than there is room for")
+    signals: dict[str, Any] = {name: getattr(kept, name)[:ticks] for name in BY_TICK}
+    signals |= {name: getattr(kept, name)[:count] for name, count in used.items()}
     return Record(
         configuration=case.document(),
         pmus=[s.name for s in case.system.pmus],
         machine_names=[m.name for m in case.system.machines],
         device_names=list(case.run.devices),
         controller_names=controller_names(case),
-        time_ns=kept.time_ns[:ticks],
-        frames=kept.frames[:ticks],
-        measured_ns=kept.measured_ns[:ticks],
-        status=kept.status[:ticks],
-        delivered=kept.delivered[:delivered],
-        issued=kept.issued[:issued],
-        applied=kept.applied[:applied],
-        machines=kept.machines[:ticks],
-        devices=kept.devices[:ticks],
-        in_synchronism=kept.in_synchronism[:ticks],
-        estimates=kept.estimates[:estimates],
-        learning=kept.learning[:learning],
-        supervised=kept.supervised[:passed],
-        supervision=kept.supervision[:told],
+        **signals,
         links=len(case.links),
-        events=[event for event in grid_events(case) if event["time_ns"] <= kept.time_ns[ticks - 1]],
+        events=[event for event in grid_events(case) if event.time_ns <= kept.time_ns[ticks - 1]],
         versions=versions(),
     )

@@ -27,7 +27,7 @@ from facts_damping.errors import InputError, RunError
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.fmus import FmuController
 from facts_damping.simulation.spec import spec_of
-from facts_damping.simulation.user_code import file_of, find, running, told, users
+from facts_damping.simulation.user_code import described, file_of, find, running, users
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -96,7 +96,7 @@ class Program:
             return
         if isinstance(self.error, KeyboardInterrupt):
             raise self.error
-        what = told(self.error, self._file)
+        what = described(self.error, self._file)
         raise RunError(f"{self._where}: {what}, in step of {self.name} at {self.now_ns / 1e9:.6g} s") from self.error
 
     def times(self) -> StepTimes | None:
@@ -117,9 +117,8 @@ def connect(case: Case, state: BankState, only: int | None = None, *, outside: b
     for c in mine:
         row = kind_of(case.controllers[c])
         if row.node and not outside:
-            raise InputError(
-                f"controllers.{c}.{row.own}: a node of one's own given; allowed: in a graph, as of facts-damping run"
-            )
+            allowed = "in a graph, as of facts-damping run"
+            raise InputError(f"controllers.{c}.{row.own}: a node of one's own given; allowed: {allowed}")
     return [Program(case, c, state) for c in mine if kind_of(case.controllers[c]).program]
 
 
@@ -152,7 +151,6 @@ def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any], bool
 
 
 def _step_of(made: Any, name: str, where: str) -> Callable[..., Any]:
-    """The `step` of an instance. Raises `InputError` if it does not accept the arguments."""
     step: Callable[..., Any] | None = getattr(made, "step", None)
     allowed = f"step(self, {', '.join(STEP)})"
     if not callable(step):
@@ -167,7 +165,6 @@ def _step_of(made: Any, name: str, where: str) -> Callable[..., Any]:
 
 
 def _checked(u: Any, devices: list[str]) -> NDArray[np.float64]:
-    """The setpoints that a step returned, as an array. Raises `ValueError` if they are invalid."""
     found = np.asarray(u, np.float64)
     if found.shape != (len(devices),) and not (found.ndim == 0 and len(devices) == 1):
         raise ValueError(f"u of shape {found.shape} given; allowed: ({len(devices)},), one a device")

@@ -79,12 +79,8 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str], *, po
 def check_has_run(record: Record, source: str) -> None:
     """Raise `InputError` if a record does not hold its run's configuration, as with `ros2 bag record`."""
     if not record.configuration:
-        raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{_noted(record)}")
-
-
-def _noted(record: Record) -> str:
-    """Notes on what a record lacks, for error messages."""
-    return "".join(f"; {note}" for note in record.notes)
+        notes = "; ".join(["", *record.notes])
+        raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{notes}")
 
 
 def _refuse_code(content: dict[str, Any], changes: set[str], source: str) -> None:
@@ -124,37 +120,36 @@ def fitted(record: Record, case: Case) -> Record:
         raise InputError(f"pmus: '{missing[0]}' was not recorded; there are {', '.join(record.pmus)}")
     if not case.controllers:
         raise InputError("controllers: none given; allowed: at least one, --set controllers.0.name=...")
+    notes = "; ".join(["", *record.notes])
     if max(case.used_links) >= record.links:
-        given, allowed = len(case.links), f"{record.links}, as recorded{_noted(record)}"
-        raise InputError(f"controllers: {given} links given; allowed: {allowed}")
+        raise InputError(f"controllers: {len(case.links)} links given; allowed: {record.links}, as recorded{notes}")
     end = record.gap_tick if record.gap_tick is not None else int(record.ticks[-1]) + 1
     kept = record.ticks < end
     if not kept.any():
         lacks = f"tick {end}: its frames, as delivered, or setpoints are missing"
-        raise InputError(f"{lacks}; nothing can be replayed{_noted(record)}")
+        raise InputError(f"{lacks}; nothing can be replayed{notes}")
     delivered = record.delivered[record.delivered["tick"] < end]
     places = np.array([names.index(name) if name in names else -1 for name in record.pmus], np.int64)
     delivered["pmu"] = places[delivered["pmu"]]
     pmus = [record.pmus.index(name) for name in names]
+    signals: dict[str, Any] = {
+        **{name: getattr(record, name)[kept][:, pmus] for name in ("frames", "measured_ns", "status")},
+        **{name: _counted(getattr(record, name), record, case, end) for name in ("issued", "supervised", "applied")},
+    }
+    for name in ("supervision", "estimates", "learning"):
+        rows = getattr(record, name)
+        signals[name] = rows[rows["tick"] < end]
     return replace(
         record,
         pmus=names,
         device_names=list(case.run.devices),
         controller_names=controller_names(case),
         time_ns=record.time_ns[kept],
-        frames=record.frames[kept][:, pmus],
-        measured_ns=record.measured_ns[kept][:, pmus],
-        status=record.status[kept][:, pmus],
         delivered=delivered[delivered["pmu"] >= 0],
-        issued=_counted(record.issued, record, case, end),
-        supervised=_counted(record.supervised, record, case, end),
-        supervision=record.supervision[record.supervision["tick"] < end],
-        applied=_counted(record.applied, record, case, end),
         machines=_ordered(record.machines[kept], record.machine_names, [m.name for m in case.system.machines]),
         devices=_ordered(record.devices[kept], record.device_names, case.run.devices),
         in_synchronism=record.in_synchronism[kept],
-        estimates=record.estimates[record.estimates["tick"] < end],
-        learning=record.learning[record.learning["tick"] < end],
+        **signals,
     )
 
 
@@ -176,7 +171,7 @@ def _counted(rows: NDArray[Any], record: Record, case: Case, end: int) -> NDArra
 
 
 def _ordered(table: NDArray[Any], there: Sequence[str], wanted: Sequence[str]) -> NDArray[Any]:
-    """Columns of a table of true values, in the wanted order; NaN for missing ones."""
+    """Columns of a table in the wanted order; NaN for missing ones."""
     found = np.full((len(table), len(wanted)), np.nan, table.dtype)
     for i, name in enumerate(wanted):
         if name in there:
@@ -221,8 +216,8 @@ def watched(case: Case, record: Record) -> Record:
         rows = np.ascontiguousarray(applied[at])
         watch(plant, state, *(tick_ns(k, record.frame_rate) for k in (tick, tick + 1)), rows, len(rows))
     watchdog = case.run.watchdog
-    told = {**record.configuration, "watchdog": None if watchdog is None else watchdog.model_dump()}
-    return replace(record, devices=devices, configuration=told)
+    configuration = {**record.configuration, "watchdog": None if watchdog is None else watchdog.model_dump()}
+    return replace(record, devices=devices, configuration=configuration)
 
 
 def _by_tick(rows: NDArray[Any], ticks: NDArray[np.int64]) -> list[NDArray[Any]]:

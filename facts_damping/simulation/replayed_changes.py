@@ -52,16 +52,15 @@ class ReplayedChanges:
         while self._changes and self._changes[0].tick <= tick:
             one = self._changes.pop(0)
             if one.role == "supervisor":
-                self._oversee(one)
+                self._command(one)
             elif one.kind == "start":
-                self._begin_again(one.role, one.index)
+                self._start_again(one.role, one.index)
             elif one.kind == "weights":
-                self._learnt(one.role, one.index, one.value)
+                self._restore_weights(one.role, one.index, one.value)
             elif one.kind == "parameter":
                 set_parameter(self._case, self._control.bank, self._control.identifiers, one)
 
-    def _learnt(self, role: str, c: int, given: dict[str, Any]) -> None:
-        """Restore a controller or its identifier with previously learnt parameters."""
+    def _restore_weights(self, role: str, c: int, given: dict[str, Any]) -> None:
         controllers, now = list(self._case.controllers), self._control
         controllers[c] = with_weights(controllers[c], Weights.model_validate(given))
         _, bank_state, _, identifier_state = build_control(replace(self._case, controllers=controllers))
@@ -79,7 +78,7 @@ class ReplayedChanges:
         """Whether a node published nothing at a tick: it was absent or disarmed."""
         return any(one.role == role and one.index == index and _within(one, tick) for one in self._silent)
 
-    def said(self, role: str, rows: NDArray[Any]) -> NDArray[Any]:
+    def published(self, role: str, rows: NDArray[Any]) -> NDArray[Any]:
         """Rows of nodes of a role, without those of silent ticks."""
         keep = np.ones(len(rows), np.bool_)
         for one in self._silent:
@@ -87,7 +86,7 @@ class ReplayedChanges:
                 keep &= ~(_within(one, rows["tick"]) & (rows["controller"] == one.index))
         return np.asarray(rows[keep])
 
-    def _oversee(self, change: RunChange) -> None:
+    def _command(self, change: RunChange) -> None:
         """Apply an operator's command to a supervisor, or its restart."""
         made, state = self._control.supervisors, self._control.supervisor_state
         own = list(made.settings["controller"])
@@ -96,8 +95,7 @@ class ReplayedChanges:
         else:
             ask(made, state, change)
 
-    def _begin_again(self, role: str, c: int) -> None:
-        """Reset a controller or its identifier to the start of a run."""
+    def _start_again(self, role: str, c: int) -> None:
         now, fresh = self._control, self._fresh
         if role == "controller":
             restore(now.bank_state, fresh.bank_state, c)
@@ -109,7 +107,6 @@ class ReplayedChanges:
 
 
 def _within(absence: Absence, tick: Any) -> Any:
-    """Whether a tick, or each tick of an array, is in an absence."""
     return (tick >= absence.first) & (tick < absence.end)
 
 

@@ -20,9 +20,8 @@ from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.replayed_changes import ReplayedChanges
 from facts_damping.simulation.restarts import Restarts
-from facts_damping.supervision.controller_health import controller_health
 from facts_damping.supervision.model import SUPERVISOR
-from facts_damping.supervision.step import supervise, write_status
+from facts_damping.supervision.step import controller_health, supervise, write_status
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 EMPTY = {"issued": SETPOINT, "estimates": ESTIMATE, "supervised": SETPOINT, "supervision": SUPERVISION}
+ROLES = dict(zip(EMPTY, ("controller", "identifier", "supervisor", "supervisor"), strict=True))
 KEPT = 36_000  # ticks for which results are kept; no node uses older ones
 INNER = ("finite", "norm", "lyapunov", "fall")  # fields of SUPERVISOR: its controller's health
 
@@ -91,14 +91,14 @@ class NodeReplay:
         self._programs = connect(case, self._control.bank_state)
         self._changed = ReplayedChanges(case, record, self._control)
         self._restarts = Restarts(self._control.bank, self._control.bank_state)
-        self._heard = NewMessages(record)
+        self._messages = NewMessages(record)
         self._place = {int(tick): at for at, tick in enumerate(record.ticks)}
         self._networks = {(c, 0): controller_network(one) for c, one in enumerate(case.controllers) if one.scheme}
         self._networks |= {(c, 1): identifier_network(case.controllers[c]) for c in self._identified()}
         self._issued: dict[tuple[int, int], NDArray[Any]] = {}  # by controller and tick, as the next two
         self._inner: dict[tuple[int, int], NDArray[Any]] = {}
         self._estimates: dict[tuple[int, int], Estimate] = {}
-        self._told: dict[str, list[NDArray[Any]]] = {name: [] for name in Played._fields}
+        self._rows: dict[str, list[NDArray[Any]]] = {name: [] for name in Played._fields}
 
     def _identified(self) -> list[int]:
         return [int(c) for c in self._control.identifiers.controller]
@@ -114,29 +114,26 @@ class NodeReplay:
             self._supervise(s, at, tick)
         for n, c in enumerate(self._identified()):
             self._identify(n, c, at, tick)
-        for said in (self._issued, self._inner, self._estimates):
+        for results in (self._issued, self._inner, self._estimates):
             for c in range(len(self._case.controllers)):
-                said.pop((c, tick - KEPT), None)
+                results.pop((c, tick - KEPT), None)
 
     def played(self) -> Played:
         """The output so far, without that of absent or silent nodes (learning rows: all)."""
         whole = {
             name: np.concatenate(parts) if parts else np.zeros(0, EMPTY.get(name, LEARNING))
-            for name, parts in self._told.items()
+            for name, parts in self._rows.items()
         }
-        roles = {"issued": "controller", "estimates": "identifier", "supervised": "supervisor"}
-        roles["supervision"] = "supervisor"
-        return Played(**(whole | {name: self._changed.said(role, whole[name]) for name, role in roles.items()}))
+        return Played(**(whole | {name: self._changed.published(role, whole[name]) for name, role in ROLES.items()}))
 
     def _act(self, c: int, at: int, tick: int) -> None:
-        """Run a controller on the delivered entries, with new estimates."""
         control, rows = self._control, self._delivered[self._case.used_links[c]][at]
-        for newer in self._heard.new("controller", c, "estimate", tick, tick - 1):
+        for newer in self._messages.new("controller", c, "estimate", tick, tick - 1):
             if (c, newer) in self._estimates and not self._changed.silent("identifier", c, newer):
                 set_estimate(control.bank_state, c, *self._estimates[c, newer])
         count = act(control.bank, control.bank_state, c, tick, rows, len(rows), self._out, 0)
         self._issued[c, tick] = self._out[:count].copy()
-        self._told["issued"].append(self._issued[c, tick])
+        self._rows["issued"].append(self._issued[c, tick])
         found = np.zeros(1, SUPERVISOR)
         controller_health(control.bank, control.bank_state, c, found, 0)
         self._inner[c, tick] = found
@@ -148,15 +145,16 @@ class NodeReplay:
         if net is not None:
             rows = np.zeros(net.outputs * (int(learner.group[-1]) + 1), LEARNING)
             write_learning(net, learner, lyapunov, tick, c, identifier, rows, 0)
-            self._told["learning"].append(rows)
+            self._rows["learning"].append(rows)
 
     def _supervise(self, s: int, at: int, tick: int) -> None:
         """Run a supervisor with new setpoints, device states and controller health."""
         made, state = self._control.supervisors, self._control.supervisor_state
         own, row = made.settings[s], state.rows[s]
         c, link = int(own["controller"]), int(own["link"])
-        pairs = [(who, newer) for who in self._whose(c) for newer in self._new(c, f"controller {who}", tick)]
-        rows = [self._issued[one] for one in pairs if one in self._issued and self._spoke(*one)]
+        both = [c, *(i for i, one in enumerate(self._case.controllers) if one.fallback_of == c)]
+        pairs = [(who, newer) for who in both for newer in self._new(c, f"controller {who}", tick)]
+        heard = [one for one in pairs if one in self._issued and not self._changed.silent("controller", *one)]
         for newer in self._new(c, "state", tick):
             if (c, newer) in self._inner and not self._changed.absent("controller", c, newer):
                 for name in INNER:
@@ -164,30 +162,23 @@ class NodeReplay:
         ticks = [newer for newer in self._new(c, "plant", tick) if newer in self._place]
         if ticks:
             self._devices = self._record.devices[self._place[ticks[-1]]]
-        issued = np.concatenate([*rows, self._out[:0]])
+        issued = np.concatenate([*(self._issued[one] for one in heard), self._out[:0]])
         frames = self._delivered[link][at]
         span = tick, tick_ns(tick, int(own["frame_rate"])), tick_ns(tick + 1, int(own["frame_rate"]))
         given = frames, len(frames), issued, len(issued), np.ascontiguousarray(self._devices)
         count = supervise(made, state, s, *span, *given, self._out, 0)
-        self._told["supervised"].append(self._out[:count].copy())
-        told = np.zeros(1, SUPERVISION)
-        if write_status(made, state, s, tick, told, 0):
-            self._told["supervision"].append(told)
+        self._rows["supervised"].append(self._out[:count].copy())
+        status = np.zeros(1, SUPERVISION)
+        if write_status(made, state, s, tick, status, 0):
+            self._rows["supervision"].append(status)
 
     def _new(self, c: int, what: str, tick: int) -> range:
-        return self._heard.new("supervisor", c, what, tick, tick)
-
-    def _whose(self, c: int) -> list[int]:
-        """A controller and its fallback."""
-        return [c, *(i for i, one in enumerate(self._case.controllers) if one.fallback_of == c)]
-
-    def _spoke(self, c: int, tick: int) -> bool:
-        return not self._changed.silent("controller", c, tick)
+        return self._messages.new("supervisor", c, what, tick, tick)
 
     def _identify(self, n: int, c: int, at: int, tick: int) -> None:
         """Run an identifier: store the setpoints sent to the devices, then process the delivered entries."""
         made, state = self._control.identifiers, self._control.identifier_state
-        for newer in self._heard.new("identifier", c, "setpoints", tick, tick - 1):
+        for newer in self._messages.new("identifier", c, "setpoints", tick, tick - 1):
             if newer in self._place:
                 rows = self._acting[self._place[newer]]
                 store_setpoints(made, state, n, rows, len(rows))
@@ -196,7 +187,7 @@ class NodeReplay:
         size = len(self._case.controllers[c].signals) * len(self._case.controllers[c].devices)
         rows = np.zeros(size, ESTIMATE)
         write_estimates(made, state, n, tick, rows, 0)
-        self._told["estimates"].append(rows)
+        self._rows["estimates"].append(rows)
         found = state.jacobian[n].copy(), state.change[n].copy(), int(state.held.newest_ns[n])
         self._estimates[c, tick] = Estimate(*found)
         self._learning(c, 1, tick, state.learner.each[n], state.lyapunov[n])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from facts_damping.control.called import sense, sensed
 from facts_damping.control.inputs import inputs
-from facts_damping.control.sensing import sense, sensed
 from facts_damping.control.table import GIVEN
 from facts_damping.link.transfer import RING_DELIVERED
 from facts_damping.simulation.measured_plant import tick_ns

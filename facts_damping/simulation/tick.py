@@ -33,9 +33,8 @@ from facts_damping.signals import (
     Setpoints,
 )
 from facts_damping.simulation.measured_plant import advance_with_pmus, measure_with_pmus, tick_ns
-from facts_damping.supervision.controller_health import read_health
 from facts_damping.supervision.model import Supervisors, SupervisorState
-from facts_damping.supervision.step import supervise, write_status
+from facts_damping.supervision.step import read_health, supervise, write_status
 
 if TYPE_CHECKING:
     import numpy as np
@@ -168,6 +167,7 @@ def _supervised(
         own = supervisors.settings[s]
         start, end = tick_ns(tick, own.frame_rate), tick_ns(tick + 1, own.frame_rate)
         read_health(control.bank, control.bank_state, own.controller, state.rows[s])
+        rows, count = delivered[own.link], ring[own.link, RING_DELIVERED]
         acting = supervise(
             supervisors,
             state,
@@ -175,8 +175,8 @@ def _supervised(
             tick,
             start,
             end,
-            delivered[own.link],
-            ring[own.link, RING_DELIVERED],
+            rows,
+            count,
             control.issued,
             issued,
             devices,
@@ -196,25 +196,17 @@ def run_half_ticks(loop: Loop, first: int, until: int) -> bool:
     Half tick 2 k: PMUs measure at tick k, and uplinks deliver. Half tick 2 k + 1: controllers act, supervisors forward,
     identifiers learn, downlinks deliver, and the plant advances.
     """
-    links, control, kept, pmus = loop.links, loop.control, loop.signals, loop.pmus
+    links, control, kept = loop.links, loop.control, loop.signals
+    plant, plant_state, pmus, pmu_state, work = loop.plant, loop.plant_state, loop.pmus, loop.pmu_state, loop.work
     several = links.up.ring.shape[0]
     for half in range(first, until):
         tick = half // 2
         start, end = tick_ns(tick, pmus.frame_rate), tick_ns(tick + 1, pmus.frame_rate)
         if half % 2 == 0:
             frame, measured_ns, status = kept.frames[tick], kept.measured_ns[tick], kept.status[tick]
+            machines, devices = kept.machines[tick], kept.devices[tick]
             sound = measure_with_pmus(
-                loop.plant,
-                loop.plant_state,
-                pmus,
-                loop.pmu_state,
-                tick,
-                frame,
-                measured_ns,
-                status,
-                kept.machines[tick],
-                kept.devices[tick],
-                loop.work,
+                plant, plant_state, pmus, pmu_state, tick, frame, measured_ns, status, machines, devices, work
             )
             kept.time_ns[tick] = start
             kept.in_synchronism[tick] = sound
@@ -231,5 +223,5 @@ def run_half_ticks(loop: Loop, first: int, until: int) -> bool:
         kept.used[APPLIED] = _append(kept.applied, kept.used[APPLIED], loop.applied, applied)
         if not kept.in_synchronism[tick] or control.bank_state.calls.failed.any():
             return False
-        advance_with_pmus(loop.plant, loop.plant_state, pmus, loop.pmu_state, tick, loop.applied, applied, loop.work)
+        advance_with_pmus(plant, plant_state, pmus, pmu_state, tick, loop.applied, applied, work)
     return True

@@ -58,7 +58,7 @@ def users(where: str, file: str, when: str) -> Iterator[None]:
     except (InputError, KeyboardInterrupt):
         raise
     except BaseException as error:
-        raise InputError(f"{where}: {told(error, file)}, {when}") from error
+        raise InputError(f"{where}: {described(error, file)}, {when}") from error
 
 
 class _Running:
@@ -101,8 +101,8 @@ class _Running:
             return
         threading.Thread(target=self._end_what_hangs, args=(read,), daemon=True).start()
 
-    def _end_what_hangs(self, told: int) -> None:
-        while number := os.read(told, 1):
+    def _end_what_hangs(self, interrupts: int) -> None:
+        while number := os.read(interrupts, 1):
             call = self._since
             if number[0] not in heeded() or not call:
                 continue
@@ -157,7 +157,7 @@ def file_of(found: Any) -> str:
         return ""
 
 
-def told(error: BaseException, file: str) -> str:
+def described(error: BaseException, file: str) -> str:
     """An error of user code in one line, with the line of code that raised it."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [one for one in frames if file and Path(one.filename).name == Path(file).name]
@@ -165,5 +165,4 @@ def told(error: BaseException, file: str) -> str:
         at = f"{Path(error.filename).name}:{error.lineno}: "
     else:
         at = f"{Path(own[-1].filename).name}:{own[-1].lineno}: " if own else ""
-    text = one_line(error)
-    return f"{at}{type(error).__name__}: {text}" if text else f"{at}{type(error).__name__}"
+    return ": ".join(filter(None, [f"{at}{type(error).__name__}", one_line(error)]))

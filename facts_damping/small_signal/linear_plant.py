@@ -12,49 +12,40 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.extras import library
+from facts_damping.small_signal.residues import with_washouts
 from facts_damping.terminal import replacing
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1, Float2
     from facts_damping.small_signal.modal_analysis import Modal
 
 
 class LinearPlant(NamedTuple):
     """dx = A x + B u, y = C x + D u."""
 
-    A: NDArray[np.float64]  # (states, states), 1/s
-    B: NDArray[np.float64]  # (states, devices)
-    C: NDArray[np.float64]  # (signals, states)
-    D: NDArray[np.float64]  # (signals, devices)
+    A: Float2  # (states, states), 1/s
+    B: Float2  # (states, devices)
+    C: Float2  # (signals, states)
+    D: Float2  # (signals, devices)
     states: list[str]
     devices: list[str]  # u, p.u.
     signals: list[str]  # y, p.u.
-    x_0: NDArray[np.float64]  # (states,), operating point of the linearisation; 0 for washouts
-    dead_time_s: NDArray[np.float64]  # (devices,)
+    x_0: Float1  # (states,), operating point of the linearisation; 0 for washouts
+    dead_time_s: Float1  # (devices,)
 
 
 def of(modal: Modal) -> LinearPlant:
     """The plant of an analysis, including its signals' washouts."""
     model, names = modal.model, list(modal.system.signals)
-    washed = [i for i, tau in enumerate(model.washout) if tau > 0.0]
-    rate = 1.0 / model.washout[washed]
-    n, w = len(model.A), len(washed)
-    C, D = model.C[washed], model.D[washed]
-    A = np.block([[model.A, np.zeros((n, w))], [rate[:, None] * C, -np.diag(rate)]])
-    through = np.zeros((len(names), w))
-    through[washed, range(w)] = -1.0
+    washed = [f"{name}.washout" for name, tau in zip(names, model.washout, strict=True) if tau > 0.0]
     return LinearPlant(
-        A,
-        np.vstack([model.B, rate[:, None] * D]),
-        np.hstack([model.C, through]),
-        model.D,
-        [*modal.built.state_names, *(f"{names[i]}.washout" for i in washed)],
+        *with_washouts(model, range(len(names))),
+        [*modal.built.state_names, *washed],
         list(modal.devices),
         names,
-        np.concatenate([modal.built.state.x, np.zeros(w)]),
+        np.concatenate([modal.built.state.x, np.zeros(len(washed))]),
         np.broadcast_to(np.asarray(model.dead_time, np.float64), len(modal.devices)).copy(),
     )
 

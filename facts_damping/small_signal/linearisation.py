@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2
     from facts_damping.measurement.filters import Filter
     from facts_damping.parameters.plant.pmus import Signal
     from facts_damping.parameters.plant.system import System
@@ -40,30 +41,30 @@ class LinearModel(NamedTuple):
     angle along the plant's trajectory, without the impulse of a setpoint's jump.
     """
 
-    A: NDArray[np.float64]  # (states, states), 1/s
-    B: NDArray[np.float64]  # (states, devices)
-    C: NDArray[np.float64]  # (signals, states)
-    D: NDArray[np.float64]  # (signals, devices)
-    washout: NDArray[np.float64]  # (signals,), time constants, s; 0: none
+    A: Float2  # (states, states), 1/s
+    B: Float2  # (states, devices)
+    C: Float2  # (signals, states)
+    D: Float2  # (signals, devices)
+    washout: Float1  # (signals,), time constants, s; 0: none
     filtered: Filtered | None = None
     dead_time: NDArray[np.float64] | float = 0.0  # (devices,), s, from a setpoint to its reference
 
-    def response(self, s: complex) -> NDArray[np.complex128]:
+    def response(self, s: complex) -> Complex2:
         """Transfer functions from setpoints, F (C (s I - A)^-1 B + D) exp(-s Td), s in 1/s, (signals, devices)."""
         states = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B)
         C, D = self.seen
         return np.asarray(self.gain(s)[:, None] * (C @ states + D) * self.late(s))
 
-    def late(self, s: complex) -> NDArray[np.complex128]:
+    def late(self, s: complex) -> Complex1:
         """Dead times exp(-s Td) of all devices at a complex frequency (1/s); 1 without dead time."""
         return exponentials(-s * np.asarray(self.dead_time))
 
     @property
-    def seen(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def seen(self) -> tuple[Float2, Float2]:
         """Matrices C and D of the filters' inputs: of the samples for PMUs with a filter, else of the signals."""
         return (self.C, self.D) if self.filtered is None else (self.filtered.C, self.filtered.D)
 
-    def gain(self, s: complex) -> NDArray[np.complex128]:
+    def gain(self, s: complex) -> Complex1:
         """F of all signals at a complex frequency (1/s): washouts s T / (1 + s T), and filters with their delay."""
         washed = np.where(self.washout > 0.0, over(s * self.washout, 1.0 + s * self.washout), 1.0 + 0j)
         return washed if self.filtered is None else times(washed, self.filtered.gain(s))
@@ -105,7 +106,7 @@ class Eigenmode(NamedTuple):
         return self.label not in ("common", "control")
 
 
-def _central(f: Callable[[NDArray[np.float64]], NDArray[np.float64]], at: NDArray[np.float64]) -> NDArray[np.float64]:
+def _central(f: Callable[[Float1], Float1], at: Float1) -> Float2:
     """Jacobian of f by central differences, one column per argument."""
     columns = []
     for i in range(len(at)):
@@ -117,7 +118,7 @@ def _central(f: Callable[[NDArray[np.float64]], NDArray[np.float64]], at: NDArra
     return np.array(columns).T if columns else np.zeros((len(f(at)), 0))
 
 
-def linearise(built: Built) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def linearise(built: Built) -> tuple[Float2, Float2]:
     """State matrix A (states, states) and input matrix B (states, devices) at the start, 1/s.
 
     dx = A dx + B du with u the devices' references, p.u.; central differences of `derivatives`.
@@ -125,7 +126,7 @@ def linearise(built: Built) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     plant, state = built.plant, built.state
     work = workspace(plant, state)
 
-    def slope(x: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slope(x: Float1, reference: Float1) -> Float1:
         dx = np.zeros_like(x)
         derivatives(plant, x, reference, copy(state).source, 0, dx, work)
         return dx
@@ -154,7 +155,7 @@ def linear_model(
     for i, signal in enumerate(signals.values()):
         weights[i] = weights_of(signal, pmus, nominal, ANGLE if signal.channel in TURNING else signal.channel)
 
-    def seen(x: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+    def seen(x: Float1, reference: Float1) -> Float1:
         frame = np.zeros((len(pmus), len(CHANNELS)))
         measure(plant, copy(state)._replace(x=x, reference=reference), 0, frame, machines, devices, work)
         return product(weights.reshape(len(signals), frame.size), np.nan_to_num(frame.ravel()))
@@ -176,7 +177,7 @@ def linear_model(
     return LinearModel(A, B, C, D, washout, own, plant.devices["dead_ns"] / NANOSECONDS)
 
 
-def weights_of(signal: Signal, pmus: Sequence[str], nominal: float, channel: str | None = None) -> NDArray[np.float64]:
+def weights_of(signal: Signal, pmus: Sequence[str], nominal: float, channel: str | None = None) -> Float2:
     """Weights of a signal over all PMUs' channels, (PMUs, channels).
 
     `nominal`: frequency, Hz; `channel`: the weighted channel, by default the signal's.
@@ -186,7 +187,7 @@ def weights_of(signal: Signal, pmus: Sequence[str], nominal: float, channel: str
     return made
 
 
-def eigenvectors(matrix: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+def eigenvectors(matrix: Float2) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Eigenvalues of a matrix, left eigenvectors, as in w A = lambda w, and right ones, in columns."""
     from scipy.linalg import eig  # noqa: PLC0415 (runs do without it)
 
@@ -195,7 +196,7 @@ def eigenvectors(matrix: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any
 
 
 def modes(
-    matrix: NDArray[np.float64],
+    matrix: Float2,
     names: Sequence[str],
     system: System | None = None,
     model: LinearModel | None = None,
@@ -224,11 +225,7 @@ def modes(
 
 
 def mode(
-    eigenvalue: complex,
-    right: NDArray[Any],
-    left: NDArray[Any],
-    names: Sequence[str],
-    system: System | None = None,
+    eigenvalue: complex, right: NDArray[Any], left: NDArray[Any], names: Sequence[str], system: System | None = None
 ) -> Eigenmode:
     """A mode, without residues, from its eigenvalue (1/s) and eigenvectors; `names`: of the states.
 
@@ -239,8 +236,13 @@ def mode(
     listed = {names[k]: float(fraction[k]) for k in np.argsort(-fraction) if fraction[k] >= NEGLIGIBLE}
     size = abs(eigenvalue)
     ratio = float(-eigenvalue.real / size) if size > 0 else 0.0
-    shape = _shape(names, right)
-    label = _label(_swing_fraction(names, fraction), shape, system)
+    speeds = {
+        name.removesuffix(".omega"): complex(v) for name, v in zip(names, right, strict=True) if name.endswith(".omega")
+    }
+    maximum = max(speeds.values(), key=abs, default=0j)
+    shape = {name: value / maximum if maximum else value for name, value in speeds.items()}  # the largest is one
+    swing = sum(s for name, s in zip(names, fraction, strict=True) if name.endswith((".delta", ".omega")))
+    label = _label(float(swing), shape, system)
     return Eigenmode(eigenvalue, float(eigenvalue.imag / (2 * np.pi)), ratio, listed, label, shape, [])
 
 
@@ -250,20 +252,6 @@ def unlike(one: Eigenmode, other: Eigenmode) -> float:
     size = np.vdot(a, a).real * np.vdot(b, b).real
     alike = abs(np.vdot(a, b)) ** 2 / size if size > 0.0 else 0.0
     return float(min(1.0, abs(one.eigenvalue - other.eigenvalue) / abs(one.eigenvalue) + 1.0 - alike))
-
-
-def _shape(names: Sequence[str], vector: NDArray[Any]) -> dict[str, complex]:
-    """Speeds of all machines in an eigenvector, scaled so that the largest is one."""
-    speeds = {
-        name.removesuffix(".omega"): complex(vector[k]) for k, name in enumerate(names) if name.endswith(".omega")
-    }
-    maximum = max(speeds.values(), key=abs, default=0j)
-    return {name: value / maximum if maximum else value for name, value in speeds.items()}
-
-
-def _swing_fraction(names: Sequence[str], fraction: NDArray[np.float64]) -> float:
-    """Sum of the participations of rotor angles and speeds in a mode."""
-    return float(sum(s for name, s in zip(names, fraction, strict=True) if name.endswith((".delta", ".omega"))))
 
 
 def _label(swing: float, shape: dict[str, complex], system: System | None) -> str:

@@ -16,31 +16,22 @@ of the final controller, at its output.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.control.linear_law import Matrices
 from facts_damping.errors import InputError
 from facts_damping.matrices import product, root, sign, singular, solve
 from facts_damping.phasors import exponentials, magnitudes, over, times
 from facts_damping.small_signal.own_linear import held
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1, Float2
     from facts_damping.control.state_space import StateSpace
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Controller
     from facts_damping.small_signal.residues import Residues
-
-
-class Linear(NamedTuple):
-    """dx/dt = A x + B u, y = C x + D u."""
-
-    A: NDArray[np.float64]  # (states, states)
-    B: NDArray[np.float64]  # (states, inputs)
-    C: NDArray[np.float64]  # (outputs, states)
-    D: NDArray[np.float64]  # (outputs, inputs)
 
 
 def design(plant: Residues | None, system: System, controller: Controller, here: str) -> StateSpace:
@@ -63,7 +54,7 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
     return held(*law, rate)
 
 
-def least_damped(plant: Residues, system: System, controller: Controller) -> Linear:
+def least_damped(plant: Residues, system: System, controller: Controller) -> Matrices:
     """The least damped mode without delay: dz/dt = lambda z + b u, y = 2 Re(c z), in real states."""
     rows = [plant.signals.index(name) for name in controller.signals]
     columns = [plant.devices.index(name) for name in controller.devices]
@@ -75,31 +66,33 @@ def least_damped(plant: Residues, system: System, controller: Controller) -> Lin
     b = over(residue[0], c[0])
     s, w = plant.eigenvalue.real, plant.eigenvalue.imag
     A = np.array([[s, -w], [w, s]])
-    return Linear(A, np.vstack([b.real, b.imag]), 2.0 * np.column_stack([c.real, -c.imag]), np.zeros((len(c), len(b))))
+    return Matrices(
+        A, np.vstack([b.real, b.imag]), 2.0 * np.column_stack([c.real, -c.imag]), np.zeros((len(c), len(b)))
+    )
 
 
-def washouts(gain: NDArray[np.float64], Tw: NDArray[np.float64]) -> Linear:
+def washouts(gain: Float1, Tw: Float1) -> Matrices:
     """The weight before each device: gain s Tw / (1 + s Tw)."""
-    return Linear(np.diag(-1.0 / Tw), np.diag(1.0 / Tw), np.diag(-gain), np.diag(gain))
+    return Matrices(np.diag(-1.0 / Tw), np.diag(1.0 / Tw), np.diag(-gain), np.diag(gain))
 
 
-def pade(delay: float, inputs: int) -> Linear:
+def pade(delay: float, inputs: int) -> Matrices:
     """The Pade term of order 2 of a delay, s, of each input: (1 - s T/2 + s^2 T^2/12) / (1 + s T/2 + s^2 T^2/12)."""
     a0, a1 = 12.0 / (delay * delay), 6.0 / delay
     one = np.eye(inputs)
     A = np.kron(one, np.array([[0.0, 1.0], [-a0, -a1]]))
-    return Linear(A, np.kron(one, np.array([[0.0], [1.0]])), np.kron(one, np.array([[0.0, -2.0 * a1]])), one)
+    return Matrices(A, np.kron(one, np.array([[0.0], [1.0]])), np.kron(one, np.array([[0.0, -2.0 * a1]])), one)
 
 
-def series(first: Linear, second: Linear) -> Linear:
+def series(first: Matrices, second: Matrices) -> Matrices:
     """Series connection of the first system, then the second."""
     zero = np.zeros((len(first.A), len(second.A)))
     A = np.block([[first.A, zero], [product(second.B, first.C), second.A]])
     B = np.vstack([first.B, product(second.B, first.D)])
-    return Linear(A, B, np.hstack([product(second.D, first.C), second.C]), product(second.D, first.D))
+    return Matrices(A, B, np.hstack([product(second.D, first.C), second.C]), product(second.D, first.D))
 
 
-def tolerant(shaped: Linear, above: float) -> tuple[Linear, float]:
+def tolerant(shaped: Matrices, above: float) -> tuple[Matrices, float]:
     """The controller u = K y for `above` times the least gamma, and that gamma; the shaped plant has D = 0."""
     A, B, C, _ = shaped
     X, Z = continuous_riccati(A, B, C), continuous_riccati(A.T, C.T, B.T)
@@ -108,10 +101,10 @@ def tolerant(shaped: Linear, above: float) -> tuple[Linear, float]:
     L = (1.0 - gamma * gamma) * np.eye(len(A)) + product(X, Z)
     H = gamma * gamma * solve(L.T, product(Z, C.T))
     F = product(B.T, X)
-    return Linear(A - product(B, F) + product(H, C), H, F, np.zeros((B.shape[1], C.shape[0]))), gamma
+    return Matrices(A - product(B, F) + product(H, C), H, F, np.zeros((B.shape[1], C.shape[0]))), gamma
 
 
-def continuous_riccati(A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64]) -> NDArray[np.float64]:
+def continuous_riccati(A: Float2, B: Float2, C: Float2) -> Float2:
     """The stabilising X of A^T X + X A - X B B^T X + C^T C = 0, by the Hamiltonian's sign (J. D. Roberts, 1980)."""
     n, one = len(A), np.eye(len(A))
     W = sign(np.block([[A, -product(B, B.T)], [-product(C.T, C), -A.T]]))

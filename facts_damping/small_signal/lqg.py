@@ -40,8 +40,7 @@ from facts_damping.small_signal.zero_order_hold import held_for, rigid
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1, Float2
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Controller
     from facts_damping.small_signal.residues import Residues
@@ -56,14 +55,14 @@ STILL = 1e-6  # p.u. or rad per p.u.: a signal with less swing relative to the s
 class DesignModel(NamedTuple):
     """dx = A x + B u + G w, y = C x + D u, z = Z x: setpoints u, torques w, signals y, speed differences z; p.u."""
 
-    A: NDArray[np.float64]  # (states, states), 1/s
-    B: NDArray[np.float64]  # (states, devices)
-    G: NDArray[np.float64]  # (states, machines)
-    C: NDArray[np.float64]  # (signals, states)
-    D: NDArray[np.float64]  # (signals, devices)
-    Z: NDArray[np.float64]  # (differences, states)
+    A: Float2  # (states, states), 1/s
+    B: Float2  # (states, devices)
+    G: Float2  # (states, machines)
+    C: Float2  # (signals, states)
+    D: Float2  # (signals, devices)
+    Z: Float2  # (differences, states)
 
-    def within(self, T: NDArray[np.float64], back: NDArray[np.float64]) -> DesignModel:
+    def within(self, T: Float2, back: Float2) -> DesignModel:
         """The model in states z with x = T z, `back` T = 1."""
         of_inputs = product(back, self.B), product(back, self.G)
         return DesignModel(product(back, self.A, T), *of_inputs, product(self.C, T), self.D, product(self.Z, T))
@@ -102,7 +101,7 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
         ) from error
 
 
-def _check(plant: Residues, system: System, controller: Controller, size: NDArray[np.float64], here: str) -> None:
+def _check(plant: Residues, system: System, controller: Controller, size: Float1, here: str) -> None:
     """Check that signals return to zero at rest, and that they swing."""
     for i, (name, swing) in enumerate(zip(controller.signals, size, strict=True)):
         signal = system.signals[name]
@@ -135,9 +134,7 @@ def model(plant: Residues, system: System, controller: Controller) -> DesignMode
     return DesignModel(own.A, own.B[:, columns], G, C[rows], D[np.ix_(rows, columns)], Z)
 
 
-def reduced(
-    whole: DesignModel, names: Sequence[str], limits: NDArray[np.float64], size: NDArray[np.float64]
-) -> DesignModel:
+def reduced(whole: DesignModel, names: Sequence[str], limits: Float1, size: Float1) -> DesignModel:
     """The model without rigid motions and truncated; signals are scaled by `size`, setpoints by limits.
 
     P, from the sign of the matrix, splits the states as x = P x + (1 - P) x into the decaying part and the rest. In
@@ -156,9 +153,7 @@ def reduced(
     return seen.within(np.hstack([staying[:, :stays], T]), np.vstack([sizes[:stays, None] * seeing[:, :stays].T, back]))
 
 
-def balancing(
-    A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def balancing(A: Float2, B: Float2, C: Float2) -> tuple[Float2, Float2]:
     """T (states, kept) and back: x = T z, z the balanced states with a Hankel singular value of at least KEPT."""
     reach = root(lyapunov(A, product(B, B.T)))
     observe = root(lyapunov(A.T, product(C.T, C)))
@@ -171,10 +166,10 @@ def balancing(
 class SampledModel(NamedTuple):
     """x(k+1) = Phi x(k) + old u(k-f-1) + new u(k-f) + torque w(k): a model from frame to frame with its delay."""
 
-    Phi: NDArray[np.float64]  # (states, states)
-    old: NDArray[np.float64]  # (states, devices)
-    new: NDArray[np.float64]  # (states, devices)
-    torque: NDArray[np.float64]  # (states, machines)
+    Phi: Float2  # (states, states)
+    old: Float2  # (states, devices)
+    new: Float2  # (states, devices)
+    torque: Float2  # (states, machines)
     f: int
     part: float  # s, from a frame until u(k-f) acts
 
@@ -193,11 +188,11 @@ def optimal(
     small: DesignModel,
     step: SampledModel,
     filters: Filtered | None,
-    washout: NDArray[np.float64],
+    washout: Float1,
     period: float,
-    limits: NDArray[np.float64],
+    limits: Float1,
     control_weight: float,
-    measurement_noise: NDArray[np.float64],
+    measurement_noise: Float1,
 ) -> StateSpace:
     """Regulator and filter; states are the model's, those of washouts, of PMU filters, then u(k-1) to u(k-f-1).
 
@@ -232,9 +227,7 @@ def optimal(
     return StateSpace(after[:, :n], after[:, n:], y[:, :n], M, K[:, :n])
 
 
-def washouts(
-    washout: NDArray[np.float64], period: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def washouts(washout: Float1, period: float) -> tuple[Float2, Float2, Float2]:
     """Washouts by the bilinear transform: p s(k) + (1 - p) y(k) = s(k+1), with output g (y - s).
 
     Returns g of all signals (1 without washout), p of those with one, and the rows that select these.
@@ -248,18 +241,14 @@ def washouts(
     )
 
 
-def _filter(
-    A: NDArray[np.float64], G: NDArray[np.float64], C: NDArray[np.float64], measurement_noise: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _filter(A: Float2, G: Float2, C: Float2, measurement_noise: Float1) -> Float2:
     """M of the Kalman filter, P C^T (C P C^T + R)^-1, with signals in units of their noise."""
     seen, one = C / measurement_noise[:, None], np.eye(len(measurement_noise))
     P = riccati(A.T, seen.T, product(G, G.T), one)
     return np.asarray(solve(product(seen, P, seen.T) + one, product(seen, P)).T / measurement_noise)
 
 
-def _regulator(
-    step: SampledModel, Z: NDArray[np.float64], limits: NDArray[np.float64], control_weight: float
-) -> NDArray[np.float64]:
+def _regulator(step: SampledModel, Z: Float2, limits: Float1, control_weight: float) -> Float2:
     """K of u(k) = -K [x(k+f), u(k-1)], with setpoints in units of their limits."""
     n, devices = step.new.shape
     A = np.block([[step.Phi, step.old * limits], [np.zeros((devices, n + devices))]])

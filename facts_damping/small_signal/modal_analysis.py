@@ -8,7 +8,7 @@ import numpy as np
 
 from facts_damping.plant.build import Built, build
 from facts_damping.small_signal import linearisation
-from facts_damping.small_signal.relative_gains import FREQUENCIES_HZ, Interaction, interactions
+from facts_damping.small_signal.residues import FREQUENCIES_HZ, Interaction, interactions
 from facts_damping.terminal import table
 
 if TYPE_CHECKING:
@@ -97,13 +97,12 @@ def _mode(mode: linearisation.Eigenmode) -> dict[str, Any]:
     return {
         **figures(mode),
         "participation": mode.participation,
-        "shape": {name: _polar(value) for name, value in mode.shape.items()},
+        "shape": {
+            name: {"magnitude": abs(value), "angle_deg": float(np.rad2deg(np.angle(value)))}
+            for name, value in mode.shape.items()
+        },
         "residues": [residue._asdict() for residue in mode.residues],
     }
-
-
-def _polar(value: complex) -> dict[str, float]:
-    return {"magnitude": abs(value), "angle_deg": float(np.rad2deg(np.angle(value)))}
 
 
 def modes_text(modal: Modal) -> Iterator[str]:
@@ -117,7 +116,8 @@ def modes_text(modal: Modal) -> Iterator[str]:
     for bus in modal.built.flow.buses(system.base_power):
         yield "{name:<12} {v_pu:8.4f} {angle_deg:10.3f} {p_mw:10.2f} {q_mvar:10.2f}".format(**bus)
     yield "\n     real 1/s   imag rad/s         Hz  damping ratio  kind               participation"
-    shown = _listed(modal)
+    large = len(modal.modes) > MAX_LISTED
+    shown = [mode for mode in modal.modes if not large or mode.damping_ratio <= WELL_DAMPED]
     for mode in shown:
         maximum = ", ".join(
             f"{state} {fraction:.2f}" for state, fraction in list(mode.participation.items())[:SHOWN_STATES]
@@ -130,31 +130,22 @@ def modes_text(modal: Modal) -> Iterator[str]:
         yield f"and {len(modal.modes) - len(shown)} with a damping ratio above {WELL_DAMPED:g}, all in --json"
     for mode in shown_modes(modal):
         yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: machines that swing against each other"
-        for group in _groups(mode):
+        ranked = sorted(mode.shape.items(), key=lambda item: -abs(item[1]))
+        halves = [[item for item in ranked if (item[1].real >= 0) == in_phase] for in_phase in (True, False)]
+        for group in filter(None, halves):
             more = f", and {len(group) - MAX_MACHINES} that swing less" if len(group) > MAX_MACHINES else ""
             yield "  " + ", ".join(f"{name} {abs(value):.2f}" for name, value in group[:MAX_MACHINES]) + more
         if mode.residues:
             yield "  device       signal       residue 1/s  angle deg   u = K y: sign  lead deg"
-        for r in _largest(mode.residues):
+        residues = mode.residues
+        if len(residues) > MAX_RESIDUES:
+            residues = sorted(residues, key=lambda one: -one.magnitude)[:MAX_RESIDUES]
+        for r in residues:
             yield (
                 f"  {r.device:<12} {r.signal:<10} {r.magnitude:13.5g} {r.angle_deg:10.1f} "
                 f"{'+' if r.sign > 0 else '-':>15} {r.lead_deg:9.1f}"
             )
     yield from _interactions_text(modal)
-
-
-def _listed(modal: Modal) -> list[linearisation.Eigenmode]:
-    """The modes of the table: all, or for a large system those that are not well damped."""
-    if len(modal.modes) <= MAX_LISTED:
-        return modal.modes
-    return [mode for mode in modal.modes if mode.damping_ratio <= WELL_DAMPED]
-
-
-def _largest(residues: Sequence[linearisation.Residue]) -> list[linearisation.Residue]:
-    """All residues in their order; if there are many, the largest, sorted by size."""
-    if len(residues) <= MAX_RESIDUES:
-        return list(residues)
-    return sorted(residues, key=lambda one: -one.magnitude)[:MAX_RESIDUES]
 
 
 def shown_modes(modal: Modal) -> list[linearisation.Eigenmode]:
@@ -180,10 +171,3 @@ def _interactions_text(modal: Modal) -> Iterator[str]:
     titles = ["signals", f"{at:.4f} Hz", *(f"{hertz:g} Hz" for hertz in FREQUENCIES_HZ)]
     whole = [row for row in rows.values() if len(row) == len(titles)]
     yield from ("  " + line for line in table(titles, whole, rule=False))
-
-
-def _groups(mode: linearisation.Eigenmode) -> list[list[tuple[str, complex]]]:
-    """Machines in phase with the fastest, and those in antiphase, the fastest first."""
-    ranked = sorted(mode.shape.items(), key=lambda item: -abs(item[1]))
-    halves = [[item for item in ranked if item[1].real >= 0], [item for item in ranked if item[1].real < 0]]
-    return [half for half in halves if half]

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.plant.grid.power_flow import PowerFlow
     from facts_damping.small_signal.linearisation import Eigenmode
@@ -93,6 +94,7 @@ def draw(
 ) -> Path:
     """Draw the diagram; `mode`: the mode shown by arrows at the machines."""
     at = places(system)
+    where = {name: at[bus] for name, bus in system.pmu_buses().items()}  # of the PMUs
     figure = Figure(figsize=(12.0, 9.0), layout="constrained")
     axes = figure.add_subplot()
     _branches(axes, at, flows(system, flow, installed))
@@ -100,17 +102,23 @@ def draw(
     named = _machines(axes, system, at)
     if mode is not None:
         _arrows(axes, system, at, mode)
-    marks = [*named, *_devices(axes, system, installed, at), *_pmus(axes, system, at)]
-    marks += _loops(axes, system, loops, at)
+    marks = [
+        *named,
+        *_devices(axes, system, installed, at),
+    ]
+    for place in where.values():
+        axes.annotate("▲", tuple(place), (-9, 4), textcoords="offset points", fontsize=6, color="#D55E00", zorder=6)
+    marks += [_mark("^", "#D55E00", "PMU")] if where else []
+    marks += _loops(axes, system, loops, where, at)
     axes.legend(handles=marks, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False)
     axes.set_aspect("equal")
     axes.margins(0.08)
     axes.set_axis_off()
-    told = "flows [MW]"
+    title = "flows [MW]"
     if mode is not None:
         ratio = round(mode.damping_ratio, 3) + 0.0  # no -0.000
-        told += f"; arrows: speeds in the mode of {mode.frequency_hz:.3f} Hz, damping ratio {ratio:.3f}"
-    axes.set_title(f"{system.name}: {told}", fontsize=11)
+        title += f"; arrows: speeds in the mode of {mode.frequency_hz:.3f} Hz, damping ratio {ratio:.3f}"
+    axes.set_title(f"{system.name}: {title}", fontsize=11)
     return save_picture(figure, path, dpi=130)
 
 
@@ -145,8 +153,7 @@ def _machines(axes: Axes, system: System, at: Places) -> list[Any]:
         axes.annotate(m.name, tuple(at[m.bus]), (6, -9), textcoords="offset points", fontsize=7, zorder=6)
     for row in system.infinite_buses:
         axes.plot(*at[row.bus], "o", ms=11, color="black", zorder=4)
-    told = {area: area or "machines" for area in areas}
-    marks = [_mark("o", colours[area], told[area], mfc="white", mew=2.0) for area in areas]
+    marks = [_mark("o", colours[area], area or "machines", mfc="white", mew=2.0) for area in areas]
     return [*marks, *([_mark("o", "black", "infinite bus")] if system.infinite_buses else [])]
 
 
@@ -163,7 +170,7 @@ def _arrows(axes: Axes, system: System, at: Places, mode: Eigenmode) -> None:
         axes.plot(*tip, alpha=0.0)  # extends the axes to include the arrow
 
 
-def _place(device: Device, at: Places) -> NDArray[np.float64]:
+def _place(device: Device, at: Places) -> Float1:
     """Position of a device: between its buses, or at its single bus."""
     buses = device.ends if isinstance(device, Series) else device.buses
     return np.asarray(np.mean([at[bus] for bus in buses], axis=0))
@@ -184,22 +191,9 @@ def _devices(axes: Axes, system: System, installed: Sequence[str], at: Places) -
     return marks
 
 
-def _pmus(axes: Axes, system: System, at: Places) -> list[Any]:
-    """Draw PMUs as triangles beside their buses."""
-    where = _seen_at(system, at)
-    for place in where.values():
-        axes.annotate("▲", tuple(place), (-9, 4), textcoords="offset points", fontsize=6, color="#D55E00", zorder=6)
-    return [_mark("^", "#D55E00", "PMU")] if where else []
-
-
-def _seen_at(system: System, at: Places) -> Places:
-    """Positions of the PMUs' measurements, by name."""
-    return {name: at[bus] for name, bus in system.pmu_buses().items()}
-
-
-def _loops(axes: Axes, system: System, loops: Sequence[Loop], at: Places) -> list[Any]:
+def _loops(axes: Axes, system: System, loops: Sequence[Loop], where: Places, at: Places) -> list[Any]:
     """Draw each loop as dashed lines from its PMUs to its devices."""
-    where, marks = _seen_at(system, at), []
+    marks = []
     for i, loop in enumerate(loops):
         look: dict[str, Any] = {"color": "black", "ls": LOOPS[i % len(LOOPS)], "lw": 0.9}
         for device in loop.devices:

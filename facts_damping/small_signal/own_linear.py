@@ -17,8 +17,7 @@ from facts_damping.control.state_space import StateSpace
 from facts_damping.small_signal.zero_order_hold import held_for
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float2
     from facts_damping.parameters.run import Controller
 
 
@@ -29,16 +28,12 @@ def design(controller: Controller, frame_rate: int) -> StateSpace:
     return from_frames(A, B, C, D) if law.dt is not None else held(A, B, C, D, frame_rate)
 
 
-def held(
-    A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64], frame_rate: int
-) -> StateSpace:
+def held(A: Float2, B: Float2, C: Float2, D: Float2, frame_rate: int) -> StateSpace:
     """A continuous law with signals held between frames."""
     return from_frames(*held_for(A, B, 1.0 / frame_rate), C, D)
 
 
-def from_frames(
-    A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64]
-) -> StateSpace:
+def from_frames(A: Float2, B: Float2, C: Float2, D: Float2) -> StateSpace:
     """A discrete law from frame to frame."""
     (devices, signals), n, ones = D.shape, len(A), np.eye(D.shape[1])
     return StateSpace(

@@ -26,8 +26,7 @@ from facts_damping.small_signal import linearisation
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Complex1, Complex2, Float1
     from facts_damping.parameters.plant.pmus import Channel
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.small_signal.linearisation import Eigenmode
@@ -63,17 +62,17 @@ class Tried(NamedTuple):
     """Analysis of a location; arrays over modes, NaN for a mode that is not found again with the device."""
 
     place: Place
-    controllability: NDArray[np.complex128]  # (modes,), 1/s per p.u.
-    observability: NDArray[np.complex128]  # (modes, signals), with the device installed
+    controllability: Complex1  # (modes,), 1/s per p.u.
+    observability: Complex2  # (modes, signals), with the device installed
     why_not: str = ""  # reason if a device is impossible there; then the arrays are NaN
 
     @property
-    def residue(self) -> NDArray[np.complex128]:
+    def residue(self) -> Complex2:
         """(modes, signals), 1/s per p.u. of the setpoint and p.u. of the signal."""
         return self.controllability[:, None] * self.observability
 
     @property
-    def strength(self) -> NDArray[np.float64]:
+    def strength(self) -> Float1:
         """Effect of the device with its full setpoint, 1/s, (modes,)."""
         return np.abs(self.controllability) * float(self.place.device.setpoint_max)
 
@@ -85,13 +84,13 @@ def places(system: System) -> list[Place]:
     """
     own = [Place(d, d.place, True) for d in system.devices]
     in_series = {d.line for d in system.devices if isinstance(d, Series)}
-    taken = {row.bus for row in system.infinite_buses} | {m.bus for m in system.machines}
-    taken |= {d.bus for d in system.devices if isinstance(d, Parallel)}
+    occupied = {row.bus for row in system.infinite_buses} | {m.bus for m in system.machines}
+    occupied |= {d.bus for d in system.devices if isinstance(d, Parallel)}
     names = {d.name for d in system.devices}
     name = next(n for n in (NEW, *(f"{NEW}_{i}" for i in range(2, 100))) if n not in names)
     lines = [line for line in system.lines if line.name not in in_series]
     series = [Place(Sssc(name=name, line=line.name, kind="sssc"), line.name, False) for line in lines]
-    buses = [bus.name for bus in system.buses if bus.name not in taken]
+    buses = [bus.name for bus in system.buses if bus.name not in occupied]
     parallel = [Place(Statcom(name=name, bus=bus, kind="statcom", **STATCOM), bus, False) for bus in buses]
     return [*own, *series, *parallel]
 
@@ -111,13 +110,16 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
     the active power of each line. Existing signals are not duplicated.
     """
     pmus = {s.machine: s.name for s in system.pmus if s.machine is not None}
-    taken = {s.name for s in system.pmus}
+    used = {s.name for s in system.pmus}
     more: list[Pmu] = []
     for m in system.machines:
         if m.name not in pmus:
-            pmus[m.name] = _free(m.name, taken)
+            pmus[m.name] = _free(m.name, used)
             more.append(Pmu(name=pmus[m.name], machine=m.name))
-    weights = {"_".join(["w", *names]): _difference([pmus[name] for name in names]) for names in _opposed(modes)}
+    weights = {
+        "_".join(["w", *names]): dict(zip([pmus[name] for name in names], (1.0, -1.0), strict=False))
+        for names in _opposed(modes)
+    }
     means = _mean_speeds(system, pmus)
     for a, b in combinations(means, 2) if len(means) <= MAX_AREAS else ():
         weights[f"w_{a}_{b}"] = {**means[a], **{pmu: -w for pmu, w in means[b].items()}}
@@ -128,16 +130,11 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
     measured = _measured_flows(system)
     for line in system.lines:
         if line.name not in measured:
-            own_name = _free(f"P_{line.name}", taken)
+            own_name = _free(f"P_{line.name}", used)
             more.append(Pmu(name=own_name, bus=line.from_bus, branches=[line.name]))
             flow = Signal(channel=FLOW, weights={own_name: 1.0}, deviation=True)
             new[_free(f"p_{line.name}", named)] = flow
     return system.model_copy(update={"pmus": [*system.pmus, *more], "signals": {**system.signals, **new}})
-
-
-def _difference(pmus: Sequence[str]) -> dict[str, float]:
-    """Weights of the speed of one PMU, or of the difference of two."""
-    return dict(zip(pmus, (1.0, -1.0), strict=False))
 
 
 def _measured_flows(system: System) -> set[str]:
@@ -155,11 +152,11 @@ def only(system: System, signals: Sequence[str], own: System) -> System:
     return system.model_copy(update={"signals": kept, "pmus": pmus})
 
 
-def _free(name: str, taken: set[str]) -> str:
-    """An unused name, which is then added to `taken`."""
-    while name in taken:
+def _free(name: str, used: set[str]) -> str:
+    """An unused name, which is then added to `used`."""
+    while name in used:
         name += "_"
-    taken.add(name)
+    used.add(name)
     return name
 
 
@@ -183,7 +180,7 @@ def _mean_speeds(system: System, pmus: Mapping[str, str]) -> dict[str, dict[str,
     return {area: {s: w / sum(own.values()) for s, w in own.items()} for area, own in inertia.items()}
 
 
-def seen(system: System, modes: Sequence[Eigenmode]) -> NDArray[np.complex128]:
+def seen(system: System, modes: Sequence[Eigenmode]) -> Complex2:
     """The observability of all signals of a system without devices, (modes, signals)."""
     return _tried(system, [], modes)[1]
 
@@ -206,9 +203,7 @@ def tried(trial: Trial) -> Tried:
     return Tried(trial.place, found[0][:, 0], found[1])
 
 
-def _tried(
-    system: System, devices: Sequence[str], modes: Sequence[Eigenmode]
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def _tried(system: System, devices: Sequence[str], modes: Sequence[Eigenmode]) -> tuple[Complex2, Complex2]:
     """Controllability (modes, devices) and observability (modes, signals) of the modes, found again with devices."""
     system = place(system)
     built = build(system, devices, [])

@@ -1,8 +1,12 @@
-"""Response of the signals to the devices' setpoints in the linearised plant: initial values for adaptation."""
+"""Response of the signals to the devices' setpoints in the linearised plant: initial values for adaptation.
+
+Two devices interact as their relative gain arrays tell (Bristol 1966).
+"""
 
 from __future__ import annotations
 
 import math
+from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -17,6 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Complex1, Complex2, Float2
     from facts_damping.measurement.filters import Filter
     from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
@@ -33,12 +38,12 @@ class Residues(NamedTuple):
     signals: list[str]
     devices: list[str]
     eigenvalue: complex  # 1/s, of the mode
-    residue: NDArray[np.complex128]  # (signals, devices), 1/s
-    mode_shape: NDArray[np.complex128]  # (signals,), swing of each signal in the mode's right eigenvector
+    residue: Complex2  # (signals, devices), 1/s
+    mode_shape: Complex1  # (signals,), swing of each signal in the mode's right eigenvector
     frame_rate: int
     model: linearisation.LinearModel
     names: list[str]  # of the plant's states
-    shape: NDArray[np.complex128]  # (states,), the mode's right eigenvector
+    shape: Complex1  # (states,), the mode's right eigenvector
 
     @property
     def frequency_hz(self) -> float:
@@ -56,17 +61,17 @@ class Residues(NamedTuple):
             return 1.0
         return -1.0 if abs(angle) >= 180.0 - CLEAR_DEG else 0.0
 
-    def response(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
+    def response(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> Float2:
         """Signals after a setpoint of one is held for a number of frames, p.u./p.u., (signals, devices).
 
         C int_0^T exp(A t) dt B + D, with the washouts' states in A; time counts from the end of dead times.
         """
         rows, columns = [self.signals.index(s) for s in signals], [self.devices.index(d) for d in devices]
-        A, B, C, D = _with_washouts(self.model, rows)
+        A, B, C, D = with_washouts(self.model, rows)
         _, held = held_for(A, B, frames / self.frame_rate)
         return (product(C, held) + D)[:, columns]
 
-    def jacobian(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
+    def jacobian(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> Float2:
         """The responses with the signs at the mode, if these are defined, (signals, devices), p.u./p.u."""
         found = self.response(signals, devices, frames)
         sign = np.array([[self.sign(s, d) for d in devices] for s in signals]).reshape(found.shape)
@@ -101,7 +106,7 @@ def residues(
     return Residues(*known, frame_rate, model, list(built.state_names), v)
 
 
-def _with_washouts(model: linearisation.LinearModel, signals: Sequence[int]) -> tuple[NDArray[np.float64], ...]:
+def with_washouts(model: linearisation.LinearModel, signals: Sequence[int]) -> tuple[Float2, Float2, Float2, Float2]:
     """A, B, C, D to some signals, with a state for each washout: T dx_w/dt = y - x_w, and y - x_w instead of y."""
     A, B, C, D = model.A, model.B, model.C[signals], model.D[signals]
     rows = np.flatnonzero(model.washout[signals] > 0.0)
@@ -112,3 +117,38 @@ def _with_washouts(model: linearisation.LinearModel, signals: Sequence[int]) -> 
     pick[rows, np.arange(len(rows))] = 1.0
     wide = np.block([[A, np.zeros((len(A), len(rows)))], [rate * C[rows], -rate * np.eye(len(rows))]])
     return wide, np.vstack([B, rate * D[rows]]), np.hstack([C, -pick]), D
+
+
+ALIKE = 1e9  # largest condition of the gains; signals that are nearly proportional have no array
+FREQUENCIES_HZ = (0.1, 0.3, 1.0, 1.5, 3.0)  # in addition to the frequency of the mode
+
+
+class Interaction(NamedTuple):
+    """Gains from both devices to two signals at a frequency, and their relative gain array."""
+
+    frequency_hz: float
+    signals: tuple[str, str]
+    gain: Complex2  # (signals, devices), normalised: signals by their swing, devices by their limits
+    relative: NDArray[np.complex128]  # G x (G^-1)^T, element by element; independent of units
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value of the gain."""
+        return float(np.linalg.cond(self.gain))
+
+
+def interactions(built: Built, system: System, devices: Sequence[str]) -> list[Interaction]:
+    """Interactions for each pair of signals, first at the least damped mode; empty unless two devices see a mode."""
+    plant = residues(built, system, devices, 1) if len(devices) == 2 else None
+    if plant is None:
+        return []
+    limits = np.array([system.device(name).setpoint_max for name in devices])
+    found = []
+    for hertz in (plant.frequency_hz, *FREQUENCIES_HZ):
+        gain = plant.model.response(2j * np.pi * hertz) * limits / np.abs(plant.mode_shape)[:, None]
+        for a, b in combinations(range(len(plant.signals)), 2):
+            own = gain[[a, b]]
+            if np.linalg.cond(own) < ALIKE:
+                pair = (plant.signals[a], plant.signals[b])
+                found.append(Interaction(hertz, pair, own, own * np.linalg.inv(own).T))
+    return found

@@ -14,7 +14,7 @@ from facts_damping.small_signal.zero_order_hold import held_for
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from facts_damping.compiling.structs import Complex1, Float2, Float3
 
 
 class Filtered(NamedTuple):
@@ -23,9 +23,9 @@ class Filtered(NamedTuple):
     C and D give the samples: for a frequency and its rate the voltage's angle, which `taps` differentiate.
     """
 
-    C: NDArray[np.float64]  # (signals, states)
-    D: NDArray[np.float64]  # (signals, devices)
-    taps: NDArray[np.float64]  # (signals, 1 + frames * per_frame)
+    C: Float2  # (signals, states)
+    D: Float2  # (signals, devices)
+    taps: Float2  # (signals, 1 + frames * per_frame)
     per_frame: int
     rate: float  # samples/s
     delay: float  # s, from the instant of a frame until the frame is available
@@ -35,7 +35,7 @@ class Filtered(NamedTuple):
         """The number of earlier frames with samples in the filter."""
         return int(self.taps.shape[1] - 1) // self.per_frame
 
-    def gain(self, s: complex) -> NDArray[np.complex128]:
+    def gain(self, s: complex) -> Complex1:
         """Transfer functions sum_j g_j exp(-s j / rate) at a complex frequency (1/s), (signals,)."""
         return product(self.taps, exponentials(-s / self.rate * np.arange(self.taps.shape[1])))
 
@@ -45,9 +45,7 @@ class Filtered(NamedTuple):
         return self._replace(C=self.C[rows], D=self.D[rows], taps=self.taps[rows])
 
 
-def filtered(
-    made: Filter, channels: Sequence[str], C: NDArray[np.float64], D: NDArray[np.float64], frame_rate: int
-) -> Filtered:
+def filtered(made: Filter, channels: Sequence[str], C: Float2, D: Float2, frame_rate: int) -> Filtered:
     """The measurement filter for signals of some channels; C and D give the samples."""
     rows = [taps(made, channel, frame_rate) for channel in channels]
     frames = -(-(max(map(len, rows)) - 1) // made.per_frame)
@@ -58,12 +56,8 @@ def filtered(
 
 
 def samples(
-    own: Filtered,
-    A: NDArray[np.float64],
-    B: NDArray[np.float64],
-    x: NDArray[np.float64],
-    inputs: Sequence[tuple[list[int], NDArray[np.float64], NDArray[np.float64], float]],
-) -> NDArray[np.float64]:
+    own: Filtered, A: Float2, B: Float2, x: Float2, inputs: Sequence[tuple[list[int], Float2, Float2, float]]
+) -> Float3:
     """Samples in a frame, at t_k + i / rate, (per_frame, signals, columns), as rows in terms of `x` and inputs.
 
     `inputs`: columns of B, the setpoints in force first, those that follow, and the time of the change (s). A sample at
@@ -86,7 +80,7 @@ def samples(
     return np.array(found)
 
 
-def remember(own: Filtered, sampled: NDArray[np.float64], memory: NDArray[np.float64]) -> NDArray[np.float64]:
+def remember(own: Filtered, sampled: Float3, memory: Float2) -> Float2:
     """Filter memory for the next frames after a frame's samples: rows of `memory`, (frames * signals, columns).
 
     The transposed form: w_m(k+1) = w_(m+1)(k) + sum_i g_(m M - i) y(t_k + i / rate), y(k) = g_0 y(t_k) + w_1(k), with M

@@ -11,14 +11,13 @@ from facts_damping.matrices import exponential, least_squares, product
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from facts_damping.compiling.structs import Float2
+
 
 NEAR = 1e-6  # relative to cancelling terms and to the largest derivative: smaller changes count as zero
 
 
-def held_for(
-    A: NDArray[np.float64], B: NDArray[np.float64], seconds: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def held_for(A: Float2, B: Float2, seconds: float) -> tuple[Float2, Float2]:
     """Phi = exp(A t) and Gamma = int_0^t exp(A s) ds B: state transition, and effect of held inputs."""
     n, inputs = B.shape
     rows = np.block([[A, B], [np.zeros((inputs, n + inputs))]])
@@ -26,7 +25,7 @@ def held_for(
     return whole[:n, :n], whole[:n, n:]
 
 
-def rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:
+def rigid(A: Float2, C: Float2, names: Sequence[str]) -> Float2:
     """Common shifts of all rotor angles and of all speeds that have no effect on the plant or a signal.
 
     Other states may settle elsewhere, as those of washouts do. Such motions, (states, 0 to 2), orthonormal, have zero

@@ -11,7 +11,7 @@ import socket
 import time
 from contextlib import suppress
 from ipaddress import ip_address
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from facts_damping.c37118 import frame
 from facts_damping.c37118.configuration import TIME_BASE, Configuration
@@ -38,19 +38,6 @@ class Lost(str):
     __slots__ = ()
 
 
-class _Wire(Protocol):
-    """Carries bytes to and from a server."""
-
-    async def receive(self) -> bytes:
-        """The next bytes; empty if the server has closed."""
-
-    def send(self, data: bytes) -> None:
-        """Send bytes to the server."""
-
-    def close(self) -> None:
-        """Close the connection."""
-
-
 class Client:
     """Reports configurations, instants, and lost connections."""
 
@@ -59,7 +46,7 @@ class Client:
         self.server, self._tell = server, tell
         self.receiver, self.connections = Receiver(server.idcode), 0
         self._kind, self._answered = 0, True  # index in ASKED of the request in use, and whether it was answered
-        self._asked_s = self._heard_s = -ANSWER_S
+        self._asked_s = self._received_s = -ANSWER_S
 
     async def run(self) -> None:
         """Run until cancelled."""
@@ -80,7 +67,7 @@ class Client:
                     wire.close()
             await asyncio.sleep(AGAIN_S)
 
-    async def _connect(self) -> _Wire:
+    async def _connect(self) -> _Tcp | _Udp:
         """Connect to the server. Raises OSError."""
         opening = asyncio.ensure_future(_open(self.server))
         try:
@@ -90,31 +77,31 @@ class Client:
         finally:
             opening.cancel()
 
-    async def _serve(self, wire: _Wire) -> str:
+    async def _serve(self, wire: _Tcp | _Udp) -> str:
         """Serve one connection; returns the reason of its end."""
         receiver, old = Receiver(self.server.idcode), self.receiver
         receiver.lost_bytes, receiver.refused = old.lost_bytes, old.refused
-        self.receiver, self._asked_s, self._heard_s = receiver, -ANSWER_S, time.monotonic()
-        coming = asyncio.ensure_future(wire.receive())
+        self.receiver, self._asked_s, self._received_s = receiver, -ANSWER_S, time.monotonic()
+        receiving = asyncio.ensure_future(wire.receive())
         try:
             while True:
                 now = time.monotonic()
-                if now - self._heard_s > 2.0 * SILENT_S and not self.server.spontaneous:
-                    return f"silent for {now - self._heard_s:.0f} s"
-                if receiver.changed or now - self._heard_s > SILENT_S:
+                if now - self._received_s > 2.0 * SILENT_S and not self.server.spontaneous:
+                    return f"silent for {now - self._received_s:.0f} s"
+                if receiver.changed or now - self._received_s > SILENT_S:
                     self._ask(wire, now)
-                if not (await asyncio.wait({coming}, timeout=ANSWER_S))[0]:
+                if not (await asyncio.wait({receiving}, timeout=ANSWER_S))[0]:
                     continue
-                if not (received := coming.result()):
+                if not (received := receiving.result()):
                     return "closed by the server"
                 self._take(wire, received)
-                coming = asyncio.ensure_future(wire.receive())
+                receiving = asyncio.ensure_future(wire.receive())
         finally:
-            coming.cancel()
+            receiving.cancel()
 
-    def _take(self, wire: _Wire, received: bytes) -> None:
+    def _take(self, wire: _Tcp | _Udp, received: bytes) -> None:
         """Process received bytes; turns data on once the configuration is known."""
-        self._heard_s, receiver = time.monotonic(), self.receiver
+        self._received_s, receiver = time.monotonic(), self.receiver
         for one in receiver.take([received]) if self.server.kind == "udp" else receiver.feed(received):
             if isinstance(one, Configuration):
                 self._answered = True
@@ -122,7 +109,7 @@ class Client:
             if not isinstance(one, str):
                 self._tell(one)
 
-    def _ask(self, wire: _Wire, now: float) -> None:
+    def _ask(self, wire: _Tcp | _Udp, now: float) -> None:
         """Request the configuration from time to time; switches to the other kind if there is no answer."""
         if now - self._asked_s < ANSWER_S:
             return
@@ -131,7 +118,7 @@ class Client:
         self._asked_s, self._answered = now, False
         self._command(wire, ASKED[self._kind])
 
-    def _command(self, wire: _Wire, name: str) -> None:
+    def _command(self, wire: _Tcp | _Udp, name: str) -> None:
         if not self.server.spontaneous:
             second, part = divmod(time.time_ns() * TIME_BASE // NANOSECONDS, TIME_BASE)
             wire.send(frame.command(self.server.idcode, name, second, part))
@@ -157,7 +144,7 @@ class _Udp(asyncio.DatagramProtocol):
     """UDP datagrams, one frame each."""
 
     def __init__(self) -> None:
-        self._come: asyncio.Queue[bytes] = asyncio.Queue()
+        self._received: asyncio.Queue[bytes] = asyncio.Queue()
         self._transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: Any) -> None:
@@ -165,13 +152,13 @@ class _Udp(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, _from: Any) -> None:
         if data:
-            self._come.put_nowait(data)
+            self._received.put_nowait(data)
 
     def error_received(self, exc: Exception) -> None:
         """Ignore: no server is there yet, and the request is repeated."""
 
     async def receive(self) -> bytes:
-        return await self._come.get()
+        return await self._received.get()
 
     def send(self, data: bytes) -> None:
         if self._transport is not None:
@@ -182,8 +169,7 @@ class _Udp(asyncio.DatagramProtocol):
             self._transport.close()
 
 
-async def _open(server: Server) -> _Wire:
-    """Connect to a server. Raises OSError."""
+async def _open(server: Server) -> _Tcp | _Udp:
     if server.kind == "tcp":
         return _Tcp(*await asyncio.open_connection(server.host, server.port))
     way: dict[str, Any] = {"remote_addr": (server.host, server.port)}

@@ -72,13 +72,13 @@ class ServerState:
     def rows(self) -> Iterator[tuple[str, ...]]:
         """Table rows, one per channel; the first row of a PMU names it."""
         for pmu, channels in self.values():
-            told = (pmu.name, str(pmu.idcode), _format(pmu))
+            first = (pmu.name, str(pmu.idcode), _format(pmu))
             for name, value, unit in channels:
                 text = (
                     "-" if value is None else f"{int(value):#06x}" if name == "STAT" else f"{value:.6g} {unit}".strip()
                 )
-                yield (*told, name, text)
-                told = ("", "", "")
+                yield (*first, name, text)
+                first = ("", "", "")
 
     def result(self) -> dict[str, Any]:
         """Content for JSON."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from facts_damping.c37118.session import Instant
     from facts_damping.signals import Record
-    from facts_damping.streaming.concentrator import Concentrator
+    from facts_damping.streaming.pdc import Pdc
     from facts_damping.streaming.server import Server
 
     Timed = tuple[float, Instant]  # s since the first tick, and the instant to send then
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 WAIT_S = 0.02  # s, polling period while no client listens
 
 
-def instants(record: Record, concentrator: Concentrator, link: int | None = None) -> Iterator[Timed]:
+def instants(record: Record, pdc: Pdc, link: int | None = None) -> Iterator[Timed]:
     """Instants of a recording's PMUs, tick by tick; `link`: index of a link, for frames as it delivered them."""
     delivered = record.delivered[record.delivered["link"] == (-1 if link is None else link)]
     for k, (tick, now_ns) in enumerate(zip(record.ticks.tolist(), record.time_ns.tolist(), strict=True)):
@@ -33,9 +33,9 @@ def instants(record: Record, concentrator: Concentrator, link: int | None = None
             rows = entries(now_ns, record.frames[k], record.measured_ns[k], record.status[k])
         else:
             rows = delivered[slice(*np.searchsorted(delivered["tick"], [tick, tick + 1]))]
-        for instant in concentrator.take(tick, rows):
+        for instant in pdc.take(tick, rows):
             yield (now_ns - int(record.time_ns[0])) / NANOSECONDS, instant
-    for instant in concentrator.rest():
+    for instant in pdc.rest():
         yield (int(record.time_ns[-1]) - int(record.time_ns[0])) / NANOSECONDS, instant
 
 

@@ -50,7 +50,7 @@ class Server:
         self._fixed: list[Address] = []
         self._tcp: asyncio.Server | None = None
         self._udp: asyncio.DatagramTransport | None = None
-        self._told_s = -CONFIGURATION_S  # time of the last configuration to fixed receivers
+        self._configured_s = -CONFIGURATION_S  # time of the last configuration to fixed receivers
 
     async def begin(self, tcp: Address | None, udp: Address | None, fixed: Sequence[Address] = ()) -> None:
         """Open the ports. Raises `RunError` if one is not available."""
@@ -80,7 +80,7 @@ class Server:
 
     def send(self, instant: Instant) -> None:
         """Send a data frame to all receivers; clients too far behind are dropped."""
-        raw = session.told(self.stream, instant)
+        raw = session.data_frame(self.stream, instant)
         self.counts.frames += 1
         for client in [one for one, on in self._clients.items() if on]:
             if not self._too_slow(client):
@@ -102,8 +102,8 @@ class Server:
     def _remind(self) -> None:
         """Send the configuration to fixed receivers, which cannot request it."""
         now_s = asyncio.get_running_loop().time()
-        if self._fixed and now_s - self._told_s >= CONFIGURATION_S and self._udp is not None:
-            self._told_s = now_s
+        if self._fixed and now_s - self._configured_s >= CONFIGURATION_S and self._udp is not None:
+            self._configured_s = now_s
             for raw in session.answers(self.stream, "send_configuration_2", *self.now()):
                 for address in self._fixed:
                     self._udp.sendto(raw, address)

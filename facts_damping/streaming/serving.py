@@ -1,4 +1,4 @@
-"""Servers of a run's PMUs: one for all, as a concentrator, or one for each, as PMUs."""
+"""Servers of a run's PMUs: one for all, as a PDC, or one for each PMU."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from facts_damping.c37118 import session, system_pmus
 from facts_damping.c37118.configuration import FORMATS, Site
 from facts_damping.errors import InputError, check_known, one_line
 from facts_damping.parameters.streams import MAX_ID
-from facts_damping.streaming.concentrator import grid_pmus
+from facts_damping.streaming.pdc import grid_pmus
 from facts_damping.streaming.server import Server
 from facts_damping.terminal import some_of
 
@@ -67,7 +67,9 @@ async def begin(made: Sequence[Server], asked: Serving) -> list[str]:
     for i, server in enumerate(made):
         at = (asked.host, asked.port + i if asked.port else 0)
         await server.begin(at, at, targets)
-        lines.append(f"serving {_names(server)}: {asked.host}, TCP {server.ports[0]}, UDP {server.ports[1]}")
+        stream = server.stream
+        names = f"IDCODE {stream.idcode}, {some_of([pmu.name for pmu in stream.configuration.pmus])}"
+        lines.append(f"serving {names}: {asked.host}, TCP {server.ports[0]}, UDP {server.ports[1]}")
     return lines
 
 
@@ -85,11 +87,6 @@ async def _address(text: str, own: str) -> Address:
     if own.startswith("127.") and not (there.is_loopback or there.is_multicast):
         raise InputError(f"to: '{text}' given with host {own}; allowed: this computer, groups; or another host")
     return str(found[0]), int(port)
-
-
-def _names(server: Server) -> str:
-    """Text: stream and PMUs."""
-    return f"IDCODE {server.stream.idcode}, {some_of([pmu.name for pmu in server.stream.configuration.pmus])}"
 
 
 def counted(made: Sequence[Server]) -> list[dict[str, Any]]:

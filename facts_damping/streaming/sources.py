@@ -14,9 +14,8 @@ from facts_damping.measurement.pmu_model import UNSYNCHRONISED
 from facts_damping.parameters.streams import server
 from facts_damping.signals import DELIVERY, LOST
 from facts_damping.simulation.measured_plant import entries, tick_ns
-from facts_damping.streaming.alignment import PmuReport
-from facts_damping.streaming.concentrator import grid_pmus
-from facts_damping.streaming.stream_clock import JUMP_S, Following, latency
+from facts_damping.streaming.pdc import grid_pmus
+from facts_damping.streaming.stream_clock import JUMP_S, Following, PmuReport, latency
 from facts_damping.terminal import some_of
 
 if TYPE_CHECKING:
@@ -64,7 +63,7 @@ class Sources:
         found = self._places[i]
         if found is None:
             return
-        values, status, absent = mapping.told(found, what.data)
+        values, status, absent = mapping.values_of(found, what.data)
         if what.quality & stat.FAULT == stat.FAULT:
             status |= UNSYNCHRONISED
         rate = self._case.run.frame_rate
@@ -106,12 +105,10 @@ class Sources:
         return made
 
     def _await(self) -> None:
-        """Await the PMUs of the connected servers."""
         self.following.alignment.awaited[:] = False
         self.following.alignment.awaited[self._of(i for i in range(len(self.servers)) if i not in self._down)] = True
 
     def _of(self, servers: Iterable[int]) -> NDArray[np.intp]:
-        """Indices of the PMUs of some servers."""
         found = [self._places[i] for i in servers]
         return np.sort(np.concatenate([np.zeros(0, np.intp), *(one.pmus for one in found if one is not None)]))
 
@@ -130,14 +127,13 @@ class Sources:
 
     def rows(self, tick: Tick, start_ns: int) -> NDArray[Any]:
         """Entries of a tick (DELIVERY), for PMUs with values."""
-        self._seen = np.zeros(len(self.grid), bool) if tick.said is None else tick.said.there
-        if tick.said is None:
+        self._seen = np.zeros(len(self.grid), bool) if tick.frame is None else tick.frame.there
+        if tick.frame is None:
             return np.zeros(0, DELIVERY)
         measured = tick_ns(tick.number - self.following.ahead, self._case.run.frame_rate)
-        return entries(start_ns, tick.said.values, np.where(tick.said.there, measured, LOST), tick.said.status)
+        return entries(start_ns, tick.frame.values, np.where(tick.frame.there, measured, LOST), tick.frame.status)
 
     def _names(self, places: NDArray[np.intp]) -> str:
-        """Names of PMUs, as text."""
         return some_of([self.grid[s].name for s in places.tolist()])
 
     def unknown(self) -> bool:

@@ -1,25 +1,17 @@
-"""Helpers shared by the pages and pictures of studies: reading nested figures of a row, saving PNG files."""
+"""Saves the pictures of studies."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.figure import Figure
 
 DPI = 85
-
-
-def at(row: Any, path: Sequence[str]) -> Any:
-    """The value at the end of a path of keys in a row of a study."""
-    for key in path:
-        row = row[key]
-    return row
 
 
 def save(figure: Figure, path: Path) -> Path:

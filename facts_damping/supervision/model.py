@@ -255,7 +255,6 @@ def begin(state: SupervisorState, s: int) -> None:
 
 
 def _set(row: Any, one: Watched, given: Supervision, frame_rate: int, nominal: float) -> None:
-    """Fill a row of SETTINGS."""
     arming, probe = given.arming, given.probe
     omega = one.eigenvalue.imag
     row["controller"], row["reserve"], row["link"] = one.controller, one.reserve, one.link
@@ -280,7 +279,6 @@ def _set(row: Any, one: Watched, given: Supervision, frame_rate: int, nominal: f
 
 
 def _thresholds(rows: NDArray[Any], given: Supervision, settings: Any) -> None:
-    """Fill the thresholds of a supervisor's monitors."""
     cycle_s = float(settings["cycle"]) / float(settings["frame_rate"])
     for row, (name, watch) in zip(rows, watches(given).items(), strict=True):
         seconds = watch.lasts * (cycle_s if MONITORS[name].lasts_unit == CYCLES else 1.0)

@@ -15,9 +15,9 @@ from facts_damping.supervision.model import CONTROLLER, CYCLES_KEPT
 from facts_damping.supervision.probe import gain_of
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float2
     from facts_damping.supervision.model import Supervisors, SupervisorState
 
 (MISSING, STALE, JITTER, MISALIGNED, STUCK, RANGE, ANGLE, SPEED, POWERS, STATUS, CLOCK, LOCAL) = range(12)
@@ -183,7 +183,7 @@ def controller(made: Supervisors, state: SupervisorState, s: int, end_ns: int, l
 
 
 @compiled
-def _count(past: NDArray[np.float64], tick: int, window: int, side: float) -> int:
+def _count(past: Float2, tick: int, window: int, side: float) -> int:
     """Number of the last `window` ticks, this one included, with an output at its limit on one side (+1 or -1)."""
     total, size = 0, past.shape[0]
     for i in range(min(window, tick + 1)):

@@ -133,9 +133,9 @@ def _write(
         reach = own.rate * row.since
         v = min(max(v, before - reach), before + reach)
     device.output = v
-    said = out[first]
-    said.tick, said.controller, said.device = tick, own.controller, made.devices[s, d].place
-    said.measured_ns, said.issued_ns, said.effective_ns, said.value = measured_ns, at_ns, at_ns, v
+    setpoint = out[first]
+    setpoint.tick, setpoint.controller, setpoint.device = tick, own.controller, made.devices[s, d].place
+    setpoint.measured_ns, setpoint.issued_ns, setpoint.effective_ns, setpoint.value = measured_ns, at_ns, at_ns, v
 
 
 @compiled
@@ -152,7 +152,6 @@ def _spend(made: Supervisors, state: SupervisorState, s: int, since: float) -> N
 
 @compiled
 def _commanded(made: Supervisors, s: int) -> int:
-    """Number of devices that a supervisor commands."""
     found = 0
     for d in range(made.devices.shape[1]):
         found += made.devices[s, d].place != UNSET

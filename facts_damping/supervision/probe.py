@@ -18,9 +18,7 @@ from facts_damping.signals import NANOSECONDS
 from facts_damping.supervision.model import UNKNOWNS
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float2
     from facts_damping.supervision.model import Supervisors, SupervisorState
 
 PIVOT = 1e-12  # least pivot / squared norm of its column; below it the column depends on others
@@ -71,7 +69,7 @@ def update_fit(made: Supervisors, state: SupervisorState, s: int, tick: int) -> 
 
 
 @compiled
-def fit(sums: NDArray[np.float64], squares: float, work: NDArray[np.float64], first: int) -> float:
+def fit(sums: Float2, squares: float, work: Float2, first: int) -> float:
     """Solve for the unknowns from `first` on; returns the residual sum of squares.
 
     The solution goes into the last column of `work`. `sums`: upper triangle of the products of all regressors with each

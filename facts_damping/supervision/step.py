@@ -8,14 +8,17 @@ fallback at their times of issue. In other states it sends zero, or a probe's to
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from facts_damping.compiling import entry_point
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.control.bank import Bank, BankState
 from facts_damping.control.inputs import UNSET, compute_signals, ingest
 from facts_damping.elementary import log, magnitude, phase
 from facts_damping.monitor_table import ARMED, FALLBACK
+from facts_damping.neurofuzzy.network import shape_of
 from facts_damping.signals import Deliveries, DeviceTruths, Setpoints, Supervisions
 from facts_damping.supervision import monitors, probe
-from facts_damping.supervision.model import Supervisors, SupervisorState, begin
+from facts_damping.supervision.model import SupervisorRows, Supervisors, SupervisorState, begin
 from facts_damping.supervision.output import emit_zero, forward_setpoints, fraction
 from facts_damping.supervision.states import finish_probe, handle_commands, judge
 
@@ -40,7 +43,7 @@ def supervise(
 
     Returns the index after the last setpoint written. `delivered`: `count` entries of its link; `issued`: `many`
     setpoints, including those of its controller and fallback; `devices`: DEVICE_TRUTH at the start of the tick. Its row
-    must hold the controller's health (`controller_health.py`). A failed supervisor writes nothing. A supervisor ignores
+    must hold the controller's health (`controller_health`). A failed supervisor writes nothing. A supervisor ignores
     scheduled commands from before it started or restarted.
     """
     row, own = state.rows[s], made.settings[s]
@@ -57,13 +60,13 @@ def supervise(
         probe.write_regressors(made, state, s, tick, state.commanded[s, row.probed].output)
     if row.state not in (ARMED, FALLBACK):
         first = emit_zero(made, state, s, tick, end_ns - 1, out, first)
-    _take_frames(made, state, s, tick, delivered, count, answered)
+    _process_frames(made, state, s, tick, delivered, count, answered)
     _judge(made, state, s, tick, end_ns, devices, lapses)
     return first
 
 
 @entry_point
-def _take_frames(
+def _process_frames(
     made: Supervisors, state: SupervisorState, s: int, tick: int, delivered: Deliveries, count: int, answered: bool
 ) -> None:
     """Process the frames of a tick, one arrival time after another, as the controller does."""
@@ -106,16 +109,16 @@ def _judge(
 @entry_point
 def write_status(made: Supervisors, state: SupervisorState, s: int, tick: int, out: Supervisions, at: int) -> bool:
     """Write a supervisor's status after a tick to `out[at]`; returns False if it has failed."""
-    told = out[at]
+    report = out[at]
     row, own = state.rows[s], made.settings[s]
     if row.tick != tick:
         return False
-    told.tick, told.controller, told.state = row.tick, own.controller, row.state
-    told.cause, told.refused, told.fraction = row.cause, row.refused, fraction(row, row.now_ns)
+    report.tick, report.controller, report.state = row.tick, own.controller, row.state
+    report.cause, report.refused, report.fraction = row.cause, row.refused, fraction(row, row.now_ns)
     for m in range(row.values.size):
-        told.values[m] = row.values[m]
-    told.probe_gain = told.probe_phase = told.probe_coherence = math.nan
-    told.added_damping = told.phase_margin = told.gain_margin = math.nan
+        report.values[m] = row.values[m]
+    report.probe_gain = report.probe_phase = report.probe_coherence = math.nan
+    report.added_damping = report.phase_margin = report.gain_margin = math.nan
     added, worst = 0j, -1.0
     for d in range(made.devices.shape[1]):
         found = state.commanded[s, d]
@@ -125,9 +128,39 @@ def write_status(made: Supervisors, state: SupervisorState, s: int, tick: int, o
         added += found.added
         if apart > worst:
             worst = apart
-            told.probe_gain, told.probe_phase, told.probe_coherence = found.gain, found.phase, found.coherence
+            report.probe_gain, report.probe_phase, report.probe_coherence = found.gain, found.phase, found.coherence
     if worst >= 0.0:
-        told.added_damping = -added.real
-        told.phase_margin = math.pi / 2.0 - abs(phase(-added)) if magnitude(added) > 0.0 else math.nan
-        told.gain_margin = -own.sigma / added.real if added.real * own.sigma < 0.0 else math.nan
+        report.added_damping = -added.real
+        report.phase_margin = math.pi / 2.0 - abs(phase(-added)) if magnitude(added) > 0.0 else math.nan
+        report.gain_margin = -own.sigma / added.real if added.real * own.sigma < 0.0 else math.nan
     return True
+
+
+@compiled
+def read_health(bank: Bank, state: BankState, c: int, found: Any) -> None:
+    """Write the health of controller c to `found`: outputs finite, parameter norm, Lyapunov function and its fall.
+
+    Nodes get it by messages.
+    """
+    found.finite = 1
+    for d in range(bank.device.shape[1]):
+        if bank.device[c, d] != UNSET and not math.isfinite(state.unlimited[c, d]):
+            found.finite = 0
+    net, total = shape_of(bank.shape[c]), 0.0
+    size = net.inputs * net.rules * net.stored + net.rules * net.outputs * net.width
+    groups = 1 + state.learner.group[c, size - 1] if net.rules > 0 else 0
+    for g in range(groups):
+        square = 0.0
+        for f in range(size):
+            if state.learner.group[c, f] == g:
+                square += state.learner.theta[c, f] ** 2
+        norm = math.sqrt(square)
+        total += norm * norm
+    found.norm = math.sqrt(total)
+    found.lyapunov, found.fall = state.memory.lyapunov[c, 0], state.memory.lyapunov[c, 1]
+
+
+@entry_point
+def controller_health(bank: Bank, state: BankState, c: int, found: SupervisorRows, at: int) -> None:
+    """Write the health of controller c into row `at` of SUPERVISOR."""
+    read_health(bank, state, c, found[at])

@@ -17,7 +17,7 @@ from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
 from facts_damping.validation.table import Row, ValidationTable, within
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -86,11 +86,64 @@ def reported(name: str, signal: Signal, seconds: float) -> Reported:
     return Reported(stamps[there, 0] / NANOSECONDS, phasor, kept[:, FREQUENCY], kept[:, ROCOF], latency)
 
 
-def errors(found: Reported, signal: Signal, since: float, until: float) -> tuple[float, float, float]:
-    """Largest total vector error, frequency error (Hz) and error of ROCOF (Hz/s) between two times (s)."""
-    kept = (found.time >= since) & (found.time <= until)
-    tve, fe, rfe = _differences(found, signal)
-    return float(tve[kept].max()), float(fe[kept].max()), float(rfe[kept].max())
+def _worst(
+    name: str,
+    signals: Iterable[Signal],
+    seconds: float | Sequence[float],
+    since: float = 0.3,
+    true: Sequence[Signal] = (),
+) -> NDArray[np.float64]:
+    """Largest total vector error, frequency error (Hz) and error of ROCOF (Hz/s) of all signals after `since` (s).
+
+    `seconds`: length of all signals, or of each; `true`: what the PMU should report of each, if that is not the signal.
+    """
+    listed = list(signals)
+    lengths = seconds if not isinstance(seconds, float) else [seconds] * len(listed)
+    found = []
+    for signal, right, length in zip(listed, true or listed, lengths, strict=True):
+        frames = reported(name, signal, length)
+        kept = (frames.time >= since) & (frames.time <= length)
+        found.append([float(error[kept].max()) for error in _differences(frames, right)])
+    return np.asarray(np.max(found, axis=0))
+
+
+def _within(text: str, errors: NDArray[np.float64], tve: float, fe: float, rfe: float) -> list[Row]:
+    """Rows of the three errors and their limits."""
+    return [
+        within(f"{text}, total vector error", "%", 100 * errors[0], 100 * tve),
+        within(f"{text}, frequency", "Hz", errors[1], fe),
+        within(f"{text}, ROCOF", "Hz/s", errors[2], rfe),
+    ]
+
+
+def _tone(deviation: float, magnitude: float = 1.0, angle: float = 0.0) -> Signal:
+    """A steady phasor whose frequency deviates from the nominal one (Hz)."""
+    return lambda t: (magnitude, angle + TWICE_PI * deviation * t)
+
+
+def _modulated(f: float, kx: float, ka: float) -> Signal:
+    """A phasor whose magnitude and angle (rad) are modulated at a frequency (Hz)."""
+    return lambda t: (1.0 + kx * np.cos(TWICE_PI * f * t), ka * np.cos(TWICE_PI * f * t - np.pi))
+
+
+def _swept(start: float, slope: float) -> Signal:
+    """A phasor whose frequency begins at a deviation (Hz) and rises (Hz/s)."""
+    return lambda t: (1.0, TWICE_PI * slope * (start * t + t * t / 2.0))
+
+
+def _stepped(at: float, size: float, angle: float) -> Signal:
+    """A phasor that steps at a time (s)."""
+    return lambda t: (1.0 + size, angle) if t >= at else (1.0, 0.0)
+
+
+def _disturbed(deviation: float, other: float) -> Signal:
+    """A phasor with a tenth of another frequency; both as deviations (Hz)."""
+
+    def signal(t: float) -> tuple[float, float]:
+        both = np.exp(1j * TWICE_PI * deviation * t) + 0.1 * np.exp(1j * TWICE_PI * other * t)
+        return float(abs(both)), float(np.angle(both))
+
+    return signal
 
 
 def _differences(found: Reported, signal: Signal) -> tuple[NDArray[np.float64], ...]:
@@ -105,71 +158,28 @@ def _differences(found: Reported, signal: Signal) -> tuple[NDArray[np.float64], 
 
 def _steady(name: str, limits: Limits) -> list[Row]:
     """Frequencies off nominal, and magnitudes."""
-    found = []
-    for deviation in np.linspace(-limits.reach, limits.reach, 9).tolist():
-
-        def signal(t: float, deviation: float = deviation) -> tuple[float, float]:
-            return 1.0, TWICE_PI * deviation * t
-
-        found.append(errors(reported(name, signal, 1.0), signal, 0.3, 1.0))
-    tve, fe, rfe = np.max(found, axis=0)
-    sizes = []
-    for size in (limits.smallest, 1.2):
-
-        def still(_t: float, size: float = size) -> tuple[float, float]:
-            return size, 0.3
-
-        sizes.append(errors(reported(name, still, 0.5), still, 0.0, 0.5)[0])
+    tones = map(_tone, np.linspace(-limits.reach, limits.reach, 9).tolist())
     text = f"{name}: {NOMINAL - limits.reach:g} to {NOMINAL + limits.reach:g} Hz"
-    return [
-        within(f"{text}, total vector error", "%", 100 * tve, 100 * TVE),
-        within(f"{text}, frequency", "Hz", fe, FE),
-        within(f"{text}, ROCOF", "Hz/s", rfe, limits.rfe),
-        within(
-            f"{name}: magnitude {limits.smallest:g} to 1.2 p.u., total vector error", "%", 100 * max(sizes), 100 * TVE
-        ),
-    ]
+    still = (_tone(0.0, magnitude, 0.3) for magnitude in (limits.smallest, 1.2))
+    tve = _worst(name, still, 0.5, 0.0)[0]
+    what = f"{name}: magnitude {limits.smallest:g} to 1.2 p.u., total vector error"
+    return [*_within(text, _worst(name, tones, 1.0), TVE, FE, limits.rfe), within(what, "%", 100 * tve, 100 * TVE)]
 
 
 def _modulation(name: str, limits: Limits) -> list[Row]:
     """A tenth of the magnitude, or a tenth of a radian, modulated up to a frequency."""
-    rows = []
-    for kind, (kx, ka) in {"magnitude": (0.1, 0.0), "phase": (0.0, 0.1)}.items():
-        found = []
-        for f in np.linspace(0.1 * limits.modulation, limits.modulation, 5).tolist():
-
-            def signal(t: float, f: float = f, kx: float = kx, ka: float = ka) -> tuple[float, float]:
-                return 1.0 + kx * np.cos(TWICE_PI * f * t), ka * np.cos(TWICE_PI * f * t - np.pi)
-
-            seconds = 0.5 + 2.0 / f
-            found.append(errors(reported(name, signal, seconds), signal, 0.3, seconds))
-        tve, fe, rfe = np.max(found, axis=0)
+    rows, frequencies = [], np.linspace(0.1 * limits.modulation, limits.modulation, 5).tolist()
+    for kind, depths in {"magnitude": (0.1, 0.0), "phase": (0.0, 0.1)}.items():
+        errors = _worst(name, (_modulated(f, *depths) for f in frequencies), [0.5 + 2.0 / f for f in frequencies])
         text = f"{name}: modulation of the {kind} up to {limits.modulation:g} Hz"
-        rows += [
-            within(f"{text}, total vector error", "%", 100 * tve, 100 * DYNAMIC_TVE),
-            within(f"{text}, frequency", "Hz", fe, limits.modulation_fe),
-            within(f"{text}, ROCOF", "Hz/s", rfe, limits.modulation_rfe),
-        ]
+        rows += _within(text, errors, DYNAMIC_TVE, limits.modulation_fe, limits.modulation_rfe)
     return rows
 
 
 def _ramp(name: str, limits: Limits) -> list[Row]:
     """1 Hz/s up and down, from one end of the frequencies to the other; what its corners concern is left out."""
-    found = []
-    for slope in (1.0, -1.0):
-
-        def signal(t: float, slope: float = slope) -> tuple[float, float]:
-            return 1.0, TWICE_PI * slope * (-limits.reach * t + t * t / 2.0)
-
-        seconds = 2.0 * limits.reach
-        found.append(errors(reported(name, signal, seconds), signal, 0.3, seconds))
-    tve, fe, rfe = np.max(found, axis=0)
-    text = f"{name}: ramp of 1 Hz/s over {2 * limits.reach:g} Hz"
-    return [
-        within(f"{text}, total vector error", "%", 100 * tve, 100 * TVE),
-        within(f"{text}, frequency", "Hz", fe, RAMP_FE),
-        within(f"{text}, ROCOF", "Hz/s", rfe, limits.ramp_rfe),
-    ]
+    errors = _worst(name, (_swept(-limits.reach, slope) for slope in (1.0, -1.0)), 2.0 * limits.reach)
+    return _within(f"{name}: ramp of 1 Hz/s over {2 * limits.reach:g} Hz", errors, TVE, RAMP_FE, limits.ramp_rfe)
 
 
 def _steps(name: str, limits: Limits) -> list[Row]:
@@ -179,10 +189,7 @@ def _steps(name: str, limits: Limits) -> list[Row]:
         parts: list[list[NDArray[np.float64]]] = [[] for _ in range(5)]
         for shift in range(SHIFTS):
             at = STEP_AT + shift / SHIFTS / RATE
-
-            def signal(t: float, at: float = at, size: float = size, angle: float = angle) -> tuple[float, float]:
-                return (1.0 + size, angle) if t >= at else (1.0, 0.0)
-
+            signal = _stepped(at, size, angle)
             found = reported(name, signal, 2.0)
             tve = _differences(found, signal)[0]
             moved = np.abs(found.phasor) - 1.0 if size else np.angle(found.phasor)
@@ -197,11 +204,12 @@ def _steps(name: str, limits: Limits) -> list[Row]:
             within(f"{text}, response time of the phasor", "ms", 1e3 * _beyond(t, tve, TVE), 1e3 * limits.response),
             within(f"{text}, delay", "ms", 1e3 * abs(t[np.argmax(moved >= 0.5)]), 1e3 / (4 * RATE)),
             within(f"{text}, overshoot", "%", 100 * max(moved.max() - 1.0, -moved.min()), 100 * limits.overshoot),
-            within(
-                f"{text}, response time of frequency", "ms", 1e3 * _beyond(t, fe, FE), 1e3 * limits.frequency_response
-            ),
-            within(
-                f"{text}, response time of ROCOF", "ms", 1e3 * _beyond(t, rfe, limits.rfe), 1e3 * limits.rocof_response
+            *(
+                within(f"{text}, response time of {what}", "ms", 1e3 * _beyond(t, error, limit), 1e3 * allowed)
+                for what, error, limit, allowed in (
+                    ("frequency", fe, FE, limits.frequency_response),
+                    ("ROCOF", rfe, limits.rfe, limits.rocof_response),
+                )
             ),
         ]
     return rows
@@ -215,24 +223,11 @@ def _beyond(t: NDArray[np.float64], values: NDArray[np.float64], limit: float) -
 
 def _out_of_band(name: str, beside: Sequence[float]) -> list[Row]:
     """A tenth of another frequency, beyond half the frame rate from the nominal one."""
-    found = []
-    for f in beside:
-        for deviation in (-3.0, 0.0, 3.0):  # Hz: a tenth of half the frame rate
-
-            def own(t: float, deviation: float = deviation) -> tuple[float, float]:
-                return 1.0, TWICE_PI * deviation * t
-
-            def signal(t: float, f: float = f, deviation: float = deviation) -> tuple[float, float]:
-                both = np.exp(1j * TWICE_PI * deviation * t) + 0.1 * np.exp(1j * TWICE_PI * (f - NOMINAL) * t)
-                return float(abs(both)), float(np.angle(both))
-
-            found.append(errors(reported(name, signal, 1.5), own, 0.3, 1.5))
-    tve, fe, _ = np.max(found, axis=0)
+    pairs = [(deviation, f - NOMINAL) for f in beside for deviation in (-3.0, 0.0, 3.0)]  # Hz: a tenth of half the rate
+    disturbed = (_disturbed(*pair) for pair in pairs)
+    errors = _worst(name, disturbed, 1.5, true=[_tone(deviation) for deviation, _ in pairs])
     text = f"{name}: 10 % out-of-band interference, 10 to 30 and 90 to 120 Hz"
-    return [
-        within(f"{text}, total vector error", "%", 100 * tve, 100 * OUT_OF_BAND_TVE),
-        within(f"{text}, frequency", "Hz", fe, OUT_OF_BAND_FE),
-    ]
+    return _within(text, errors, OUT_OF_BAND_TVE, OUT_OF_BAND_FE, 0.0)[:2]
 
 
 def standard() -> ValidationTable:
@@ -242,7 +237,7 @@ def standard() -> ValidationTable:
         rows += [*_steady(name, limits), *_modulation(name, limits), *_ramp(name, limits), *_steps(name, limits)]
         if name == "m_class":
             rows += _out_of_band(name, [10.0, 20.0, 30.0, 90.0, 105.0, 120.0])
-        latency = reported(name, lambda _t: (1.0, 0.0), 0.5).latency
+        latency = reported(name, _tone(0.0), 0.5).latency
         rows.append(within(f"{name}: latency", "ms", 1e3 * latency, 1e3 * limits.latency))
     source = "limits of IEEE C37.118.1-2011 with amendment 1a-2014, at 60 frames/s; filters of annex D of its successor"
     return ValidationTable("PMUs in the tests of the standard", source, "", rows)

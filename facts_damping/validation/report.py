@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.validation import ambient, devices, hvdc, pmus, small_signal, start, time_domain
+from facts_damping.validation import devices, pmus, small_signal, start, time_domain
 from facts_damping.validation.table import markdown
 
 if TYPE_CHECKING:
@@ -25,12 +25,12 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "eigenvalues-others": small_signal.others,
     "interarea": small_signal.two_area,
     "ringdown": small_signal.ringdown,
-    "ambient": ambient.ambient,
+    "ambient": small_signal.ambient,
     "converters": devices.converters,
     "balance": devices.balance,
     "pmus": pmus.standard,
-    "hvdc-power": hvdc.powers,
-    "hvdc-modulation": hvdc.modulation,
+    "hvdc-power": devices.powers,
+    "hvdc-modulation": devices.modulation,
     "time-domain": time_domain.andes,
     "step": time_domain.steps,
 }

@@ -1,4 +1,4 @@
-"""Eigenvalues, residues and damping against other programs, books and the time domain."""
+"""Eigenvalues, residues and damping against other programs, books, and runs with a ringdown or with noise."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.modes.ringdown import ringdown_modes
+from facts_damping.analysis.modes.ambient import fit_ambient
+from facts_damping.analysis.modes.ringdown import COVERED, ringdown_modes
 from facts_damping.case.loading import load_case, load_system, read_system
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.system import System
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
+
+    from facts_damping.small_signal.linearisation import Eigenmode
 
 CLOSE = 0.01  # 1/s
 SAME_EQUATIONS = 1e-5  # 1/s, what differences of the derivatives leave of the eigenvalues
@@ -71,6 +74,10 @@ TABLE_8_2 = [
 TABLE_8_2_REAL = [-5.1761, -3.3995, -3.2258]
 
 
+# Of the runs with noise.
+NOISY_SYSTEMS = ("kundur_12_6_dc", "wscc_9", "smib")
+
+
 def eigenvalues(system: System) -> NDArray[np.complex128]:
     """Eigenvalues at the start without devices, 1/s."""
     return np.asarray(np.linalg.eigvals(linearise(build(system, [], []))[0]), np.complex128)
@@ -84,13 +91,16 @@ def varied(system: System, fields: dict[str, Any]) -> System:
     return System.model_validate(content)
 
 
-def _far(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Without those near zero.
+def _all(
+    what: str, ours: NDArray[np.complex128], theirs: NDArray[np.complex128], tolerance: float = SAME_EQUATIONS
+) -> Row:
+    """All eigenvalues, without those near zero.
 
     Where no angle is a reference and nothing holds the speed, zero is a double eigenvalue of one eigenvector, so
     that round-off e moves it by sqrt(e).
     """
-    return values[np.abs(values) > CLOSE]
+    far = [values[np.abs(values) > CLOSE] for values in (ours, theirs)]
+    return within(what, "1/s", furthest(*far), tolerance)
 
 
 def _read(name: str, case: str | None = None) -> NDArray[np.complex128]:
@@ -105,18 +115,15 @@ def kundur() -> ValidationTable:
     system = load_system("kundur_12_6")
     ours = eigenvalues(system)
     theirs = _read("kundur_12_6_eigenvalues_andes")
-    rows = [within("as it is: all eigenvalues", "1/s", furthest(_far(ours), _far(theirs)), SAME_EQUATIONS)]
+    rows = [_all("as it is: all eigenvalues", ours, theirs)]
     for mode in _swings(theirs):
-        nearest = ours[np.argmin(np.abs(ours - mode))]
-        what = "as shipped: electromechanical mode"
-        rows.append(compare(what, "1/s", complex(nearest), complex(mode), SAME_EQUATIONS, ".5f"))
+        nearest = complex(ours[np.argmin(np.abs(ours - mode))])
+        rows.append(compare("as shipped: electromechanical mode", "1/s", nearest, mode, SAME_EQUATIONS, ".5f"))
     for case, (what, fields) in OPTIONS.items():
-        ours = eigenvalues(varied(system, fields))
         theirs = _read("kundur_12_6_options_eigenvalues_andes", case)
-        rows.append(within(f"{what}: all eigenvalues", "1/s", furthest(_far(ours), _far(theirs)), SAME_EQUATIONS))
-    return ValidationTable(
-        "Eigenvalues of kundur_12_6 and its options", "ANDES", "facts-damping modes kundur_12_6", rows
-    )
+        rows.append(_all(f"{what}: all eigenvalues", eigenvalues(varied(system, fields)), theirs))
+    title = "Eigenvalues of kundur_12_6 and its options"
+    return ValidationTable(title, "ANDES", "facts-damping modes kundur_12_6", rows)
 
 
 def _swings(values: NDArray[np.complex128]) -> list[complex]:
@@ -141,11 +148,10 @@ def excitation() -> ValidationTable:
     rows = []
     for name, (case, _) in EXCITATION.items():
         ours, theirs = eigenvalues(load_system(name)), _read("kundur_12_6_options_eigenvalues_andes", case)
-        rows.append(within(f"{name}: all eigenvalues", "1/s", furthest(_far(ours), _far(theirs)), SAME_EQUATIONS))
+        rows += [_all(f"{name}: all eigenvalues", ours, theirs)]
         rows += _apart(name, _swings(ours), _swings(theirs), SAME_MODEL)
-    return ValidationTable(
-        "Example 12.6 with its four excitation systems", "ANDES", "facts-damping modes kundur_12_6_thyristor_tgr", rows
-    )
+    title = "Example 12.6 with its four excitation systems"
+    return ValidationTable(title, "ANDES", "facts-damping modes kundur_12_6_thyristor_tgr", rows)
 
 
 def book() -> ValidationTable:
@@ -155,9 +161,7 @@ def book() -> ValidationTable:
     for name, (_, case) in EXCITATION.items():
         ours = eigenvalues(varied(load_system(name), {"loads": CURRENT, "machines": SATURATION}))
         theirs = _read("kundur_12_6_options_eigenvalues_andes", case)
-        rows.append(
-            within(f"{name}: all eigenvalues, ANDES", "1/s", furthest(_far(ours), _far(theirs)), SAME_EQUATIONS)
-        )
+        rows += [_all(f"{name}: all eigenvalues, ANDES", ours, theirs)]
         of_book = [complex(row["re"], row["im"]) for row in equations if row["system"] == name]
         rows += _apart(name, _swings(ours), of_book, OTHER_SATURATION)
         if name == "kundur_12_6_thyristor":
@@ -174,20 +178,13 @@ def book() -> ValidationTable:
 def others() -> ValidationTable:
     """wscc_9, new_england_39 and nets_nyps."""
     published = np.array([*TABLE_8_2, *np.conj(TABLE_8_2), *TABLE_8_2_REAL])
-    constant_power = _far(eigenvalues(load_system("wscc_9_constant_power")))
-    what = "wscc_9, loads of constant power: Sauer and Pai, table 8.2"
-    rows = [within(what, "1/s", furthest(constant_power, published), 4e-3)]
+    constant_power = eigenvalues(load_system("wscc_9_constant_power"))
+    rows = [_all("wscc_9, loads of constant power: Sauer and Pai, table 8.2", constant_power, published, 4e-3)]
     for name, tolerance in (("wscc_9", 1e-5), ("new_england_39", 1e-4), ("nets_nyps", 1e-4)):
-        theirs = _read(f"{name}_eigenvalues_andes")
         grid = place(read_system(name).model_copy(update={"devices": []}))
-        found = furthest(_far(eigenvalues(grid)), _far(theirs))
-        rows.append(within(f"{name}: ANDES", "1/s", found, tolerance))
-    return ValidationTable(
-        "Eigenvalues of wscc_9, new_england_39 and nets_nyps",
-        "Sauer and Pai; ANDES",
-        "facts-damping modes wscc_9",
-        rows,
-    )
+        rows.append(_all(f"{name}: ANDES", eigenvalues(grid), _read(f"{name}_eigenvalues_andes"), tolerance))
+    title = "Eigenvalues of wscc_9, new_england_39 and nets_nyps"
+    return ValidationTable(title, "Sauer and Pai; ANDES", "facts-damping modes wscc_9", rows)
 
 
 def two_area() -> ValidationTable:
@@ -206,9 +203,8 @@ def two_area() -> ValidationTable:
             if pair[0] == devices[-1]
         ]
     source = "an independent calculation with the same equations; signs as in (2.42)"
-    return ValidationTable(
-        "Interarea mode of two_area", source, "facts-damping modes two_area --devices sssc,statcom", rows
-    )
+    command = "facts-damping modes two_area --devices sssc,statcom"
+    return ValidationTable("Interarea mode of two_area", source, command, rows)
 
 
 def ringdown() -> ValidationTable:
@@ -218,11 +214,37 @@ def ringdown() -> ValidationTable:
         sets = [f"system={system}", f"devices={json.dumps(devices)}", "controllers=[]", "duration=20"]
         pulse = [{**event, "time": 1.0, "change": 0.02}, {**event, "time": 1.1, "change": 0.0}]
         record = loop.run(load_case(None, [*sets, f"scenario={json.dumps(pulse)}"]))
-        heard = ringdown_modes(record.time_s, columns(speed_differences(record)), 1.1)[0]
-        swings = analyse(load_system(system), devices).swings
-        mode = min(swings, key=lambda mode: abs(mode.frequency_hz - heard.frequency_hz))
+        found = ringdown_modes(record.time_s, columns(speed_differences(record)), 1.1)[0]
+        mode = _nearest(load_system(system), devices, found.frequency_hz)
         name = f"{system} with {', '.join(devices)}"
         tolerance = 0.01 * mode.frequency_hz
-        rows.append(compare(f"{name}: frequency", "Hz", heard.frequency_hz, mode.frequency_hz, tolerance))
-        rows.append(compare(f"{name}: damping ratio", "-", heard.damping_ratio, mode.damping_ratio, 0.003))
+        rows.append(compare(f"{name}: frequency", "Hz", found.frequency_hz, mode.frequency_hz, tolerance))
+        rows.append(compare(f"{name}: damping ratio", "-", found.damping_ratio, mode.damping_ratio, 0.003))
     return ValidationTable("Ringdown against the linear model", "the linearised plant", "", rows)
+
+
+def ambient() -> ValidationTable:
+    """The strongest mode in ten minutes of noise: the linear one within the intervals of 95 %."""
+    rows: list[Row] = []
+    for system in NOISY_SYSTEMS:
+        case = load_case("two_area_ambient", [f"system={system}", "devices=[]", "controllers=[]"])
+        record = loop.run(case)
+        fit = fit_ambient(record.time_s, columns(speed_differences(record)))
+        if fit is None or not fit.modes:
+            rows.append(within(f"{system}: a mode", "-", np.nan, 0.0))
+            continue
+        found = fit.modes[0]
+        mode = _nearest(case.system, [], found.frequency_hz)
+        frequency_tolerance, ratio_tolerance = COVERED * found.frequency_error_hz, COVERED * found.damping_ratio_error
+        rows += [
+            compare(f"{system}: frequency", "Hz", found.frequency_hz, mode.frequency_hz, frequency_tolerance),
+            compare(f"{system}: damping ratio", "-", found.damping_ratio, mode.damping_ratio, ratio_tolerance),
+        ]
+    source = "the linearised plant; the tolerance is half the 95 % interval of the fit"
+    command = "facts-damping simulate two_area_ambient --set system=wscc_9 --set devices=[] --set controllers=[]"
+    return ValidationTable("Modes from ten minutes of load noise", source, command, rows)
+
+
+def _nearest(system: System, devices: list[str], frequency_hz: float) -> Eigenmode:
+    """The electromechanical mode of the linear plant that is nearest to a frequency."""
+    return min(analyse(system, devices).swings, key=lambda mode: abs(mode.frequency_hz - frequency_hz))

@@ -19,17 +19,10 @@ TWO_AREA_LOADS = {"B7": 0.9916, "B9": 1.0028}
 KUNDUR_VOLTAGES = {"B5": 1.0065, "B6": 0.9781, "B7": 0.9610, "B8": 0.9486, "B9": 0.9714, "B10": 0.9835, "B11": 1.0083}
 KUNDUR_REACTIVE = {"G1": 185, "G2": 235, "G3": 176, "G4": 202}
 SMIB = {"nominal": (1311, 20.17), "light": (574, 11.7), "heavy": (1840, 25.0)}  # MW, degrees
-WSCC = {
-    "B1": (1.040, 0.0),
-    "B2": (1.025, 9.3),
-    "B3": (1.025, 4.7),
-    "B4": (1.026, -2.2),
-    "B5": (0.996, -4.0),
-    "B6": (1.013, -3.7),
-    "B7": (1.026, 3.7),
-    "B8": (1.016, 0.7),
-    "B9": (1.032, 2.0),
-}
+WSCC = (  # p.u. and degrees of B1 to B9
+    *((1.040, 0.0), (1.025, 9.3), (1.025, 4.7), (1.026, -2.2), (0.996, -4.0)),
+    *((1.013, -3.7), (1.026, 3.7), (1.016, 0.7), (1.032, 2.0)),
+)
 
 
 def two_area() -> ValidationTable:
@@ -41,9 +34,8 @@ def two_area() -> ValidationTable:
         for name, power in TWO_AREA.items()
     ]
     rows += [compare(f"voltage of {bus}", "p.u.", voltage[bus], v, 2e-4) for bus, v in TWO_AREA_LOADS.items()]
-    return ValidationTable(
-        "Power flow of two_area", "Badar's thesis, 4.5.2, four digits", "facts-damping modes two_area", rows
-    )
+    source = "Badar's thesis, 4.5.2, four digits"
+    return ValidationTable("Power flow of two_area", source, "facts-damping modes two_area", rows)
 
 
 def kundur() -> ValidationTable:
@@ -77,8 +69,7 @@ def wscc() -> ValidationTable:
     """The nine-bus system of two books."""
     flow = solve(load_system("wscc_9"))
     rows = []
-    for name, v in zip(flow.names, flow.voltage, strict=True):
-        magnitude, angle = WSCC[name]
+    for name, v, (magnitude, angle) in zip(flow.names, flow.voltage, WSCC, strict=True):
         rows.append(compare(f"voltage of {name}", "p.u.", float(abs(v)), magnitude, 5.1e-4, ".3f"))
         rows.append(compare(f"angle of {name}", "deg", float(np.rad2deg(np.angle(v))), angle, 0.051, ".1f"))
     source = "Anderson and Fouad, figure 2.19; Sauer and Pai, table 7.1: three digits, tenths of a degree"
@@ -95,9 +86,8 @@ def new_england() -> ValidationTable:
         within("voltages of the 39 buses", "p.u.", np.abs(ours) - theirs["magnitude"], 1e-6),
         within("angles of the 39 buses", "deg", np.rad2deg(np.angle(ours)) - theirs["angle"], 1e-5),
     ]
-    return ValidationTable(
-        "Power flow of new_england_39", "MATPOWER, case39 solved", "facts-damping modes new_england_39", rows
-    )
+    command = "facts-damping modes new_england_39"
+    return ValidationTable("Power flow of new_england_39", "MATPOWER, case39 solved", command, rows)
 
 
 def rest() -> ValidationTable:

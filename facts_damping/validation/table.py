@@ -75,19 +75,14 @@ def furthest(ours: NDArray[np.complex128], theirs: NDArray[np.complex128]) -> fl
     return float(np.abs(np.asarray(ours)[:, None] - np.asarray(theirs)[None]).min(axis=0).max())
 
 
-VERDICTS = {True: "pass", False: "**fail**"}  # in Markdown
-
-
 def table_text(table: ValidationTable) -> list[str]:
     """Lines of a table for the terminal."""
     width = max(len(row.what) for row in table.rows)
     lines = [f"{table.title} ({table.source})"]
     for row in table.rows:
         pair = f"{row.ours} against {row.reference}" if row.ours else "largest difference"
-        verdict = "pass" if row.passed else "FAIL"
-        lines.append(
-            f"  {verdict}  {row.what:<{width}}  {pair} {row.unit}: {row.difference:.1e} of {row.tolerance:.1e}"
-        )
+        start = f"  {'pass' if row.passed else 'FAIL'}  {row.what:<{width}}  {pair} {row.unit}"
+        lines.append(f"{start}: {row.difference:.1e} of {row.tolerance:.1e}")
     return lines
 
 
@@ -105,8 +100,9 @@ def markdown(table: ValidationTable) -> str:
     if table.command:
         lines += ["", f"    {table.command}"]
     titles = ["what", "unit", "ours", "reference", "difference", "tolerance", ""]
+    verdicts = {True: "pass", False: "**fail**"}
     cells = [
-        (r.what, r.unit, r.ours, r.reference, f"{r.difference:.1e}", f"{r.tolerance:.1e}", VERDICTS[r.passed])
+        (r.what, r.unit, r.ours, r.reference, f"{r.difference:.1e}", f"{r.tolerance:.1e}", verdicts[r.passed])
         for r in table.rows
     ]
     return "\n".join([*lines, "", *terminal.table(titles, cells, len(titles), markdown=True)]) + "\n"

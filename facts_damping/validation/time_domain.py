@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from facts_damping.validation.small_signal import MACHINES, STABILISERS, STATIC,
 from facts_damping.validation.table import Row, ValidationTable, figures, within
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from numpy.typing import NDArray
 
     from facts_damping.parameters.plant.system import System
@@ -42,20 +44,39 @@ STEPS: tuple[tuple[str, str, list[str], bool, float], ...] = (
 )
 
 
-def follow(system: System, devices: list[str], listed: list[dict[str, Any]], times: NDArray[np.float64]) -> Any:
-    """MACHINE_TRUTH at instants (s) of a run without control, shape (instants, machines)."""
-    events = Scenario.model_validate({"name": "inline", "events": listed}).events
-    built = build(system, devices, events)
+class Followed(NamedTuple):
+    """Truth of a run at its instants."""
+
+    machines: NDArray[Any]  # MACHINE_TRUTH, (instants, machines)
+    devices: NDArray[Any]  # DEVICE_TRUTH, (instants, devices)
+    frames: NDArray[np.float64]  # (instants, PMUs, channels)
+
+
+def follow(
+    system: System,
+    installed: list[str],
+    times: Sequence[float] | NDArray[np.float64],
+    events: Sequence[dict[str, Any]] = (),
+    setpoints: Mapping[str, float] | None = None,
+    dc_voltage: float | None = None,
+) -> Followed:
+    """What happens at instants (s), with setpoints of devices from the start on; `dc_voltage`: p.u., at the start."""
+    built = build(system, installed, Scenario.model_validate({"name": "inline", "events": list(events)}).events)
     state = copy(built.state)
-    work, none = workspace(built.plant, state), np.zeros(0, SETPOINT)
+    if dc_voltage is not None:
+        state.x[[name.endswith(".vdc") for name in built.state_names]] = dc_voltage
+    work, asked = workspace(built.plant, state), np.zeros(len(setpoints or ()), SETPOINT)
+    for row, (name, value) in zip(asked, (setpoints or {}).items(), strict=True):
+        row["device"], row["value"] = installed.index(name), value
     machines = np.zeros((len(times), len(system.machines)), MACHINE_TRUTH)
-    truth, frame = np.zeros(len(devices), DEVICE_TRUTH), np.zeros((len(system.pmus), len(CHANNELS)))
+    devices = np.zeros((len(times), len(installed)), DEVICE_TRUTH)
+    frames = np.zeros((len(times), len(system.pmus), len(CHANNELS)))
     now = 0
     for k, time in enumerate(times):
-        advance(built.plant, state, now, to_ns(time), none, 0, work)
+        advance(built.plant, state, now, to_ns(time), asked, len(asked) if now == 0 else 0, work)
         now = to_ns(time)
-        measure(built.plant, state, now, frame, machines[k], truth, work)
-    return machines
+        measure(built.plant, state, now, frames[k], machines[k], devices[k], work)
+    return Followed(machines, devices, frames)
 
 
 def andes() -> ValidationTable:
@@ -63,31 +84,29 @@ def andes() -> ValidationTable:
     system = load_system("kundur_12_6")
     theirs = figures("kundur_12_6_bus8_fault_andes")
     fault = {"time": 1.0, "kind": "fault", "bus": "B8", "duration": 0.1}
-    ours = follow(system, [], [fault], theirs["t"])
+    ours = follow(system, [], theirs["t"], [fault]).machines
     rows = [_speeds("fault at B8 for 0.1 s", ours, theirs, 0.001), _angles("fault at B8 for 0.1 s", ours, theirs, 0.01)]
     governors = [{"machine": g, **TURBINE} for g in MACHINES]
     controlled = varied(system, {"exciters": STATIC, "stabilisers": STABILISERS, "governors": governors})
     theirs = figures("kundur_12_6_governor_load_step_andes")
     step = {"time": 1.0, "kind": "load_step", "load": "load_1", "change": 0.05}
-    ours = follow(controlled, [], [step], theirs["t"])
+    ours = follow(controlled, [], theirs["t"], [step]).machines
     what = "load step with static exciters, stabilisers, governors"
     rows.append(_speeds(what, ours, theirs, 0.001))
     powers = np.array([theirs[f"pm{g}"] for g in range(1, 5)]).T
     rows.append(within(f"{what}: mechanical powers", "p.u. of 900 MVA", ours["mechanical_power"] / 9 - powers, 2e-7))
-    source = "ANDES, steps of 2 ms and 1 ms"
-    return ValidationTable("Time domain of kundur_12_6", source, "facts-damping simulate kundur_12_6_fault", rows)
+    command = "facts-damping simulate kundur_12_6_fault"
+    return ValidationTable("Time domain of kundur_12_6", "ANDES, steps of 2 ms and 1 ms", command, rows)
 
 
 def _speeds(what: str, ours: Any, theirs: Any, tolerance: float) -> Row:
     """Speeds, relative to the largest of their deviations."""
     speeds = np.array([theirs[f"w{g}"] - 1 for g in range(1, 5)]).T
-    return within(
-        f"{what}: speeds", "of the peak", (ours["speed_deviation"] - speeds) / np.abs(speeds).max(), tolerance
-    )
+    differences = (ours["speed_deviation"] - speeds) / np.abs(speeds).max()
+    return within(f"{what}: speeds", "of the peak", differences, tolerance)
 
 
 def _angles(what: str, ours: Any, theirs: Any, tolerance: float) -> Row:
-    """Rotor angles against G3."""
     angles = np.array([theirs[f"d{g}"] for g in range(1, 5)]).T
     pair = [np.rad2deg(a - a[:, 2:3]) for a in (ours["rotor_angle"], angles)]
     return within(f"{what}: angles against G3", "deg", pair[0] - pair[1], tolerance)

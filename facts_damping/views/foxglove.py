@@ -33,16 +33,11 @@ def foxglove_layout(tabs: Sequence[Tab]) -> str:
         for panel in tab.panels:
             names.append(f"{TYPES[panel.kind]}!{len(panels)}")
             panels[names[-1]] = {"foxglovePanelTitle": panel.title, **_settings(panel)}
-        shown.append({"title": tab.title, "layout": _two_columns(names)})
+        rows = [_split(names[i : i + 2], "row") for i in range(0, len(names), 2)]
+        shown.append({"title": tab.title, "layout": _split(rows, "column")})
     panels["Tab!tabs"] = {"activeTabIdx": 0, "tabs": shown}
-    layout = {
-        "configById": panels,
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": {"speed": 1},
-        "layout": "Tab!tabs",
-    }
-    return json.dumps(layout, indent=1, ensure_ascii=False) + "\n"
+    rest = {"globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}, "layout": "Tab!tabs"}
+    return json.dumps({"configById": panels, **rest}, indent=1, ensure_ascii=False) + "\n"
 
 
 def path(curve: Curve) -> str:
@@ -51,7 +46,6 @@ def path(curve: Curve) -> str:
 
 
 def _settings(panel: Panel) -> dict[str, Any]:
-    """Settings of a panel by its kind."""
     one = panel.curves[0]
     if panel.kind == DIAGNOSTICS:
         return {"topicToRender": one.topic, "minLevel": 0, "pinnedIds": [], "hardwareIdFilter": "", "sortByLevel": True}
@@ -74,11 +68,6 @@ def _settings(panel: Panel) -> dict[str, Any]:
         "xAxisVal": "timestamp",
         "sidebarDimension": 240,
     }
-
-
-def _two_columns(names: list[str]) -> Any:
-    """Arrange panels in rows of two."""
-    return _split([_split(names[i : i + 2], "row") for i in range(0, len(names), 2)], "column")
 
 
 def _split(parts: list[Any], direction: str) -> Any:

@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.case.names import (
-    SUPERVISED,
-    controller_addresses,
-    identifier_addresses,
-    link_addresses,
-    supervisor_addresses,
-)
+from facts_damping.case import names as case_names
 from facts_damping.case.supervision import reserves
 from facts_damping.control.bank import controller_network
 from facts_damping.monitor_table import MONITORS
@@ -60,14 +54,14 @@ def tabs(case: Case, namespace: str = "/") -> list[Tab]:
     def full(topic: str) -> str:
         return f"{namespace.rstrip('/')}/{topic}"
 
-    controllers, identifiers = controller_addresses(case), identifier_addresses(case)
+    controllers, identifiers = case_names.controller_addresses(case), case_names.identifier_addresses(case)
     found = [_grid(case, full), _devices(case, full)]
     found += [_controller(case, c, full(str(address))) for c, address in enumerate(controllers)]
     found += [_identifier(case, c, full(str(address))) for c, address in identifiers.items()]
-    for c, address in supervisor_addresses(case).items():
-        spoken = {who: full(topic) for who, topic in _spoken(case, c).items()}
-        found += _supervisor(case, c, full(str(address)), spoken)
-    found += [_link(case, full(link.namespace).rstrip("/"), str(link)) for link in link_addresses(case)]
+    for c, address in case_names.supervisor_addresses(case).items():
+        senders = {who: full(topic) for who, topic in _senders(case, c).items()}
+        found += _supervisor(case, c, full(str(address)), senders)
+    found += [_link(case, full(link.namespace).rstrip("/"), str(link)) for link in case_names.link_addresses(case)]
     health = Panel("deadline misses", [Curve("/diagnostics", DEADLINE_MISSES, full("plant_sim").lstrip("/"))])
     found.append(Tab("health", [Panel("diagnostics", [Curve("/diagnostics", "", "")], DIAGNOSTICS), health]))
     return [Tab(tab.title, [panel for panel in tab.panels if panel.curves]) for tab in found if tab.panels]
@@ -124,14 +118,10 @@ def _controller(case: Case, c: int, here: str) -> Tab:
     controller, topic = case.controllers[c], f"{here}/state"
     signals, devices, net = controller.signals, controller.devices, controller_network(controller)
     parts, adapts = groups(net), controller.scheme is not None
-    outputs = [
-        curve
-        for i, name in enumerate(devices)
-        for curve in (
-            Curve(topic, f"outputs[{i}]", name),
-            Curve(topic, f"unlimited_outputs[{i}]", f"{name}, without limit"),
-        )
-    ]
+    outputs = []
+    for i, name in enumerate(devices):
+        outputs.append(Curve(topic, f"outputs[{i}]", name))
+        outputs.append(Curve(topic, f"unlimited_outputs[{i}]", f"{name}, without limit"))
     states = [Curve(topic, "fresh", "fresh"), *_each(topic, "saturated[#]", [f"{name} saturated" for name in devices])]
     panels = [
         Panel("inputs, p.u.", _each(topic, "inputs[#]", signals)),
@@ -165,23 +155,23 @@ def _identifier(case: Case, c: int, here: str) -> Tab:
     )
 
 
-def _spoken(case: Case, c: int) -> dict[str, str]:
+def _senders(case: Case, c: int) -> dict[str, str]:
     """Topics with setpoints for a supervised controller's devices, by sender."""
-    places, reserve = controller_addresses(case), reserves(case.run).get(c)
-    spoken = {"supervised": f"{supervisor_addresses(case)[c]}/{SUPERVISED}", "issued": f"{places[c]}/setpoints"}
-    return spoken | ({} if reserve is None else {"of the fallback": f"{places[reserve]}/setpoints"})
+    places, reserve = case_names.controller_addresses(case), reserves(case.run).get(c)
+    senders = {
+        "supervised": f"{case_names.supervisor_addresses(case)[c]}/{case_names.SUPERVISED}",
+        "issued": f"{places[c]}/setpoints",
+    }
+    return senders | ({} if reserve is None else {"of the fallback": f"{places[reserve]}/setpoints"})
 
 
-def _supervisor(case: Case, c: int, here: str, spoken: dict[str, str]) -> list[Tab]:
+def _supervisor(case: Case, c: int, here: str, senders: dict[str, str]) -> list[Tab]:
     """One supervisor: setpoints passed on, and causes; for each group of monitors, values beside their limits."""
     topic, name = f"{here}/state", here.rpartition("/")[2]
     words = [Curve(topic, field, field, number=False) for field in ("state", "cause", "refused")]
     probe = {"probe_gain": "gain", "probe_phase_rad": "phase, rad", "probe_coherence": "coherence"}
-    worth = {
-        "added_damping_per_s": "added damping, 1/s",
-        "phase_margin_rad": "phase margin, rad",
-        "gain_margin": "gain margin, a factor",
-    }
+    worth = {"added_damping_per_s": "added damping, 1/s", "phase_margin_rad": "phase margin, rad"}
+    worth["gain_margin"] = "gain margin, a factor"
     panels = [
         Panel("state", words, STATES),
         Panel("fraction of the newest change", [Curve(topic, "fraction", "fraction")]),
@@ -190,7 +180,8 @@ def _supervisor(case: Case, c: int, here: str, spoken: dict[str, str]) -> list[T
     ]
     for device in case.controllers[c].devices:
         path = f'setpoints[:]{{device=="{device}"}}.value_pu'
-        panels.append(Panel(f"{device}: setpoints, p.u.", [Curve(told, path, who) for who, told in spoken.items()]))
+        curves = [Curve(sender, path, who) for who, sender in senders.items()]
+        panels.append(Panel(f"{device}: setpoints, p.u.", curves))
     watched = watches(case.supervision or Supervision())
     found: dict[str, list[Panel]] = {row.group: [] for row in MONITORS.values()}
     for i, (monitor, row) in enumerate(MONITORS.items()):
@@ -219,11 +210,8 @@ def _link(case: Case, here: str, name: str) -> Tab:
         turning, title = "frequency_hz", "frequency as delivered, Hz"
 
     def of_all(field: str) -> list[Curve]:
-        return [
-            curve
-            for way, names in channels.items()
-            for curve in _each(topic, f"{way}[#].{field}", [f"{way} {one}" for one in names])
-        ]
+        labels = {way: [f"{way} {name}" for name in names] for way, names in channels.items()}
+        return [curve for way, each in labels.items() for curve in _each(topic, f"{way}[#].{field}", each)]
 
     speeds = [Curve(f"{here}/pmu/delivered", f'frames[:]{{pmu=="{one}"}}.{turning}', one) for one in machines]
     return Tab(

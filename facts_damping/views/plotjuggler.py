@@ -60,7 +60,6 @@ def _splitter(parent: Element, orientation: str, count: int) -> Element:
 
 
 def _plot(parent: Element, panel: Panel) -> None:
-    """A plot with its curves."""
     area = SubElement(parent, "DockArea", name=panel.title)
     plot = SubElement(
         area, "plot", mode="TimeSeries", style=STYLES[panel.kind], line_width="1.0", flip_x="false", flip_y="false"

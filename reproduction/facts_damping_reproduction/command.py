@@ -71,7 +71,7 @@ def _what_holds(arguments: argparse.Namespace) -> None:
     from facts_damping.terminal import clean_up_first, write_json
     from facts_damping_reproduction import held_out, what_holds
     from facts_damping_reproduction import what_holds_pages as pages
-    from facts_damping_reproduction.contenders import PROFILE
+    from facts_damping_reproduction.candidates import PROFILE
 
     check_known("--profile", arguments.profile, [DEFAULT_PROFILE, PROFILE])
     if arguments.tables:

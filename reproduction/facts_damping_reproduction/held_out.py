@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.parameters import files
-from facts_damping_reproduction import contenders as who
+from facts_damping_reproduction import candidates as who
 from facts_damping_reproduction.runs import carry_out, shipped
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from facts_damping_reproduction.contenders import Contender
+    from facts_damping_reproduction.candidates import Candidate
 
     Rows = list[dict[str, Any]]
 
@@ -24,9 +24,9 @@ AGAIN_SEED = 6201  # of other draws, for the same answers
 class HeldOut(NamedTuple):
     """Who was judged, and the rows of each study: a run of everybody in each of its draws."""
 
-    everybody: list[Contender]
-    finalists: list[Contender]
-    beside: list[Contender]  # networks that do not learn, and what was chosen without noise and delay
+    everybody: list[Candidate]
+    finalists: list[Candidate]
+    beside: list[Candidate]  # networks that do not learn, and what was chosen without noise and delay
     few: Rows  # everybody
     many: Rows  # finalists, and who stands beside them
     again: Rows  # finalists, other draws
@@ -49,7 +49,7 @@ def gather(folder: Path, jobs: int, draws: int | None = None) -> HeldOut:
     ]
     events = f"held_out_{who.SYSTEM}"
 
-    def run(title: str, name: str, own: Sequence[Contender], number: int | None, **more: Any) -> Rows:
+    def run(title: str, name: str, own: Sequence[Candidate], number: int | None, **more: Any) -> Rows:
         maximum = number if draws is None else min(draws, number or draws)
         axis = {"name": "who", "labels": [one.label for one in own], "rows": [one.changes for one in own]}
         return carry_out(shipped(name, axis, maximum, **more), title, files.new_folder(folder / "runs"), jobs)

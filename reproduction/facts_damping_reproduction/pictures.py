@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from facts_damping.analysis.measures import recorded
 from facts_damping.analysis.plotting.pictures import PICTURES
 from facts_damping.analysis.plotting.plots import COLOURS, mark_events
-from facts_damping.analysis.recorded import recorded
 from facts_damping.analysis.time_frequency import BAND, analyse
 from facts_damping.errors import InputError
 from facts_damping.studies.pages import save

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.studies.sweeps.paired import Effect, agree, by_draw, effect
-from facts_damping_reproduction import contenders as who
+from facts_damping_reproduction import candidates as who
+from facts_damping_reproduction.paired import Effect, agree, by_draw, effect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from facts_damping_reproduction.contenders import Contender
+    from facts_damping_reproduction.candidates import Candidate
     from facts_damping_reproduction.held_out import HeldOut
 
     Row = dict[str, Any]
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 # The first events of `held_out_two_area` are new events at operating points as in training; the others new conditions.
 EVENTS = 6
-UNCONVERGED = 1  # runs of a contender in `checked` that half the step may change: with more it is not ranked
+UNCONVERGED = 1  # runs of a candidate in `checked` that half the step may change: with more it is not ranked
 DELAY, LATENCY = "more_delay_s", 0.003  # column, and what of it the preset has
 
 
 def has_place(changed: int, over_none: Effect) -> bool:
-    """Whether a contender has a place in an order: it is converged, and loses no draw that is kept without control.
+    """Whether a candidate has a place in an order: it is converged, and loses no draw that is kept without control.
 
     `changed`: how many of its runs half the integration step changes.
     """
@@ -34,9 +34,9 @@ def has_place(changed: int, over_none: Effect) -> bool:
 
 
 class Ranked(NamedTuple):
-    """A contender among all."""
+    """A candidate among all."""
 
-    who: Contender
+    who: Candidate
     over_none: Effect
     converged: int  # runs of `checked` that half the step leaves as they are
     checked: int
@@ -50,7 +50,7 @@ class Ranked(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """Two contenders side by side, in each event and in all."""
+    """Two candidates side by side, in each event and in all."""
 
     who: str
     against: str
@@ -61,9 +61,9 @@ class Answer(NamedTuple):
 
 
 class Borne(NamedTuple):
-    """How much delay a contender bears, beside that of the preset, s."""
+    """How much delay a candidate bears, beside that of the preset, s."""
 
-    who: Contender
+    who: Candidate
     by_delay: dict[float, Effect]  # over no control
 
     @property
@@ -144,7 +144,7 @@ def _answer(one: str, other: str, events: Sequence[str], rows: Sequence[Row], ot
 
 
 def _of(rows: Sequence[Row], label: str) -> dict[Any, Row]:
-    """The rows of a contender, by draw."""
+    """The rows of a candidate, by draw."""
     own = [row for row in rows if row["who"] == label and row["error"] is None]
     return by_draw(own, [name for name in ("event", "seed", DELAY) if own and name in own[0]])
 
@@ -170,7 +170,7 @@ def _ranked(held: HeldOut, changed: Counter[str]) -> list[Ranked]:
     return sorted(found, key=lambda one: (not one.place, one.over_none.ratio or np.inf))
 
 
-def _best_pairs(finalists: Sequence[Contender]) -> list[tuple[str, str]]:
+def _best_pairs(finalists: Sequence[Candidate]) -> list[tuple[str, str]]:
     """For each set of devices the network and the fixed design that training has best."""
     found = []
     for devices in who.SETS:
@@ -180,7 +180,7 @@ def _best_pairs(finalists: Sequence[Contender]) -> list[tuple[str, str]]:
     return found
 
 
-def _second(finalists: Sequence[Contender]) -> list[tuple[str, str]]:
+def _second(finalists: Sequence[Candidate]) -> list[tuple[str, str]]:
     """Fixed designs with both devices beside themselves with one, and the best network of each scheme."""
     pairs = []
     alone, both = (
@@ -193,7 +193,7 @@ def _second(finalists: Sequence[Contender]) -> list[tuple[str, str]]:
     return pairs
 
 
-def _compensated(finalists: Sequence[Contender]) -> list[tuple[str, str]]:
+def _compensated(finalists: Sequence[Candidate]) -> list[tuple[str, str]]:
     """Who has a compensation beside the best of its family and devices without."""
     pairs = []
     for one in finalists:
@@ -204,7 +204,7 @@ def _compensated(finalists: Sequence[Contender]) -> list[tuple[str, str]]:
     return pairs
 
 
-def _borne(one: Contender, rows: Sequence[Row]) -> Borne:
+def _borne(one: Candidate, rows: Sequence[Row]) -> Borne:
     own, none = _of(rows, one.label), _of(rows, who.NONE)
     delays = sorted({row[DELAY] for row in own.values()})
     found = {}

@@ -13,9 +13,9 @@ from pyarrow import csv
 from facts_damping import terminal
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.studies.pages import save
-from facts_damping.studies.sweeps.paired import Effect
 from facts_damping.studies.sweeps.results import table
 from facts_damping.terminal import write_whole
+from facts_damping_reproduction.paired import Effect
 from facts_damping_reproduction.templates import render
 from facts_damping_reproduction.what_holds import UNCONVERGED, has_place
 
@@ -153,7 +153,7 @@ def in_order(told: Judgement) -> list[Answer]:
 
 
 def everybody_table(ranked: Sequence[Ranked]) -> str:
-    """All contenders; those without a place last, with the reason."""
+    """All candidates; those without a place last, with the reason."""
     rows = []
     for i, one in enumerate(ranked, 1):
         unsure = one.checked - one.converged

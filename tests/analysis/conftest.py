@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT, Record
+from facts_damping.signals import (
+    CHANNELS,
+    DELIVERY,
+    DEVICE_TRUTH,
+    MACHINE_TRUTH,
+    NANOSECONDS,
+    SETPOINT,
+    GridEvent,
+    Record,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -60,7 +69,7 @@ def make_record(ticks: int = 1200, damping: float = 0.3, **changes: Any) -> Reco
         "machines": machines,
         "devices": devices,
         "in_synchronism": np.ones(ticks, np.bool_),
-        "events": [{"time_ns": NANOSECONDS, "kind": "load_step", "element": "L", "value": 0.1, "location": np.nan}],
+        "events": [GridEvent(NANOSECONDS, "load_step", "L", 0.1)],
     }
     return Record(**{**record, **changes})
 

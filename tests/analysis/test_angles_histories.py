@@ -9,8 +9,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from facts_damping.analysis.angles import centre_of_angle, centres_of_angle
-from facts_damping.analysis.histories import jacobian_histories, learning_rate_histories
+from facts_damping.analysis.histories import (
+    centre_of_angle,
+    centres_of_angle,
+    jacobian_histories,
+    learning_rate_histories,
+)
 from facts_damping.analysis.measures import SPEED
 from facts_damping.case.loading import load_case
 from facts_damping.signals import ESTIMATE, LEARNING

@@ -11,7 +11,7 @@ from matplotlib.image import imread
 
 from facts_damping.analysis import summarise, table
 from facts_damping.analysis.measures import event_times, speed_differences
-from facts_damping.analysis.plotting.plots import plot_comparison, plot_record
+from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.errors import InputError
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH
 
@@ -116,7 +116,7 @@ def test_table(swing_record: Callable[..., Record]) -> None:
 def test_pictures(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     stems = ("speeds", "differences", "tie_power", "injected_voltage", "indices", "latency")  # the voltage stands still
     names = [f"{stem}.png" for stem in stems]
-    paths = plot_record(swing_record(), tmp_path / "one")
+    paths = plot_comparison([("", swing_record())], tmp_path / "one")
     assert [path.name for path in paths] == names
     several = [("a", swing_record()), ("b", swing_record(600, damping=-0.1))]
     assert [path.name for path in plot_comparison(several, tmp_path / "two")] == names
@@ -129,7 +129,7 @@ def test_pictures(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
 def test_empty_pictures_are_left_out(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     record = swing_record(configuration={}, device_names=[], devices=np.zeros((1200, 0), DEVICE_TRUTH))
     stems = ["speeds", "tie_power", "latency"]
-    assert [path.stem for path in plot_record(record, tmp_path)] == stems
+    assert [path.stem for path in plot_comparison([("", record)], tmp_path)] == stems
     with pytest.raises(InputError, match="no record given"):
         plot_comparison([], tmp_path)
 

@@ -10,7 +10,7 @@ import pytest
 from facts_damping import report
 from facts_damping.analysis import details, summarise
 from facts_damping.analysis.plotting.pictures import PICTURES
-from facts_damping.analysis.plotting.plots import plot_record
+from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES
 from facts_damping.report.build import build
@@ -89,11 +89,11 @@ def test_nothing_is_shown_of_runs_without(alone: Record, tmp_path: Path) -> None
     assert "Supervision" not in [section.title for section in found.sections]
     assert [text for _, text in found.events] == ["load step load_2"]
     assert "supervision" not in [row[0].text for row in items(found)["conditions"].rows]
-    assert not STEMS & {path.stem for path in plot_record(alone, tmp_path)}
+    assert not STEMS & {path.stem for path in plot_comparison([("", alone)], tmp_path)}
 
 
 def test_pictures_of_a_supervised_run(tripped: Record, tmp_path: Path) -> None:
-    assert {path.stem for path in plot_record(tripped, tmp_path)} >= STEMS
+    assert {path.stem for path in plot_comparison([("", tripped)], tmp_path)} >= STEMS
     by_stem = {picture.stem: picture for picture in PICTURES}
     (states,) = by_stem["supervision"].panels(tripped)
     assert len(states.curves[""].values) == len(tripped.time_ns)

@@ -9,11 +9,11 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+from facts_damping.analysis.measures import recorded
 from facts_damping.analysis.plotting.time_frequency_plots import Settings, distribution_figures, draw_distribution, save
-from facts_damping.analysis.recorded import recorded
 from facts_damping.analysis.time_frequency import analyse
 from facts_damping.errors import InputError
-from facts_damping.signals import NANOSECONDS
+from facts_damping.signals import NANOSECONDS, GridEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -119,7 +119,7 @@ def test_missing_ticks_are_noted(swing_record: Callable[..., Record]) -> None:
 
 
 def test_a_signal_at_rest(swing_record: Callable[..., Record], tmp_path: Path) -> None:
-    record = swing_record(events=[{"time_ns": 5 * NANOSECONDS, "kind": "fault", "element": "L", "value": 0.0}])
+    record = swing_record(events=[GridEvent(5 * NANOSECONDS, "fault", "L", 0.0)])
     record.frames[:, 2, 3] = 4.0
     figures, _ = distribution_figures([("run", record, [])], ["pmu.TIE.active_power_pu"], Settings())
     assert len(save(figures, tmp_path)) == 1

@@ -231,7 +231,7 @@ def test_frames_are_found_in_a_stream_with_rubbish() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (lambda b: b[:10], "a frame of 10 bytes; allowed: 16 and more"),
         (lambda b: b"\xab" + b[1:], "SYNC: ab"),
@@ -239,9 +239,9 @@ def test_frames_are_found_in_a_stream_with_rubbish() -> None:
         (lambda b: b + b"\0", "FRAMESIZE: "),
     ],
 )
-def test_what_is_no_frame_is_said(change: Any, said: str) -> None:
+def test_what_is_no_frame_is_said(change: Any, message: str) -> None:
     whole = frame.encode(Frame("header", 1, 2, 3, b"hello"))
-    with pytest.raises(FrameError, match=said):
+    with pytest.raises(FrameError, match=message):
         frame.decode(change(whole))
 
 

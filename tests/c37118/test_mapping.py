@@ -53,7 +53,7 @@ SAID = data.Data(
 def test_stations_are_where_the_file_or_their_name_says() -> None:
     found = mapping.places(THEIRS, GRID, WANTED)
     assert found.pmus.tolist() == [0, 1]  # C is in no PMU
-    values, status, absent = mapping.told(found, SAID)
+    values, status, absent = mapping.values_of(found, SAID)
     assert status.tolist() == [0x2000, 0x8000]
     assert not absent.any()
     a, b = values
@@ -69,7 +69,7 @@ def test_stations_are_where_the_file_or_their_name_says() -> None:
 
 def test_powers_that_are_not_sent_are_those_of_the_phasors() -> None:
     """P + jQ = 3 V I*, phase to ground."""
-    values, _, _ = mapping.told(mapping.places(THEIRS, GRID, WANTED), SAID)
+    values, _, _ = mapping.values_of(mapping.places(THEIRS, GRID, WANTED), SAID)
     apart = 3.0 * 11547.0 * 1000.0 * np.exp(0.5j) / 100e6
     assert values[1, system_pmus.ACTIVE] == pytest.approx(apart.real)
     assert values[1, system_pmus.REACTIVE] == pytest.approx(apart.imag)
@@ -84,7 +84,7 @@ def test_a_voltage_and_a_current_of_the_same_name_are_two() -> None:
 
 
 @pytest.mark.parametrize(
-    ("asked", "said"),
+    ("asked", "message"),
     [
         (
             {"pmu": "SOUTH 1", "current": "I1"},
@@ -97,6 +97,6 @@ def test_a_voltage_and_a_current_of_the_same_name_are_two() -> None:
         ({"pmu": 9, "speed": "RPM"}, "PMU A: speed: 'RPM' given; allowed: what PMU NORTH 2 sends: MW, dw"),
     ],
 )
-def test_a_channel_that_is_not_sent_is_named(asked: dict[str, object], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_channel_that_is_not_sent_is_named(asked: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         mapping.places(THEIRS, GRID, {"A": Channels.model_validate(asked)})

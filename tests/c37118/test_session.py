@@ -47,8 +47,8 @@ def same(one: object, other: Instant) -> bool:
 @pytest.mark.parametrize("kind", ["configuration_1", "configuration_2", "configuration_3"])
 def test_a_command_is_answered(kind: str) -> None:
     served = session.stream(9, WIDE, "three PMUs")
-    told = Receiver().take(session.answers(served, f"send_{kind}", 5, 0))
-    assert told == ([] if kind == "configuration_1" else [WIDE])  # 1 says what could be sent
+    received = Receiver().take(session.answers(served, f"send_{kind}", 5, 0))
+    assert received == ([] if kind == "configuration_1" else [WIDE])  # 1 says what could be sent
     assert Receiver().take(session.answers(served, "send_header", 5, 0)) == ["three PMUs"]
     assert session.answers(served, "turn_on", 5, 0) == []
 
@@ -57,8 +57,8 @@ def test_a_command_is_answered(kind: str) -> None:
 def test_however_bytes_come(size: int) -> None:
     served, receiver = session.stream(9, WIDE), Receiver()
     wanted = [instant(WIDE, k) for k in range(40)]
-    sent = session.told(served, wanted[0]) + session.answers(served, "send_configuration_2", 1, 2)[0]
-    sent += b"".join(session.told(served, one) for one in wanted)
+    sent = session.data_frame(served, wanted[0]) + session.answers(served, "send_configuration_2", 1, 2)[0]
+    sent += b"".join(session.data_frame(served, one) for one in wanted)
     found = [one for i in range(0, len(sent), size) for one in receiver.feed(sent[i : i + size])]
     assert found[0] == WIDE
     assert len(found) == 41  # but the data before it
@@ -71,14 +71,14 @@ def test_a_configuration_that_changes_is_asked_for_again() -> None:
     asked = [receiver.changed]
     receiver.take(session.answers(served, "send_configuration_2", 1, 0))
     asked.append(receiver.changed)
-    receiver.take([session.told(served, instant(WIDE, 1, stat.CHANGE))])
+    receiver.take([session.data_frame(served, instant(WIDE, 1, stat.CHANGE))])
     assert [*asked, receiver.changed] == [True, False, True]
     narrow = WIDE._replace(pmus=WIDE.pmus[:2])
     after = session.stream(9, narrow)
-    assert receiver.take([session.told(after, instant(narrow, 2))]) == []
+    assert receiver.take([session.data_frame(after, instant(narrow, 2))]) == []
     assert receiver.refused == {"FRAMESIZE": 1}
     receiver.take(session.answers(after, "send_configuration_2", 1, 0))
-    (found,) = receiver.take([session.told(after, instant(narrow, 3))])
+    (found,) = receiver.take([session.data_frame(after, instant(narrow, 3))])
     assert same(found, instant(narrow, 3))
 
 
@@ -106,7 +106,7 @@ def test_mutated_streams_end_nothing_and_are_counted() -> None:
         *session.answers(served, "send_configuration_3", 1, 0),
     ]
     good += [*session.answers(served, "send_header", 1, 0), frame.command(9, "turn_on", 3)]
-    good += [session.told(served, instant(WIDE, k)) for k in range(4)]
+    good += [session.data_frame(served, instant(WIDE, k)) for k in range(4)]
     receiver, taken, given = Receiver(), 0, 0
     for i in range(MUTATED):
         raw = bytearray(good[i % len(good)])

@@ -41,7 +41,7 @@ def stream(**formats: Any) -> Configuration:
 
 MEASURED = Data(
     np.array([0]), np.array([[134000.0, 0.5], [500.0, -1.0]]), np.array([59.98]), np.array([0.12]), np.array([100.0]),
-    np.array([0x3C12]),
+    np.array([0x3C12])
 )  # fmt: skip
 
 
@@ -50,17 +50,17 @@ MEASURED = Data(
 def test_it_reads_ours(formats: dict[str, Any], kind: str) -> None:
     c = stream(**formats)
     sent = frame.encode(Frame(kind, 7734, SOC, FRACTION, configuration.encode(c, kind)[0]))
-    told = CommonFrame.convert2frame(sent)
-    assert told.get_station_name().strip() == "Station A"
-    assert told.get_id_code() == told.get_stream_id_code() == 7734
-    assert told.get_time_base() == c.time_base
-    assert [unit[0] for unit in told.get_ph_units()] == [915527, 45776]
-    assert told.get_channel_names()[:3] == [f"{name:16}" for name in ("VA", "I1", "P")]
-    assert (told.get_data_rate(), told.get_cfg_count(), told.get_fnom()) == (30, 22, 60)
+    decoded = CommonFrame.convert2frame(sent)
+    assert decoded.get_station_name().strip() == "Station A"
+    assert decoded.get_id_code() == decoded.get_stream_id_code() == 7734
+    assert decoded.get_time_base() == c.time_base
+    assert [unit[0] for unit in decoded.get_ph_units()] == [915527, 45776]
+    assert decoded.get_channel_names()[:3] == [f"{name:16}" for name in ("VA", "I1", "P")]
+    assert (decoded.get_data_rate(), decoded.get_cfg_count(), decoded.get_fnom()) == (30, 22, 60)
     if kind == "configuration_1":
         return  # it reads data by a configuration 2 alone
     body = data.encode(data.layout(c), MEASURED)
-    found = CommonFrame.convert2frame(frame.encode(Frame("data", 7734, SOC, FRACTION, body)), told)
+    found = CommonFrame.convert2frame(frame.encode(Frame("data", 7734, SOC, FRACTION, body)), decoded)
     for ours, theirs in zip(MEASURED.phasors, found.get_phasors(), strict=True):
         near = 1e-6 * ours[0] if formats.get("float_phasors") else 10.0
         assert abs(ours[0] * np.exp(1j * ours[1]) - theirs[0] * np.exp(1j * theirs[1])) < near
@@ -73,11 +73,11 @@ def test_it_reads_ours(formats: dict[str, Any], kind: str) -> None:
 def test_we_read_its() -> None:
     names = ["VA".ljust(16), "I1".ljust(16), "P".ljust(16), *(bit.ljust(16) for bit in BITS)]
     units = [(915527, "v"), (45776, "i")], [(2, "rms")], [(0, 0xFFFF)]
-    told = ConfigFrame2(
+    decoded = ConfigFrame2(
         7734, 1_000_000, 1, "Station A", 7734, (True, True, True, False), 2, 1, 1, names, *units, 60, 22, 30, SOC,
-        FRACTION,
+        FRACTION
     )  # fmt: skip
-    read = frame.decode(told.convert2bytes())
+    read = frame.decode(decoded.convert2bytes())
     assert (read.kind, read.version, read.soc, read.fraction) == ("configuration_2", 1, SOC, FRACTION)
     c = configuration.decode([read.body], read.kind)
     wanted = stream(**FORMATS[0])
@@ -85,7 +85,7 @@ def test_we_read_its() -> None:
     assert (c.pmus[0].analogs, c.pmus[0].digitals, c.rate) == (wanted.pmus[0].analogs, wanted.pmus[0].digitals, 30)
     theirs = DataFrame(
         7734, ("ok", True, "timestamp", False, False, False, 0, "<10", 0), [(134000.0, 0.5), (500.0, -1.0)], -20, 12,
-        [100.0], [0x3C12], told, SOC, FRACTION,
+        [100.0], [0x3C12], decoded, SOC, FRACTION
     )  # fmt: skip
     found = data.decode(data.layout(c), frame.decode(theirs.convert2bytes()).body)
     np.testing.assert_allclose(found.phasors, MEASURED.phasors, rtol=1e-7)

@@ -74,10 +74,10 @@ def sent() -> dict[str, bytes]:
         instant = Instant(SOC, FRACTION, quality, system_pmus.to_data(GRID, MEASURED, np.array(status(k))))
         for kind in KINDS:
             (frames[f"{k} {kind}"],) = session.answers(one, f"send_{kind}", SOC, FRACTION)
-            frames |= {f"{k} data {kind}": session.told(one, instant)} if kind != KINDS[0] else {}
+            frames |= {f"{k} data {kind}": session.data_frame(one, instant)} if kind != KINDS[0] else {}
     for kind in ("header", KINDS[2]):
         (frames[f"other {kind}"],) = session.answers(OTHER, f"send_{kind}", SOC, 1 << 22)
-    return frames | {"other data": session.told(OTHER, Instant(SOC, 1 << 21, 0, VALUES))}
+    return frames | {"other data": session.data_frame(OTHER, Instant(SOC, 1 << 21, 0, VALUES))}
 
 
 def packet(protocol: int, head: bytes, raw: bytes) -> bytes:

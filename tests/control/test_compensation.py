@@ -164,7 +164,7 @@ def test_the_mode_is_the_plants_or_given() -> None:
 
 
 @pytest.mark.parametrize(
-    ("system", "said"),
+    ("system", "message"),
     [
         (["system=two_area"], r"allowed: none, lead, phasor: the plant's mode \+0.055 \+- 3.957j 1/s .* is unstable"),
         (
@@ -173,8 +173,8 @@ def test_the_mode_is_the_plants_or_given() -> None:
         ),
     ],
 )
-def test_a_smith_predictor_is_refused_with_the_mode_that_it_leaves(system: list[str], said: str) -> None:
-    with pytest.raises(InputError, match=said) as error:
+def test_a_smith_predictor_is_refused_with_the_mode_that_it_leaves(system: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message) as error:
         loop.build_loop(load_case(None, [*system, "controllers.0.compensation=smith"]))
     assert "\n" not in str(error.value)
 

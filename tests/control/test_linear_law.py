@@ -127,7 +127,7 @@ def test_what_a_recording_says_of_a_run_has_the_law_without_its_file(tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("law", "said"),
+    ("law", "message"),
     [
         (__file__, f"linear: {__file__} given; allowed: a law in a .yaml, .npz or .mat file"),
         ("nowhere.npz", "linear: nowhere.npz: no such file; allowed: a law in a .yaml, .npz or .mat file"),
@@ -146,13 +146,13 @@ def test_what_a_recording_says_of_a_run_has_the_law_without_its_file(tmp_path: P
         ({"zeros": ["-1+2j"], "poles": [-1, -2], "gain": 1}, "allowed: complex ones in conjugate pairs"),
     ],
 )
-def test_bad_laws_are_one_line(law: Any, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_laws_are_one_line(law: Any, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     controller = json.dumps({"name": "my_damper", "linear": law})
-    assert_one_line(2, ["simulate", "--set", f"controllers.0={controller}"], said, capsys)
+    assert_one_line(2, ["simulate", "--set", f"controllers.0={controller}"], message, capsys)
 
 
 @pytest.mark.parametrize(
-    ("fields", "said"),
+    ("fields", "message"),
     [
         ({"name": "LLC"}, "controllers.0.name: 'LLC' given with `linear`; allowed: a name of its own"),
         ({"scheme": "direct"}, "controllers.0.scheme: 'direct' given; allowed: none for my_damper"),
@@ -162,10 +162,10 @@ def test_bad_laws_are_one_line(law: Any, said: str, capsys: pytest.CaptureFixtur
     ],
 )
 def test_what_does_not_fit_a_law_is_one_line(
-    fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]
+    fields: dict[str, Any], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     controller = json.dumps({"name": "my_damper", "linear": {"num": [1], "den": [1, 1]}, **fields})
-    assert_one_line(2, ["simulate", "--set", f"controllers.0={controller}"], said, capsys)
+    assert_one_line(2, ["simulate", "--set", f"controllers.0={controller}"], message, capsys)
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"MATLAB 5.0 MAT-file, cut"])
@@ -180,7 +180,7 @@ def test_files_that_are_none_are_one_line(
 
 
 @pytest.mark.parametrize(
-    ("arrays", "said"),
+    ("arrays", "message"),
     [
         ({"num": [1.0], "gian": [1.0]}, "'gian' given; allowed: arrays A, B, C, D"),
         ({"num": ["1"], "den": [1.0]}, "num: no numbers given; allowed: real matrices, and complex zeros and poles"),
@@ -189,8 +189,8 @@ def test_files_that_are_none_are_one_line(
     ],
 )
 def test_arrays_that_are_no_law_are_one_line(
-    tmp_path: Path, arrays: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, arrays: dict[str, Any], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     np.savez(tmp_path / "law.npz", **arrays)
     controller = json.dumps({"name": "my_damper", "linear": str(tmp_path / "law.npz")})
-    assert_one_line(2, ["simulate", "--set", f"controllers.0={controller}"], f"law.npz: {said}", capsys)
+    assert_one_line(2, ["simulate", "--set", f"controllers.0={controller}"], f"law.npz: {message}", capsys)

@@ -12,25 +12,13 @@ from hypothesis import strategies as st
 from facts_damping.control.bank import bank, pull
 from facts_damping.control.identifier import identifiers, identify, store_setpoints
 from facts_damping.control.identifier_model import Identified
-from facts_damping.control.plant_prior import PlantPrior
+from facts_damping.control.neuro_fuzzy import PlantPrior
 from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.parameters.plant.pmus import Signal
 from facts_damping.parameters.run import Controller
 from facts_damping.signals import SETPOINT
-from tests.control.bench import (
-    CHANGE_SCALE,
-    FRAMES,
-    LIMITS,
-    MS,
-    PMUS,
-    SCALE,
-    Bench,
-    Entry,
-    delivery,
-    frame_ns,
-    llc,
-)
+from tests.control.bench import CHANGE_SCALE, FRAMES, LIMITS, MS, PMUS, SCALE, Bench, Entry, delivery, frame_ns, llc
 
 SIGNALS = {
     name: Signal(channel="speed_deviation", weights={pmu: 1.0})

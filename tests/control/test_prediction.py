@@ -173,14 +173,14 @@ def test_in_a_run_it_says_where_the_signal_goes() -> None:
         record = run(
             *DELAYED, "controllers.0.compensation=prediction", f"controllers.0.parameters.identifier_span={span}"
         )
-        told = record.estimates[record.estimates["measured_ns"] > 1_000_000_000]
-        assert told["ahead"] == pytest.approx(0.2)
+        rows = record.estimates[record.estimates["measured_ns"] > 1_000_000_000]
+        assert rows["ahead"] == pytest.approx(0.2)
         weights = load_case("two_area_small", [*OWN]).system.signals["speed"].weights
         y = record.frames[:, [record.pmus.index(s) for s in weights], 2] @ np.array(list(weights.values()))
-        at = np.searchsorted(record.time_ns, told["measured_ns"])
+        at = np.searchsorted(record.time_ns, rows["measured_ns"])
         known = at + 13 < len(y)
         true = y[at[known] + 13] - y[at[known] + 1]
-        errors[span] = rms(np.nan_to_num(told["change"][known]) - true) / rms(true)
+        errors[span] = rms(np.nan_to_num(rows["change"][known]) - true) / rms(true)
     assert errors[6] < 0.75
     assert errors[6] < errors[0]
 

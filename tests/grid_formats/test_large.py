@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from facts_damping.analysis.angles import centres_of_angle, mean_speeds
+from facts_damping.analysis.histories import centres_of_angle, mean_speeds
 from facts_damping.analysis.plotting.pictures import LARGEST, PICTURES, shown, title_of
-from facts_damping.analysis.plotting.plots import plot_record
+from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.case.loading import load_system, make_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
@@ -93,7 +93,7 @@ def test_many_machines_are_drawn_by_their_areas(record: Record, tmp_path: Path) 
     assert title_of(picture, own, kept) == "Speed difference: the 7 largest of 47"
     size = {name: np.ptp(panel.curves[""].values) for name, panel in own[0].items()}
     assert set(kept) == set(sorted(size, key=lambda name: -size[name])[:LARGEST])
-    assert plot_record(record, tmp_path)
+    assert plot_comparison([("", record)], tmp_path)
 
 
 def test_a_mean_speed_turns_the_centre_of_angle(record: Record) -> None:

@@ -181,16 +181,16 @@ BAD: list[tuple[Any, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("link", "said"), BAD, ids=[said for _, said in BAD])
-def test_a_bad_link_is_one_line(link: dict[str, Any], said: str) -> None:
+@pytest.mark.parametrize(("link", "message"), BAD, ids=[message for _, message in BAD])
+def test_a_bad_link_is_one_line(link: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         load_case(None, [f"link={json.dumps(link)}"])
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", "holds no delays"),
         ("delay_s\n", "holds no delays"),
@@ -198,10 +198,10 @@ def test_a_bad_link_is_one_line(link: dict[str, Any], said: str) -> None:
         ("delay_s\n-0.1\n", "delays: -0.1 given; allowed: 0 to 60"),
     ],
 )
-def test_a_bad_table_is_one_line(tmp_path: Path, text: str, said: str) -> None:
+def test_a_bad_table_is_one_line(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "delays.csv"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         trace_run(path)
     assert "\n" not in str(caught.value)
 

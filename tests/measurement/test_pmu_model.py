@@ -264,7 +264,7 @@ def test_a_filter_s_gain_is_its_delay_and_little_else_at_swings() -> None:
 
 
 @pytest.mark.parametrize(
-    ("sets", "said"),
+    ("sets", "message"),
     [
         (
             ["measurement=q_class"],
@@ -280,10 +280,10 @@ def test_a_filter_s_gain_is_its_delay_and_little_else_at_swings() -> None:
         (["measurement.bad_data=[{kind: odd}]"], "'odd' given; allowed"),
     ],
 )
-def test_what_cannot_be_is_one_line(sets: list[str], said: str) -> None:
+def test_what_cannot_be_is_one_line(sets: list[str], message: str) -> None:
     with pytest.raises(InputError) as error:
         load_case(None, sets)
-    assert said in str(error.value)
+    assert message in str(error.value)
     assert "\n" not in str(error.value)
 
 
@@ -311,8 +311,8 @@ def test_a_wrong_clock_loses_no_frames(offset: float) -> None:
 def test_behind_a_filter_a_fault_is_no_low_voltage_without_one() -> None:
     sets = ["controllers=[]", "duration=2", "scenario=large"]
     for more in ("measurement=p_class", "measurement=m_class", "measurement.bad_data=[{kind: swapped_phases}]"):
-        told = summarise(loop.run(load_case(None, [*sets, more])))["warnings"]
-        assert not any("without a fault" in line for line in told), told
+        warnings = summarise(loop.run(load_case(None, [*sets, more])))["warnings"]
+        assert not any("without a fault" in line for line in warnings), warnings
 
 
 def test_a_run_with_pmus_is_the_same_again(assert_alike: Callable[[Record, Record], None]) -> None:

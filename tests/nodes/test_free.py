@@ -117,7 +117,7 @@ def test_the_default_run_stands_at_rest_until_an_event_is_called_for(
     record = load(tmp_path / "bag")
     (event,) = record.events
     speeds = np.abs(record.machines["speed_deviation"]).max(axis=1)
-    assert np.all(speeds[record.time_ns <= event["time_ns"]] < 1e-12)
+    assert np.all(speeds[record.time_ns <= event.time_ns] < 1e-12)
     assert speeds[-1] > 1e-4
 
 
@@ -206,7 +206,7 @@ def test_stamps_may_be_wall_time(loopback: Any, start: Any, tmp_path: Path) -> N
     assert record.notes == []
     assert record.time_ns.tolist() == [tick * 10**9 // RATE for tick in range(180)]
     assert summarise(record)["latency_ms"]["max"] < 1000.0
-    assert record.events[0]["time_ns"] == 10**9
+    assert record.events[0].time_ns == 10**9
     assert len(record.estimates) > 150
     assert record.estimates["measured_ns"].max() < 3 * 10**9
     assert_replayed(record)

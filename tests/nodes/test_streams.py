@@ -25,7 +25,7 @@ from facts_damping.recording.reader import load
 from facts_damping.signals import LOST, NANOSECONDS
 from facts_damping.simulation import loop
 from facts_damping.streaming import recorded, serving
-from facts_damping.streaming.concentrator import Concentrator, grid_pmus
+from facts_damping.streaming.pdc import Pdc, grid_pmus
 from facts_damping.streaming.serving import Serving
 from tests.commands import assert_one_line
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, quiet, wait_until
@@ -180,7 +180,7 @@ class Played:
     def __init__(self, port: int, epoch_s: int) -> None:
         case, asked = load_case(RUN, ["duration=8"]), Serving(HERE, port, [], 1, None, each=False)
         self.servers = serving.servers(case, asked, lambda: (epoch_s, 0))
-        timed = recorded.instants(loop.run(case), Concentrator(case, epoch_s))
+        timed = recorded.instants(loop.run(case), Pdc(case, epoch_s))
         self.beside = AsyncioThread()
         self.beside.wait(serving.begin(self.servers, asked))
         self.beside.begin(recorded.play(self.servers, timed, each=False))

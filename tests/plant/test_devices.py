@@ -56,21 +56,21 @@ def test_every_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     d, x = built.plant.devices[0], built.state.x
     size = 4.0 if kind == "sssc" else 1.0
     dx = np.full_like(x, np.nan)
-    devices.derivatives(d, x, 0.01, size, dx)
-    devices.other_derivatives(d, x, 0.01, size, dx)
+    devices.derivatives(int(d["kind"]), d, x, 0.01, size, dx)
+    devices.other_derivatives(int(d["kind"]), d, x, 0.01, size, dx)
     assert list(np.flatnonzero(np.isfinite(dx))) == own(built, f"{kind}_1")
     assert len(own(built, f"{kind}_1")) == d["states"] == len(devices.KINDS[kind].states)
-    assert np.isfinite(devices.characteristic(d, x, 0.01, size)).all()
+    assert np.isfinite(devices.characteristic(int(d["kind"]), d, x, 0.01, size)).all()
     two = devices.KINDS[kind].other_end is not None
-    assert np.isfinite(devices.other_characteristic(d, x, 0.01, size)[0]) == two == (d["other"] > 0)
+    assert np.isfinite(devices.other_characteristic(int(d["kind"]), d, x, 0.01, size)[0]) == two == (d["other"] > 0)
 
 
 def test_what_is_no_kind_gives_no_number() -> None:
     """So that a forgotten branch ends the run, and does not take another's law."""
     d = plant(system(), installed=["statcom_1"]).plant.devices.copy()[0]
     d["kind"] = -1
-    assert np.isnan(devices.characteristic(d, np.zeros(9), 0.0, 1.0)[0])
-    assert np.isnan(devices.other_characteristic(d, np.zeros(9), 0.0, 1.0)[0])
+    assert np.isnan(devices.characteristic(int(d["kind"]), d, np.zeros(9), 0.0, 1.0)[0])
+    assert np.isnan(devices.other_characteristic(int(d["kind"]), d, np.zeros(9), 0.0, 1.0)[0])
 
 
 @pytest.mark.parametrize("name", ["two_area", "kundur_12_6"])

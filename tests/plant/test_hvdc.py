@@ -17,7 +17,7 @@ from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping.small_signal.modal_analysis import analyse
-from facts_damping.validation.hvdc import SWINGS, two_machines
+from facts_damping.validation.devices import SWINGS, two_machines
 from tests.plant.channels import ACTIVE, REACTIVE, VOLTAGE
 from tests.plant.running import changed, follow, frame_times, plant, shipped
 from tests.plant.small import SPUR, between_infinite_buses
@@ -88,8 +88,8 @@ def test_below_its_least_voltage_it_is_an_admittance_and_comes_back_as_the_other
     # Afterwards power comes back at both ends together, by what is known of the rectifier's voltage.
     at_s = -trace.frames[after, AT_S, ACTIVE]
     np.testing.assert_allclose(power[after], at_s, rtol=0, atol=1e-9)
-    heard = trace.x[after, built.state_names.index("hvdc.V_from")]
-    np.testing.assert_allclose(at_s, P * np.minimum(1.0, heard / V_min) ** 2, rtol=0, atol=1e-9)
+    lagged = trace.x[after, built.state_names.index("hvdc.V_from")]
+    np.testing.assert_allclose(at_s, P * np.minimum(1.0, lagged / V_min) ** 2, rtol=0, atol=1e-9)
     assert at_s[0] == pytest.approx(P * (low / V_min) ** 2, rel=0.01)
     assert power[-1] == P
     assert trace.sound.all()

@@ -11,12 +11,11 @@ from hypothesis import strategies as st
 from facts_damping.errors import InputError
 from facts_damping.parameters.plant.devices import Sssc
 from facts_damping.plant.converters import devices, sssc
-from facts_damping.plant.converters.dead_time import line
 from facts_damping.plant.converters.site import DEVICE, PORT, Site
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.grid.network import series_devices
 from facts_damping.plant.model import PlantState, workspace
-from facts_damping.plant.watchdog import initial_watch
+from facts_damping.plant.watchdog import initial_watch, line
 from tests.independent import reference_devices
 from tests.independent.reference_devices import Series
 from tests.plant.running import changed, follow, frame_times, moved, plant, shipped, slopes, with_device

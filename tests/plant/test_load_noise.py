@@ -159,7 +159,7 @@ def test_without_noise_a_run_has_the_bits_of_one_that_knows_none(sets: list[str]
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         ("load_noise.std=0.5", r"load_noise\.std: 0\.5 given; allowed: less than or equal to 0\.2"),
         ("load_noise.time_constant=0", "load_noise.time_constant: 0 given; allowed: greater than or equal to 0.05"),
@@ -168,6 +168,6 @@ def test_without_noise_a_run_has_the_bits_of_one_that_knows_none(sets: list[str]
         ("load_noise.sigma=1", "load_noise.sigma"),
     ],
 )
-def test_bad_input_is_told(given: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_bad_input_is_told(given: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         load_case(None, [given])

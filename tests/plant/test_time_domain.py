@@ -76,10 +76,7 @@ def test_a_longer_fault_without_control_agrees_with_the_independent_model_until_
         np.testing.assert_array_equal(trace.sound, ~apart)
 
 
-@pytest.mark.parametrize(
-    ("rows", "lost"),
-    [([{**FAULT, "location": 0.9}], 16.17), (SCENARIOS["multiple"], 15.28)],
-)
+@pytest.mark.parametrize(("rows", "lost"), [([{**FAULT, "location": 0.9}], 16.17), (SCENARIOS["multiple"], 15.28)])
 def test_synchronism_is_lost_when_a_separate_program_lost_it(rows: list[dict[str, Any]], lost: float) -> None:
     """Two rotors are 180 degrees apart then, to a frame of 100 frames/s."""
     trace = follow(plant("two_area", *rows), frame_times(16.3, 100))

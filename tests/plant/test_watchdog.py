@@ -183,7 +183,7 @@ def test_overtaken_setpoints_are_refused_and_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("sets", "said"),
+    ("sets", "message"),
     [
         (["watchdog.timeout=0"], "watchdog.timeout: 0"),
         (["watchdog.patience=1"], "patience"),
@@ -191,8 +191,8 @@ def test_overtaken_setpoints_are_refused_and_told() -> None:
         (["system.devices.0.hold=0.3"], "'hold' given; allowed: 'watchdog.timeout'"),
     ],
 )
-def test_what_a_watchdog_cannot_be_is_refused(sets: list[str], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_what_a_watchdog_cannot_be_is_refused(sets: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         load_case(None, sets)
 
 

@@ -17,6 +17,7 @@ from facts_damping.signals import (
     MACHINE_TRUTH,
     NANOSECONDS,
     SETPOINT,
+    GridEvent,
     Record,
 )
 
@@ -106,7 +107,7 @@ def make_record(seed: int, ticks: int = 30) -> Record:
         machines=machines,
         devices=devices,
         in_synchronism=np.ones(ticks, np.bool_),
-        events=[{"time_ns": 10**8, "kind": "load_step", "element": "load_1", "value": -0.1, "location": 0.5}],
+        events=[GridEvent(10**8, "load_step", "load_1", -0.1, 0.5)],
         versions={"facts_damping": "1"},
     )
 
@@ -194,10 +195,10 @@ class Messages:
         head = {"header": self.header(record.time_ns[tick]), "tick": tick, "in_synchronism": flag}
         return self.make("PlantState", **head, machines=machines, devices=devices)
 
-    def event(self, event: dict[str, Any]) -> Any:
-        numbers = {name: event[name] for name in ("value", "location")}
-        head = self.header(event["time_ns"])
-        return self.make("GridEvent", header=head, kind=event["kind"], element=event["element"], **numbers)
+    def event(self, event: GridEvent) -> Any:
+        numbers = {"value": event.value, "location": event.location}
+        head = self.header(event.time_ns)
+        return self.make("GridEvent", header=head, kind=event.kind, element=event.element, **numbers)
 
     def tick(self, record: Record, tick: int) -> dict[str, Any]:
         """All messages of one tick, by topic."""

@@ -10,6 +10,7 @@ from facts_damping.errors import RecordingError
 from facts_damping.recording import RecordingWriter, in_simulated_time, load
 from facts_damping.recording.decode import decode, time_ns
 from facts_damping.recording.scan import scan
+from facts_damping.signals import GridEvent
 from tests.nodes.graphs import assert_same
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def test_copy_has_the_same_record_by_the_stamps(
 def test_stamp_before_the_start_counts_as_the_start(tmp_path: Path, messages: Any) -> None:
     with RecordingWriter(tmp_path / "a") as writer:
         writer.add_topic("/plant/events", "facts_damping_msgs/msg/GridEvent")
-        event = {"time_ns": -1, "kind": "fault", "element": "a", "value": 0.0, "location": 0.0}
+        event = GridEvent(-1, "fault", "a", 0.0, 0.0)
         writer.write("/plant/events", messages.cdr(messages.event(event)), 5, 5)
     in_simulated_time(tmp_path / "a", tmp_path / "b")
     assert [one.log_ns for one in scan(tmp_path / "b").messages] == [0]
@@ -58,7 +59,7 @@ def test_messages_without_a_stamp_are_left_out(
             writer.add_topic("/x", message_type)
             writer.write("/x", data, 1, 1)
             if folder == "c":
-                event = {"time_ns": 7, "kind": "fault", "element": "a", "value": 0.0, "location": 0.0}
+                event = GridEvent(7, "fault", "a", 0.0, 0.0)
                 writer.add_topic("/plant/events", "facts_damping_msgs/msg/GridEvent")
                 writer.write("/plant/events", messages.cdr(messages.event(event)), 5, 5)
     with pytest.raises(RecordingError, match=f"holds no message with a stamp; {said}"):

@@ -8,8 +8,9 @@ import shutil
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from facts_damping_reproduction import contenders as who
+from facts_damping_reproduction import candidates as who
 from facts_damping_reproduction import held_out, what_holds
+from facts_damping_reproduction.paired import Effect
 from facts_damping_reproduction.runs import shipped as shipped_study
 
 from facts_damping.case.controllers import chosen
@@ -20,7 +21,6 @@ from facts_damping.parameters.study import Axis
 from facts_damping.studies.search import scoring
 from facts_damping.studies.sweeps import sweep
 from facts_damping.studies.sweeps.batch import make
-from facts_damping.studies.sweeps.paired import Effect
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def test_what_was_chosen_is_what_runs() -> None:
     for file in chosen(who.SYSTEM, who.PROFILE):
         for row in file.controllers:
             case = changed_case(
-                {}, "test", {"profile": who.PROFILE, "duration": 0.1, **who.contender(file, row).changes}
+                {}, "test", {"profile": who.PROFILE, "duration": 0.1, **who.candidate(file, row).changes}
             )
             (own,) = case.controllers
             assert own.compensation == row.compensation

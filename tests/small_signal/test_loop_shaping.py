@@ -14,13 +14,13 @@ from facts_damping.simulation.build import plant_residues
 from facts_damping.small_signal import loop_shaping
 
 if TYPE_CHECKING:
-    from facts_damping.small_signal.loop_shaping import Linear
+    from facts_damping.control.linear_law import Matrices
 
 BOTH = ["devices=[sssc, statcom]", "controllers.0.devices=[sssc, statcom]", "controllers.0.signals=[speed, power]"]
 HINF = "controllers.0.name=Hinf"
 
 
-def shaped(sets: list[str], gain: list[float], delay: float) -> Linear:
+def shaped(sets: list[str], gain: list[float], delay: float) -> Matrices:
     """The shaped plant of a case."""
     case = load_case(None, [HINF, *sets])
     plant = plant_residues(case)

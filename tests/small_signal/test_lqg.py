@@ -222,7 +222,7 @@ def test_against_a_changed_plant_no_setpoint_is_held(which: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sets", "said"),
+    ("sets", "message"),
     [
         (["controllers.0.scheme=direct"], r"controllers.0.scheme: 'direct' given; allowed: none for LQG"),
         (["controllers.0.compensation=lead"], r"controllers.0.compensation: 'lead' given; allowed: none for LQG"),
@@ -246,8 +246,8 @@ def test_against_a_changed_plant_no_setpoint_is_held(which: str) -> None:
         ),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(sets: list[str], said: str) -> None:
-    with pytest.raises(InputError, match=said) as raised:
+def test_what_cannot_be_is_refused_in_one_line(sets: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message) as raised:
         build_control(load_case(None, [*LQG, *sets]))
     assert "\n" not in str(raised.value)
 

@@ -9,7 +9,7 @@ import pytest
 
 from facts_damping.case.loading import load_system
 from facts_damping.plant.build import build
-from facts_damping.small_signal.relative_gains import FREQUENCIES_HZ, Interaction, interactions
+from facts_damping.small_signal.residues import FREQUENCIES_HZ, Interaction, interactions
 
 BOTH = ["sssc", "statcom"]
 PAGE = Path(__file__).parents[2] / "docs" / "mimo.md"

@@ -232,7 +232,7 @@ def test_a_server_that_knows_no_configuration_3(port: int, monkeypatch: pytest.M
 def test_what_is_of_another_stream_is_counted() -> None:
     receiver = session.Receiver(11)
     others = session.stream(12, system_pmus.configuration(GRID, 60, 60, FORMATS))
-    assert receiver.take([session.told(others, instant(0)), *session.answers(others, "send_header", 5, 0)]) == []
+    assert receiver.take([session.data_frame(others, instant(0)), *session.answers(others, "send_header", 5, 0)]) == []
     assert receiver.refused == {"IDCODE": 2}
     assert receiver.take([frame.command(11, "turn_on", 5)]) == []
     assert receiver.refused == {"IDCODE": 2, "CMD": 1}

@@ -20,7 +20,7 @@ from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from facts_damping.streaming import recorded
-from facts_damping.streaming.concentrator import Concentrator, grid_pmus
+from facts_damping.streaming.pdc import Pdc, grid_pmus
 from tests.commands import assert_one_line
 from tests.nodes.graphs import LOADED_S, quiet
 
@@ -100,7 +100,7 @@ def test_what_has_not_been_measured_is_absent_and_stamps_are_those_of_the_instan
     """PMUs of class M: the first frames are not there; later ones describe the instant six frames ago."""
     case = load_case("two_area_small", ["duration=1", "measurement=m_class", "controllers=[]"])
     record = loop.run(case)
-    timed = list(recorded.instants(record, Concentrator(case, EPOCH)))
+    timed = list(recorded.instants(record, Pdc(case, EPOCH)))
     ticks = round(timed[0][0] * 60)
     assert 0 < ticks < 20
     assert (timed[0][1].soc, timed[0][1].fraction) == (EPOCH, 0)
@@ -109,7 +109,7 @@ def test_what_has_not_been_measured_is_absent_and_stamps_are_those_of_the_instan
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--format", "polar,doubles"], "format: 'doubles' given; allowed: polar, float_phasors"),
         (["--to", "here"], "to: 'here' given; allowed: HOST:PORT"),
@@ -119,6 +119,6 @@ def test_what_has_not_been_measured_is_absent_and_stamps_are_those_of_the_instan
     ],
 )
 def test_bad_options_are_one_line(
-    recording: Path, options: list[str], said: str, capsys: pytest.CaptureFixture[str]
+    recording: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert_one_line(2, ["pmu-serve", str(recording), *options], said, capsys)
+    assert_one_line(2, ["pmu-serve", str(recording), *options], message, capsys)

@@ -115,7 +115,7 @@ def test_data_ends_where_it_is_turned_off() -> None:
         return await reader.read()
 
     found, _ = run(act)
-    assert found == session.told(served(), instant(0))
+    assert found == session.data_frame(served(), instant(0))
 
 
 def test_a_slow_client_is_dropped_and_counted() -> None:
@@ -138,14 +138,14 @@ def test_a_slow_client_is_dropped_and_counted() -> None:
 
     (left, got), server = run(act, wide)
     assert (left, server.counts.dropped) == (1, 1)
-    assert got == server.counts.frames * len(session.told(wide, one))
+    assert got == server.counts.frames * len(session.data_frame(wide, one))
 
 
 def test_rubbish_is_counted_and_ends_nothing() -> None:
     async def act(server: Server) -> list[Any]:
         reader, writer = await client(server)
         writer.write(b"GET / HTTP/1.1\r\n\r\n" + frame.command(12, "turn_on", 5))
-        writer.write(session.told(served(), instant(0)) + frame.command(11, "send_header", 5))
+        writer.write(session.data_frame(served(), instant(0)) + frame.command(11, "send_header", 5))
         return await gather(reader, 1)
 
     found, server = run(act)

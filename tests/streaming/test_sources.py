@@ -16,7 +16,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.streams import Streams
 from facts_damping.signals import CHANNELS
 from facts_damping.streaming.client import Lost
-from facts_damping.streaming.concentrator import grid_pmus
+from facts_damping.streaming.pdc import grid_pmus
 from facts_damping.streaming.server import Server
 from facts_damping.streaming.sources import Sources
 from facts_damping.streaming.stream_clock import JUMP_S
@@ -46,9 +46,9 @@ def sources(*servers: str, **more: Any) -> Sources:
 
 def rows(found: Sources, now_s: float) -> list[list[tuple[int, int, float]]]:
     """PMU, time and voltage of the entries of each tick."""
-    said = [found.rows(tick, tick.number * 10**9 // 60) for tick in found.following.take(now_s)]
+    rows = [found.rows(tick, tick.number * 10**9 // 60) for tick in found.following.take(now_s)]
     return [
-        [(int(one["pmu"]), int(one["measured_ns"]), round(float(one["values"][0]), 6)) for one in tick] for tick in said
+        [(int(one["pmu"]), int(one["measured_ns"]), round(float(one["values"][0]), 6)) for one in tick] for tick in rows
     ]
 
 
@@ -94,8 +94,8 @@ def test_stations_that_are_not_there_or_there_twice_are_said() -> None:
         sources(SOUTH, pmus={"G9": {"pmu": 3}})
     found = sources(SOUTH, NORTH)
     found.take(0, 0.0, stream([0, 1]).configuration)
-    said = found.take(1, 0.0, stream([1, 2]).configuration)
-    assert f"{NORTH}: PMU G2: in this stream and in {SOUTH}; allowed: each PMU in one" in said
+    message = found.take(1, 0.0, stream([1, 2]).configuration)
+    assert f"{NORTH}: PMU G2: in this stream and in {SOUTH}; allowed: each PMU in one" in message
 
 
 def test_a_time_that_cannot_be_relied_on_is_unsynchronised() -> None:
@@ -107,17 +107,17 @@ def test_a_time_that_cannot_be_relied_on_is_unsynchronised() -> None:
 
 
 @pytest.mark.parametrize(
-    ("other", "said"),
+    ("other", "message"),
     [
         (stream([0], rate=30), "DATA_RATE: 30 frames/s given; allowed: 60, the run's frame_rate"),
         (stream([0], nominal=50), "FNOM: 50 Hz given by G1; allowed: 60 Hz, the system's"),
     ],
 )
-def test_a_configuration_that_does_not_fit_takes_its_stations_away(other: session.Stream, said: str) -> None:
+def test_a_configuration_that_does_not_fit_takes_its_stations_away(other: session.Stream, message: str) -> None:
     found = sources(SOUTH)
     found.take(0, 0.0, stream([0]).configuration)
     wrong = [found.wrong]
-    assert said in found.take(0, 0.0, other.configuration)
+    assert message in found.take(0, 0.0, other.configuration)
     assert [*wrong, found.wrong] == [False, True]
     found.take(0, 0.0, instant([0], 0))
     assert found.following.first is None
@@ -131,8 +131,8 @@ def test_group_delay_of_configuration_3_puts_ticks_behind_stamps() -> None:
     pmus = tuple(pmu._replace(site=pmu.site._replace(group_delay_us=100_000)) for pmu in late.pmus)
     found = sources(SOUTH)
     hours = tuple(pmu._replace(site=pmu.site._replace(group_delay_us=2**32 - 1)) for pmu in pmus)
-    said = "GRP_DLY: 4294.97 s given by G1; allowed: 0 to 10 s"
-    assert said in found.take(0, 0.0, late._replace(pmus=hours))
+    message = "GRP_DLY: 4294.97 s given by G1; allowed: 0 to 10 s"
+    assert message in found.take(0, 0.0, late._replace(pmus=hours))
     found.take(0, 0.0, late._replace(pmus=pmus))
     found.take(0, 0.0, instant([0], 0))
     assert rows(found, 0.0) == [*[[]] * 6, [(0, 0, 1.0)]]
@@ -156,7 +156,7 @@ def test_hostile_servers_end_nothing() -> None:
     """Of mutated frames each is refused, read, or of no use; none ends the client, and ticks stay few."""
     served, rng, receiver, found = stream([0, 1, 2]), np.random.default_rng(3), Receiver(), sources(SOUTH)
     good = [one for kind in (2, 3) for one in session.answers(served, f"send_configuration_{kind}", 1, 0)]
-    good += [session.told(served, instant([0, 1, 2], k)) for k in range(6)]
+    good += [session.data_frame(served, instant([0, 1, 2], k)) for k in range(6)]
     ticks = 0
     for i in range(MUTATED):
         now_s = i / 600

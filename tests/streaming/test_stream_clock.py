@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.signals import CHANNELS
-from facts_damping.streaming.alignment import AlignedFrame, Alignment, PmuReport
-from facts_damping.streaming.stream_clock import Following
+from facts_damping.streaming.stream_clock import AlignedFrame, Alignment, Following, PmuReport
 
 if TYPE_CHECKING:
     from facts_damping.streaming.stream_clock import Tick
@@ -62,7 +61,7 @@ def test_ticks_are_the_instants_of_a_stream() -> None:
     following, found = Following(1, RATE, WAIT), list[tuple[int, float]]()
     for k in range(100):
         ticks = feed(following, 5000 + k, 10.0 + k / RATE + 0.02 * (k % 3))
-        found += [(one.number, one.said.values[0, 0]) for one in ticks if one.said is not None]
+        found += [(one.number, one.frame.values[0, 0]) for one in ticks if one.frame is not None]
     assert found == [(k, 5000.0 + k) for k in range(100)]
     assert (following.alignment.late, following.moved) == (0, 0)
 
@@ -74,7 +73,7 @@ def test_while_nothing_comes_ticks_go_on_empty_and_then_with_the_stream() -> Non
         if n % 2 == 0 and not 1.0 <= now < 3.0:
             following.put(n // 2, PmuReport(ONE, rows(1, 0.0), SOUND, HERE), now)
         for tick in following.take(now):
-            (empty if tick.said is None else said).append(tick.number)
+            (empty if tick.frame is None else said).append(tick.number)
     assert sorted(empty + said) == list(range(300))
     assert empty == list(range(60, 180))
 
@@ -86,7 +85,7 @@ def test_a_pause_of_the_source_moves_its_stamps() -> None:
         now, k = n / 120, n // 2 if n < 240 else n // 2 - 240
         if n % 2 == 0 and not 2.0 <= now < 6.0:
             following.put(k, PmuReport(ONE, rows(1, float(k)), SOUND, HERE), now)
-        numbers += [tick.number for tick in following.take(now) if tick.said is not None]
+        numbers += [tick.number for tick in following.take(now) if tick.frame is not None]
     assert following.moved == 1
     assert numbers == sorted(set(numbers))
     assert numbers[-1] > 700
@@ -101,7 +100,7 @@ def test_what_comes_in_a_burst_after_a_stall_is_late_and_moves_nothing() -> None
         come = [n // 2] if n % 2 == 0 and not 2.0 <= now < 5.0 else []
         for k in range(120, 301) if n == 600 else come:
             following.put(k, PmuReport(ONE, rows(1, float(k)), SOUND, HERE), now)
-        numbers += [(one.number, one.said.values[0, 0]) for one in following.take(now) if one.said is not None]
+        numbers += [(one.number, one.frame.values[0, 0]) for one in following.take(now) if one.frame is not None]
     assert following.moved == 0
     assert all(number == instant for number, instant in numbers)
     assert numbers[-1][0] == 479
@@ -113,7 +112,7 @@ def test_stamps_of_another_time_are_taken_for_those_of_now() -> None:
         following, numbers = Following(1, RATE, WAIT), list[int]()
         for k in range(300):
             ticks = feed(following, 10**6 + k + (jump if k >= 100 else 0), k / RATE)
-            numbers += [one.number for one in ticks if one.said is not None]
+            numbers += [one.number for one in ticks if one.frame is not None]
         assert following.moved == 1
         assert 299 - WAIT * RATE - 2 < numbers[-1] <= 299  # it goes on with the first tick that was not over
         assert len(ticks) < 5
@@ -133,5 +132,5 @@ def test_a_station_that_says_that_it_is_absent_is_not_waited_for() -> None:
     following = Following(2, RATE, WAIT)
     following.put(7, PmuReport(np.arange(2), rows(2, 1.0), np.zeros(2, np.int64), np.array([False, True])), 0.0)
     (tick,) = following.take(0.0)
-    assert tick.said is not None
-    assert tick.said.there.tolist() == [True, False]
+    assert tick.frame is not None
+    assert tick.frame.there.tolist() == [True, False]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,13 +19,13 @@ from facts_damping.link.stages import mean_delay
 from facts_damping.signals import NANOSECONDS, to_ns
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel, weights_of
+from facts_damping.small_signal.zero_order_hold import held_for
 from facts_damping.studies.margins.linear_closed_loop import (
     DelayedLoop,
     Discrete,
     approximate,
     delayed_loop,
     eigen,
-    holding,
     link_delays,
     pade,
     sampled,
@@ -182,7 +182,7 @@ def integrator(gain: float, rate: int) -> DelayedLoop:
     """dx/dt = u, u = -gain x."""
     model = LinearModel(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), np.zeros(1))
     proportional = Discrete(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[-gain]]), [0], [0])
-    return DelayedLoop(model, [proportional], rate, ["x"], np.zeros((1, 0)), holding(model))
+    return DelayedLoop(model, [proportional], rate, ["x"], np.zeros((1, 0)), partial(held_for, model.A, model.B))
 
 
 @some
@@ -236,7 +236,7 @@ def random_loop(states: int, lag: float, seed: int) -> DelayedLoop:
         )
         made.append(Discrete(A, B, C, D, [1 - i], [i], i * lag))
     names = [f"x{i}" for i in range(states)] + ["z0", "z1"]
-    return DelayedLoop(model, made, 20, names, np.zeros((states, 0)), holding(model))
+    return DelayedLoop(model, made, 20, names, np.zeros((states, 0)), partial(held_for, model.A, model.B))
 
 
 def by_events(linear: DelayedLoop, delays: Sequence[float], x: NDArray[np.float64], ticks: int) -> NDArray[np.float64]:

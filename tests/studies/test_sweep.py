@@ -26,6 +26,7 @@ from facts_damping.parameters import files
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
+from facts_damping.studies.margins.criteria import fails
 from facts_damping.studies.sweeps import axes, batch, sweep
 from facts_damping.studies.sweeps.batch import RunRequest, make, names, one_run
 from facts_damping.studies.sweeps.journal import Journal
@@ -761,16 +762,16 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
         found = BRACKET.match(text)
         assert found, text
         low, high = found[1] or found[3], found[2] or found[4]
-        for end, fails in ((low, False), (high, True)):
+        for end, failed in ((low, False), (high, True)):
             if end is not None:  # the page is rounded; values that were run are multiples of the last step
                 value = round(round(float(end) / finest) * finest, 9)
                 both = axes.joined([points[place], axes.placed(margin, value)])
                 key = f"{place} {value}"
                 tasks[key] = RunRequest(key, both.changes, {})
-                expected.append((key, criterion, fails))
+                expected.append((key, criterion, failed))
     rows = dict(one_run(plan.base, task) for task in tasks.values())
     assert len(expected) >= 1.5 * len(written[::every]) - 2 * sum(text.endswith("~") for *_, text in written)
-    assert [one for one in expected if sweep.FAILED[one[1]](rows[one[0]]) is not one[2]] == []
+    assert [one for one in expected if fails(one[1], rows[one[0]]) is not one[2]] == []
 
 
 def test_the_study_of_delay_margins_asks_for_every_controller_and_scenario() -> None:

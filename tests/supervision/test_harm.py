@@ -69,5 +69,5 @@ def test_delay_alone_turns_help_into_harm() -> None:
 def test_a_controller_that_harms_in_shadow_is_not_armed() -> None:
     for gain, state in ((15.0, "armed"), (-15.0, "shadow")):
         sets = ["supervision=standard", "arm_at=6", "duration=6.1", f"controllers.0.parameters.gain={gain}"]
-        told = loop.run(load_case(None, sets)).supervision[-1]
-        assert (STATES[told["state"]], int(told["refused"])) == (state, -1 if gain > 0.0 else HARM)
+        report = loop.run(load_case(None, sets)).supervision[-1]
+        assert (STATES[report["state"]], int(report["refused"])) == (state, -1 if gain > 0.0 else HARM)

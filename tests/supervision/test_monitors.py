@@ -127,14 +127,14 @@ def seen(*sets: str) -> Seen:
     case = load_case(None, ["supervision=standard", "arm_at=0", "duration=9", *sets])
     built = loop.build_loop(case)
     record, rows = loop.finish(case, built), built.control.supervisors.thresholds[0]
-    told, ends, acted = record.supervision, (record.ticks + 1.0) / record.frame_rate, dict[str, float]()
+    reports, ends, acted = record.supervision, (record.ticks + 1.0) / record.frame_rate, dict[str, float]()
     for m, name in enumerate(MONITORS):
         since = np.inf
-        for end, value in zip(ends, told["values"][:, m], strict=True):
+        for end, value in zip(ends, reports["values"][:, m], strict=True):
             since = min(since, end) if value > rows["limit"][m] else np.inf
             if rows["follows"][m] and end - since >= rows["lasts_ns"][m] * 1e-9 - 1e-9:
                 acted.setdefault(name, float(end))
-    states = [(float(ends[k]), STATES[row["state"]], cause_name(int(row["cause"]))) for k, row in enumerate(told)]
+    states = [(float(ends[k]), STATES[row["state"]], cause_name(int(row["cause"]))) for k, row in enumerate(reports)]
     return Seen(record, [one for k, one in enumerate(states) if k == 0 or one[1] != states[k - 1][1]], acted)
 
 

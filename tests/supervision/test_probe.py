@@ -35,8 +35,8 @@ def down(**stage: Any) -> str:
 @cache
 def probed(*sets: str) -> tuple[Any, str, str]:
     """What the supervisor tells at the end, its state, and why it is not armed."""
-    told = loop.run(load_case(None, list(sets))).supervision[-1]
-    return told, STATES[told["state"]], cause_name(int(told["refused"]))
+    report = loop.run(load_case(None, list(sets))).supervision[-1]
+    return report, STATES[report["state"]], cause_name(int(report["refused"]))
 
 
 def omega(*sets: str) -> float:
@@ -49,25 +49,25 @@ def omega(*sets: str) -> float:
 @pytest.mark.parametrize("sets", [[], ["link=delay_100ms"], ["link=csg"]], ids=str)
 def test_a_plant_that_is_as_known_answers_as_known(system: str, sets: list[str]) -> None:
     """Delays of the link are known: those of the way up by time stamps, those of the way down by its model."""
-    told, state, refused = probed(*HEARD[system], *sets)
-    assert told["probe_gain"] == pytest.approx(1.0, abs=0.03)
-    assert math.degrees(told["probe_phase"]) == pytest.approx(0.0, abs=1.5)
-    assert told["probe_coherence"] > 0.95
+    report, state, refused = probed(*HEARD[system], *sets)
+    assert report["probe_gain"] == pytest.approx(1.0, abs=0.03)
+    assert math.degrees(report["probe_phase"]) == pytest.approx(0.0, abs=1.5)
+    assert report["probe_coherence"] > 0.95
     assert (state, refused) == ("armed", "")
 
 
 def test_filters_of_pmus_are_known() -> None:
-    told, state, _ = probed(*QUIET, *FREQUENCY)
-    assert told["probe_gain"] == pytest.approx(1.0, abs=0.03)
-    assert math.degrees(told["probe_phase"]) == pytest.approx(0.0, abs=1.5)
+    report, state, _ = probed(*QUIET, *FREQUENCY)
+    assert report["probe_gain"] == pytest.approx(1.0, abs=0.03)
+    assert math.degrees(report["probe_phase"]) == pytest.approx(0.0, abs=1.5)
     assert state == "armed"
 
 
 @pytest.mark.parametrize("system", HEARD)
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 5.0, -1.0])
 def test_what_the_way_down_multiplies_by_is_the_gain(system: str, factor: float) -> None:
-    told, state, refused = probed(*HEARD[system], down(model="scale", factor=factor))
-    found = told["probe_gain"] * np.exp(1j * told["probe_phase"])
+    report, state, refused = probed(*HEARD[system], down(model="scale", factor=factor))
+    found = report["probe_gain"] * np.exp(1j * report["probe_phase"])
     assert abs(found - factor) < 0.04 * abs(factor)
     why = "probe: phase" if factor < 0.0 else "" if 1.0 / 3.0 < factor < 3.0 else "probe: gain"
     assert (state, refused) == ("shadow" if why else "armed", why)
@@ -80,17 +80,17 @@ def test_a_delay_that_is_not_known_turns_the_phase(system: str, delay: float) ->
 
     Also where the phase is within it, and control would take damping away.
     """
-    told, state, refused = probed(*HEARD[system], down(delay=delay, start=0.001))
+    report, state, refused = probed(*HEARD[system], down(delay=delay, start=0.001))
     turned = omega(*HEARD[system]) * delay
-    assert told["probe_phase"] == pytest.approx(-turned, rel=0.1)
-    why = "probe: phase" if turned > math.radians(60.0) else "probe: damping" if told["added_damping"] < 0.0 else ""
+    assert report["probe_phase"] == pytest.approx(-turned, rel=0.1)
+    why = "probe: phase" if turned > math.radians(60.0) else "probe: damping" if report["added_damping"] < 0.0 else ""
     assert (state, refused) == ("shadow" if why else "armed", why)
-    assert (told["added_damping"] < 0.0) == (told["phase_margin"] < 0.0)
+    assert (report["added_damping"] < 0.0) == (report["phase_margin"] < 0.0)
 
 
 def test_noise_of_loads_lowers_the_coherence_until_arming_is_refused() -> None:
     found = [probed(*QUIET, f"load_noise.std={std}") for std in (0.0, 0.01, 0.03)]
-    coherence = [float(told["probe_coherence"]) for told, *_ in found]
+    coherence = [float(report["probe_coherence"]) for report, *_ in found]
     assert coherence == sorted(coherence, reverse=True)
     assert coherence[1] > 0.5 > coherence[2]
     assert [(state, refused) for _, state, refused in found] == [
@@ -101,30 +101,30 @@ def test_noise_of_loads_lowers_the_coherence_until_arming_is_refused() -> None:
 
 
 def test_noise_of_measurement_hardly_matters() -> None:
-    told, state, _ = probed(*QUIET, *FREQUENCY, "measurement.noise.frequency=0.001")
-    assert told["probe_gain"] == pytest.approx(1.0, abs=0.05)
+    report, state, _ = probed(*QUIET, *FREQUENCY, "measurement.noise.frequency=0.001")
+    assert report["probe_gain"] == pytest.approx(1.0, abs=0.05)
     assert state == "armed"
 
 
 def test_devices_are_probed_one_after_the_other_and_the_worst_counts() -> None:
-    told, state, refused = probed(*QUIET, *BOTH, "duration=27")
+    report, state, refused = probed(*QUIET, *BOTH, "duration=27")
     assert (state, refused) == ("armed", "")
-    assert abs(math.degrees(told["probe_phase"])) < 20.0
+    assert abs(math.degrees(report["probe_phase"])) < 20.0
     turned = down(model="scale", factor=-1, channels=["statcom"])
-    told, state, refused = probed(*QUIET, *BOTH, "duration=27", turned)
+    report, state, refused = probed(*QUIET, *BOTH, "duration=27", turned)
     assert (state, refused) == ("shadow", "probe: phase")
-    assert abs(math.degrees(told["probe_phase"])) > 160.0
+    assert abs(math.degrees(report["probe_phase"])) > 160.0
 
 
 def test_while_a_device_is_probed_the_other_rests() -> None:
     record = loop.run(load_case(None, [*QUIET, *BOTH, "duration=25"]))
-    said = record.supervised
-    times = [said["issued_ns"][(said["device"] == d) & (said["value"] != 0.0)] / 1e9 for d in (0, 1)]
+    setpoints = record.supervised
+    times = [setpoints["issued_ns"][(setpoints["device"] == d) & (setpoints["value"] != 0.0)] / 1e9 for d in (0, 1)]
     assert times[0].min() == pytest.approx(0.5, abs=0.05)
     assert times[0].max() < times[1].min()
     limits = [device.setpoint_max for device in load_case(None, [*QUIET, *BOTH]).system.devices]
     for d in (0, 1):
-        largest = np.abs(said["value"][said["device"] == d]).max()
+        largest = np.abs(setpoints["value"][setpoints["device"] == d]).max()
         assert 0.15 * limits[d] < largest <= 0.2 * limits[d]  # two tones of a tenth
 
 
@@ -148,7 +148,7 @@ def test_what_a_probe_says_of_damping_is_what_the_controller_adds() -> None:
 @pytest.mark.parametrize(("sets", "gain"), [(QUIET, 5.0), (SMIB, -2.0)])
 def test_the_margin_of_gain_is_that_of_the_linear_loop(sets: list[str], gain: float) -> None:
     """A mode that grows needs a part of the gain, one that fades bears some of the wrong sign."""
-    told, *_ = probed(*sets, f"controllers.0.parameters.gain={gain}")
+    report, *_ = probed(*sets, f"controllers.0.parameters.gain={gain}")
     turning = omega(*sets)
 
     def growth(factor: float) -> float:
@@ -156,7 +156,7 @@ def test_the_margin_of_gain_is_that_of_the_linear_loop(sets: list[str], gain: fl
         modes = eigen(made, sampled(made, 0.0)).values
         return max(float(mode.real) for mode in modes if abs(mode.imag - turning) < 1.0)
 
-    assert told["gain_margin"] == pytest.approx(brentq(growth, 0.1, 5.0, xtol=0.01), rel=0.1)
+    assert report["gain_margin"] == pytest.approx(brentq(growth, 0.1, 5.0, xtol=0.01), rel=0.1)
 
 
 @given(seed=st.integers(0, 2**32 - 1), first=st.sampled_from([0, 2]), alike=st.booleans())

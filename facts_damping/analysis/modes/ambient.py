@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from facts_damping.analysis.modes.ringdown import BAND, RESOLUTION, Fit, RingdownMode, block_means, without_line
+from facts_damping.analysis.modes.oscillation import RESOLUTION
+from facts_damping.analysis.modes.ringdown import BAND, Fit, RingdownMode, block_means, figures, without_line
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -130,8 +131,8 @@ def _modes(
     found = []
     for i in np.flatnonzero((s.imag >= 2 * np.pi * BAND[0]) & (s.imag <= 2 * np.pi * BAND[1])):
         variance = 2 * np.abs(model.shape[:, i] * model.fraction[i] * model.z[i] ** -FIRST_LAG)  # with its conjugate
-        energy, (frequency, ratio) = float(variance.mean()), _figures(s[i])
-        near = np.array([_figures(np.log(z[np.argmin(np.abs(z - model.z[i]))]) / dt) for z in less])
+        energy, (frequency, ratio) = float(variance.mean()), figures(s[i])
+        near = np.array([figures(np.log(z[np.argmin(np.abs(z - model.z[i]))]) / dt) for z in less])
         frequency_error, ratio_error = (np.sqrt((BLOCKS - 1) * np.var(near, axis=0)) / LESS).tolist()
         if energy < FRACTION or ratio > MAX_DAMPED:
             continue
@@ -139,14 +140,6 @@ def _modes(
         amplitude = np.sqrt(2 * variance) * size / blocked
         shape = model.shape[:, i] * size
         phase = np.angle(shape / shape[np.argmax(np.abs(shape))])
-        found.append(
-            RingdownMode(
-                frequency, ratio, energy, frequency_error, ratio_error, tuple(amplitude.tolist()), tuple(phase.tolist())
-            )
-        )
+        estimates = frequency, ratio, energy, frequency_error, ratio_error
+        found.append(RingdownMode(*estimates, tuple(amplitude.tolist()), tuple(phase.tolist())))
     return sorted(found, key=lambda mode: -mode.energy)
-
-
-def _figures(s: complex) -> tuple[float, float]:
-    """Frequency (Hz) and damping ratio of a pole (1/s)."""
-    return float(s.imag / (2 * np.pi)), float(-s.real / abs(s))

@@ -66,7 +66,8 @@ def settling_time(time_s: NDArray[np.float64], signals: NDArray[np.float64], sin
     any signal from its final value after `since`. None if a signal leaves the band within the last 2 s, because an
     oscillation crosses the band repeatedly. 0 without any oscillation.
     """
-    t, x = _after(time_s, signals, since)
+    kept = time_s >= min(since, time_s[-1])
+    t, x = time_s[kept], np.reshape(signals, (len(time_s), -1))[kept]
     final = x[t >= t[-1] - min(WINDOW, (t[-1] - t[0]) / 2)].mean(axis=0)
     deviation = np.abs(x - final).max(axis=1)
     peak = deviation.max()
@@ -104,11 +105,3 @@ def _half_strip(t: NDArray[np.float64], x: NDArray[np.float64]) -> float:
         best = int(np.argmin(heights))
         slope, height, reach = float(slopes[best]), float(heights[best]), 2 * reach / (STRIP_SLOPES - 1)
     return height / 2
-
-
-def _after(
-    time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times and signals (ticks, n) from `since` on, at least the last frame."""
-    kept = time_s >= min(since, time_s[-1])
-    return time_s[kept], np.reshape(signals, (len(time_s), -1))[kept]

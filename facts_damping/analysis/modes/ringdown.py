@@ -8,6 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from facts_damping.analysis.modes.confidence import errors, fit_waves
+from facts_damping.analysis.modes.oscillation import RESOLUTION
 from facts_damping.analysis.modes.poles import METHODS, amplitudes, pencil, within
 from facts_damping.errors import check_known
 
@@ -21,7 +22,6 @@ BAND = (0.1, 2.5)  # Hz, electromechanical modes
 ENERGY = 0.01  # of the energy of all modes in the band; weaker modes are negligible
 LONGEST = 120.0  # s of ringdown: later samples are no response to the event; the cost grows with the square
 SKIP = 1.0  # s after the last event that do not count as ringdown
-RESOLUTION = 1e-9  # p.u.; smaller oscillations are round-off
 RAYLEIGH = 0.4  # of the frequency resolution: two closer modes are one
 MISFIT = 0.01  # of the energy: if fewer poles leave more than this unexplained, two modes are real, however close
 METHOD = "matrix_pencil"  # default method
@@ -146,13 +146,15 @@ def _describe(
         s = np.log(pole) / dt
         # A sample is the mean of a block; this removes the block's factor on exp(s t), so amplitudes are at the start.
         a = waves.amplitude[i] / np.mean(np.exp(s * dt / block * np.arange(block)))
-        sure = float(frequency_errors[i]), float(ratio_errors[i])
-        frequency, ratio = float(s.imag / (2 * np.pi)), float(-s.real / abs(s))
-        modes.append(
-            RingdownMode(frequency, ratio, energy, *sure, tuple(np.abs(a).tolist()), tuple(np.angle(a).tolist()))
-        )
+        estimates = *figures(s), energy, float(frequency_errors[i]), float(ratio_errors[i])
+        modes.append(RingdownMode(*estimates, tuple(np.abs(a).tolist()), tuple(np.angle(a).tolist())))
     noise = max(float(np.sum(waves.residual**2)), np.finfo(float).tiny)
     return Fit(modes, len(z), start, float(10 * np.log10(np.sum(x**2) / noise)))
+
+
+def figures(s: complex) -> tuple[float, float]:
+    """Frequency (Hz) and damping ratio of a pole (1/s)."""
+    return float(s.imag / (2 * np.pi)), float(-s.real / abs(s))
 
 
 def block_means(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], int]:

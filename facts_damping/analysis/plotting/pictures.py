@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.analysis.angles import centres_of_angle, mean_speeds
-from facts_damping.analysis.histories import jacobian_histories, learning_rate_histories
+from facts_damping.analysis.histories import centres_of_angle, jacobian_histories, learning_rate_histories, mean_speeds
 from facts_damping.analysis.indices import INDICES, index_curves, regions
 from facts_damping.analysis.latency import HOPS, cdf, hops_ms
 from facts_damping.analysis.measures import columns, measure_weights, pmu_speeds, setpoint_limits, speed_differences
@@ -67,15 +67,18 @@ class Picture(NamedTuple):
     logarithmic: bool = False
     words: tuple[str, ...] = ()
 
+    @property
+    def over_time(self) -> bool:
+        """Whether the abscissa is time."""
+        return self.over == "t [s]"
+
 
 def moves(picture: Picture, panel: Panel) -> bool:
     """Whether a panel shows any change beyond round-off; steps of a state, and a CDF, always count."""
-    if picture.words or picture.over != Picture._field_defaults["over"]:
+    if picture.words or not picture.over_time:
         return True
-    for values in [
-        *(curve.values for curve in panel.curves.values()),
-        *([] if panel.dashed is None else [panel.dashed]),
-    ]:
+    dashed = [] if panel.dashed is None else [panel.dashed]
+    for values in [*(curve.values for curve in panel.curves.values()), *dashed]:
         known = values[np.isfinite(values)]
         minimum = 0.0 if picture.logarithmic else ROUND
         if len(known) and np.ptp(known) > max(SLIGHT * np.abs(known).max(), minimum):
@@ -123,12 +126,8 @@ def _differences(record: Record) -> list[Panel]:
     return [_one(name, 1e3 * values) for name, values in speed_differences(record).items()]
 
 
-def _tie_power(record: Record) -> list[Panel]:
-    return [_one(record.pmus[i], record.frames[:, i, POWER]) for i in _pmus(record, machines=False)]
-
-
-def _bus_voltages(record: Record) -> list[Panel]:
-    return [_one(record.pmus[i], record.frames[:, i, VOLTAGE]) for i in _pmus(record, machines=False)]
+def _at_buses(channel: int, record: Record) -> list[Panel]:
+    return [_one(record.pmus[i], record.frames[:, i, channel]) for i in _pmus(record, machines=False)]
 
 
 def _voltages(record: Record) -> list[Panel]:
@@ -167,8 +166,8 @@ def _learning_rates(record: Record) -> list[Panel]:
     panels: dict[str, dict[str, Curve]] = {}
     for (controller, identifier, output, group), one in learning_rate_histories(record).items():
         name = f"{controller}{' identifier' * identifier}\noutput {output}"
-        taught = np.where(one.values > 0, one.values, np.nan)  # 0 before the first step
-        panels.setdefault(name, {})[f"group {group}" if group else ""] = Curve(taught, one.time_s, steps=True)
+        rates = np.where(one.values > 0, one.values, np.nan)  # 0 before the first step
+        panels.setdefault(name, {})[f"group {group}" if group else ""] = Curve(rates, one.time_s, steps=True)
     return [Panel(name, curves) for name, curves in panels.items()]
 
 
@@ -202,8 +201,8 @@ def _monitors(record: Record) -> list[Panel]:
 PICTURES = (
     Picture("speeds", "Speed deviation", "Δω [10⁻³ p.u.]", _speeds, together=True),
     Picture("differences", "Speed difference", "Δω [10⁻³ p.u.]", _differences, together=True),
-    Picture("tie_power", "Active power", "P [p.u.]", _tie_power, together=True),
-    Picture("voltage", "Bus voltage", "V [p.u.]", _bus_voltages, together=True),
+    Picture("tie_power", "Active power", "P [p.u.]", partial(_at_buses, POWER), together=True),
+    Picture("voltage", "Bus voltage", "V [p.u.]", partial(_at_buses, VOLTAGE), together=True),
     Picture("injected_voltage", "Injected voltage", "v [p.u.]", _voltages, together=False),
     Picture("centre_of_angle", "Centre of angle", "δ [°]", _angles, together=True),
     Picture("indices", "Performance indices", "", _indices, together=False),

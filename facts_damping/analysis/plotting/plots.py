@@ -36,16 +36,11 @@ NEAR = 0.5  # of a limit: beyond it the limit is drawn
 NARROW = 0.05  # of the time axis: narrower regions have no name
 
 
-class Drawn(NamedTuple):
+class Plotted(NamedTuple):
     """A record and its panels in a picture, by name."""
 
     record: Record
     panels: dict[str, Panel]
-
-
-def plot_record(record: Record, folder: Path | str) -> list[Path]:
-    """Plot one record; returns paths of the PNG files. Empty pictures are left out."""
-    return plot_comparison([("", record)], folder)
 
 
 def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -> list[Path]:
@@ -74,29 +69,28 @@ def figure(names: Sequence[str], records: Sequence[tuple[str, Record]]) -> Figur
     """
     pictures = {picture.stem: picture for picture in PICTURES}
     if len(names) == 1 and names[0] in pictures:
-        found = _figure(pictures[names[0]], records, still=True)
-        if found is None:
-            raise InputError(f"plot: '{names[0]}' given, of which there is nothing; allowed: another picture")
-        return found
-    for name in names:
-        check_known("plot", name, [*pictures, *records[0][1].arrays])
+        picture, reason = pictures[names[0]], f"'{names[0]}' given, of which there is nothing; allowed: another picture"
+    else:
+        for name in names:
+            check_known("plot", name, [*pictures, *records[0][1].arrays])
 
-    def panels(record: Record) -> list[Panel]:
-        return [Panel(f"{name} [{record.units[name]}]", {"": Curve(record.arrays[name])}) for name in names]
+        def panels(record: Record) -> list[Panel]:
+            return [Panel(f"{name} [{record.units[name]}]", {"": Curve(record.arrays[name])}) for name in names]
 
-    own = _figure(Picture("columns", "", "", panels, together=False), records, still=True)
-    if own is None:
-        raise InputError("plot: no name given; allowed: at least one")
-    return own
+        picture, reason = Picture("columns", "", "", panels, together=False), "no name given; allowed: at least one"
+    found = _figure(picture, records, still=True)
+    if found is None:
+        raise InputError(f"plot: {reason}")
+    return found
 
 
 def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: bool = False) -> Figure | None:
     """One picture; None if no record has data for it. `still`: include curves that never change."""
-    drawn: dict[str, list[Drawn]] = {}
+    groups: dict[str, list[Plotted]] = {}
     for name, record in records:
         found = {panel.name: panel for panel in picture.panels(record)}
-        drawn.setdefault(name, []).append(Drawn(record, found))
-    panels = [one.panels for group in drawn.values() for one in group]
+        groups.setdefault(name, []).append(Plotted(record, found))
+    panels = [plotted.panels for group in groups.values() for plotted in group]
     names = list(dict.fromkeys(name for one in panels for name in one)) if still else shown(picture, panels)
     if not names:
         return None
@@ -105,17 +99,20 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: b
     figure = Figure(figsize=(WIDTH, MARGIN + PANEL_HEIGHT * max(len(rows), 1.5)), layout="constrained")
     grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
     for axes, row in zip(grid, rows, strict=True):
-        for position, (name, group) in enumerate(drawn.items()):
+        for position, (name, group) in enumerate(groups.items()):
             for offset, panel in enumerate(row):
                 label = panel if single and picture.together else name
-                alike = [one for one in group if panel in one.panels]
-                _draw(axes, alike, panel, label, position + offset, named=bool(name))
-        _dress(axes, picture.label if len(row) > 1 else "\n".join(filter(None, (row[0], picture.label))))
+                having = [plotted for plotted in group if panel in plotted.panels]
+                _draw(axes, having, panel, label, position + offset, named=bool(name))
+        axes.set_ylabel(picture.label if len(row) > 1 else "\n".join(filter(None, (row[0], picture.label))))
+        axes.grid(visible=True, color="0.92")
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
         axes.set_yscale("log" if picture.logarithmic else "linear")
         if picture.words:
             axes.set_yticks(range(len(picture.words)), picture.words)
             axes.set_ylim(-0.5, len(picture.words) - 0.5)
-    if picture.over == "t [s]":
+    if picture.over_time:
         grid[-1].set_xlim(*_span([record for _, record in records]))
         mark_events(list(grid), records[0][1])
         for axes, row in zip(grid, rows, strict=True):
@@ -127,7 +124,7 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: b
     return figure
 
 
-def _draw(axes: Axes, alike: Sequence[Drawn], name: str, label: str, place: int, *, named: bool) -> None:
+def _draw(axes: Axes, alike: Sequence[Plotted], name: str, label: str, place: int, *, named: bool) -> None:
     """The curves of one panel of records with the same name; if named and among others, all in one colour."""
     for i, (curve_name, first) in enumerate(alike[0].panels[name].curves.items() if alike else ()):
         curves = [one.panels[name].curves[curve_name] for one in alike if curve_name in one.panels[name].curves]
@@ -179,14 +176,6 @@ def _name_regions(axes: Axes, found: Regions | None) -> None:
             axes.text(middle, height, name, transform=where, fontsize="x-small", color="0.35", ha="center")
 
 
-def _dress(axes: Axes, label: str) -> None:
-    """Add label and grid to axes."""
-    axes.set_ylabel(label)
-    axes.grid(visible=True, color="0.92")
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
 def _add_legend(figure: Figure, grid: Sequence[Axes]) -> None:
     """Add one legend outside of all axes, each label once."""
     entries: dict[str, Artist] = {}
@@ -224,9 +213,9 @@ def _events(record: Record, nearby: float) -> list[tuple[float, str]]:
     """Time (s) and kind of events and trips within the record; those closer than `nearby` of its span are merged."""
     grouped: list[tuple[float, float, str]] = []
     span = record.time_s[-1] - record.time_s[0]
-    told = [(event["time_ns"] / NANOSECONDS, str(event["kind"])) for event in record.events]
-    told += [(time, f"tripped: {cause}") for time, _, cause in trips(supervision(record))]
-    for time, kind in sorted(told):
+    events = [(event.time_ns / NANOSECONDS, str(event.kind)) for event in record.events]
+    events += [(time, f"tripped: {cause}") for time, _, cause in trips(supervision(record))]
+    for time, kind in sorted(events):
         if time > record.time_s[-1]:
             continue
         if grouped and time - grouped[-1][1] <= nearby * span:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
+from facts_damping import terminal
 from facts_damping.analysis.plotting.plots import COLOURS, DPI, MARGIN, PANEL_HEIGHT, WIDTH
-from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,16 +28,8 @@ LINES = {
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Text table of the figures of each device (`replay.beside`), one column per device."""
-    cells = [["", *(row["device"] for row in rows)]]
-    for key, words in LINES.items():
-        cells.append([words, *("-" if row[key] is None else f"{row[key]:.4g}" for row in rows)])
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    return "\n".join(
-        "  ".join(
-            f"{cell:<{width}}" if i == 0 else f"{cell:>{width}}" for i, (cell, width) in enumerate(pairs)
-        ).rstrip()
-        for pairs in (list(zip(line, widths, strict=True)) for line in cells)
-    )
+    cells = [[text, *("-" if row[key] is None else f"{row[key]:.4g}" for row in rows)] for key, text in LINES.items()]
+    return "\n".join(terminal.table(["", *(row["device"] for row in rows)], cells, rule=False))
 
 
 def plot(
@@ -65,4 +57,4 @@ def plot(
     grid[-1].set_xlabel("t [s]")
     handles, names = grid[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper right", ncols=2, fontsize="small", frameon=False)
-    return save_picture(figure, path, dpi=DPI)
+    return terminal.save_picture(figure, path, dpi=DPI)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from facts_damping.analysis.measures import recorded
 from facts_damping.analysis.plotting.plots import COLOURS, DPI, mark_events
-from facts_damping.analysis.recorded import recorded
 from facts_damping.analysis.time_frequency import BAND, LAG, TIME, analyse
 from facts_damping.errors import InputError
 from facts_damping.terminal import save_picture

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.control.bank import BankState
     from facts_damping.control.identifier_model import IdentifierState
+    from facts_damping.signals import GridEvent
 
 
 M = TypeVar("M", bound=Any)  # a message
@@ -255,10 +256,10 @@ def stamped(message: M, start_ns: int) -> M:
     return message
 
 
-def grid_event(event: dict[str, Any]) -> msg.GridEvent:
+def grid_event(event: GridEvent) -> msg.GridEvent:
     """Message of a grid event."""
-    fields = {name: event[name] for name in ("kind", "element", "value", "location")}
-    return stamped(msg.GridEvent(**fields), event["time_ns"])
+    message = msg.GridEvent(kind=event.kind, element=event.element, value=event.value, location=event.location)
+    return stamped(message, event.time_ns)
 
 
 class Health(NamedTuple):

@@ -57,10 +57,6 @@ class Quantity(NamedTuple):
     time: bool = False
 
 
-def _time(text: str) -> Quantity:
-    return Quantity("s", text, 0.0, 1000.0, time=True)
-
-
 def saturation(field: Any) -> tuple[float, float]:
     """A and B of SE(E) E = B (E - A)^2 above A, through SE1 at E1 and SE2 at E2; B = 0 where E1 is 0: none."""
     first, second = field.SE1 * field.E1, field.SE2 * field.E2
@@ -164,10 +160,7 @@ _EXCITERS = {
         "exciter",
         "simplified excitation system",
         "TATB TB K TE EMIN EMAX",
-        (
-            _REDUCTION,
-            Block("Efd", "lag", "VB", ("K", "TE"), "EMIN", "EMAX"),
-        ),
+        (_REDUCTION, Block("Efd", "lag", "VB", ("K", "TE"), "EMIN", "EMAX")),
     ),
     "SCRX": Model(
         "exciter",
@@ -327,13 +320,12 @@ def quantity_of(name: str) -> Quantity:
     if name in _COUNTS:
         return Quantity("-", "as in the library", 0.0, 1e6)
     if name[0] == "T" and name not in ("TATB", "THETAP"):
-        return _time("time constant")
+        return Quantity("s", "time constant", 0.0, 1000.0, time=True)
     if name[0] == "A" and name[1:].isdigit():
         return Quantity("s, s²", "coefficient of a filter", 0.0, 1000.0)
     if name == "R":
         return Quantity("p.u.", "droop: speed per power", 0.001, 10.0)
     if name in ("KA", "K"):
         return Quantity("p.u.", "gain", 1e-3, 1e4)
-    return Quantity(
-        "p.u.", {"K": "gain", "V": "limit", "E": "voltage of the exciter"}.get(name[0], "as in the library")
-    )
+    words = {"K": "gain", "V": "limit", "E": "voltage of the exciter"}
+    return Quantity("p.u.", words.get(name[0], "as in the library"))

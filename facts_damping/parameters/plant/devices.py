@@ -228,10 +228,4 @@ class Hvdc(Transmission):
 
 
 # What a device of a system may be.
-DEVICES: list[type[DeviceModel]] = [
-    Sssc,
-    Statcom,
-    Svc,
-    Hvdc,
-    *rows("devices", DeviceModel).values(),
-]
+DEVICES: list[type[DeviceModel]] = [Sssc, Statcom, Svc, Hvdc, *rows("devices", DeviceModel).values()]

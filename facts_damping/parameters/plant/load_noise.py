@@ -47,8 +47,6 @@ class LoadNoise(ParameterModel):
 
     def of(self, load: str) -> tuple[float, float, float]:
         """Standard deviation, time constant (s) and correlation of a load's noise."""
-        own = self.loads.get(load, OwnNoise()).model_dump()
-        std, time, correlation = (
-            getattr(self, name) if own[name] is None else own[name] for name in ("std", "time_constant", "correlation")
-        )
-        return std, time, correlation
+        own = self.loads.get(load, OwnNoise())
+        values = {**self.model_dump(exclude={"loads"}), **own.model_dump(exclude_none=True)}
+        return values["std"], values["time_constant"], values["correlation"]

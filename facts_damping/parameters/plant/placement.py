@@ -25,7 +25,6 @@ def place(system: System) -> System:
 
 
 def _insert(system: System, device: Series) -> System:
-    """The system with one device taken into its line."""
     at = next(i for i, line in enumerate(system.lines) if line.name == device.line)
     line, made = system.lines[at], f"{device.line}.{device.name}"
     bus, side = (line.from_bus, "from_bus") if device.end == "from" else (line.to_bus, "to_bus")

@@ -48,7 +48,7 @@ class System(ParameterModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> System:
-        check_references(self)
+        _check_references(self)
         return self
 
     def pmu_buses(self) -> dict[str, str]:
@@ -61,7 +61,7 @@ class System(ParameterModel):
         return next(device for device in self.devices if device.name == name)
 
 
-def unique(field: str, names: Sequence[str]) -> set[str]:
+def _unique(field: str, names: Sequence[str]) -> set[str]:
     """The names as a set; a name that stands twice is an error."""
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -69,113 +69,99 @@ def unique(field: str, names: Sequence[str]) -> set[str]:
     return set(names)
 
 
-def known(field: str, name: str, allowed: Iterable[str]) -> None:
+def _known(field: str, name: str, allowed: Iterable[str]) -> None:
     """Raise `ValueError` where a name is not among those that are there."""
     if name not in allowed:
         raise ValueError(f"{field}: '{name}' given; allowed: {', '.join(sorted(allowed)) or 'none'}")
 
 
-def check_references(system: System) -> None:
+def _check_references(system: System) -> None:
     """Raise `ValueError` where a row names a bus, machine, branch, PMU or signal that is not there."""
-    buses = unique("buses", [b.name for b in system.buses])
+    buses = _unique("buses", [b.name for b in system.buses])
     for field in ("loads", "shunts", "infinite_buses", "machines"):
-        unique(field, [row.name for row in getattr(system, field)])
+        _unique(field, [row.name for row in getattr(system, field)])
         for row in getattr(system, field):
-            known(f"{field}: {row.name}.bus", row.bus, buses)
-    unique("infinite_buses", [i.bus for i in system.infinite_buses])
-    unique("machines, infinite_buses", [*{m.bus for m in system.machines}, *(i.bus for i in system.infinite_buses)])
+            _known(f"{field}: {row.name}.bus", row.bus, buses)
+    _unique("infinite_buses", [i.bus for i in system.infinite_buses])
+    _unique("machines, infinite_buses", [*{m.bus for m in system.machines}, *(i.bus for i in system.infinite_buses)])
     for bus in {m.bus for m in system.machines}:
         here = [m for m in system.machines if m.bus == bus]
         if len({m.V for m in here}) > 1:
-            told = ", ".join(f"{m.V:g} of {m.name}" for m in here)
-            raise ValueError(f"machines.*.V: {told} given at bus {bus}; allowed: one voltage")
-    _check_branches(system, buses)
+            given = ", ".join(f"{m.V:g} of {m.name}" for m in here)
+            raise ValueError(f"machines.*.V: {given} given at bus {bus}; allowed: one voltage")
+    joined: list[Line | Transformer] = [*system.lines, *system.transformers]
+    _unique("lines, transformers, devices", [row.name for row in (*joined, *system.devices)])
+    for branch in joined:
+        _check_ends(f"lines, transformers: {branch.name}", branch.from_bus, branch.to_bus, buses)
     _check_devices(system, buses)
     _check_machines(system)
     _check_measurements(system, buses)
 
 
-def _check_branches(system: System, buses: set[str]) -> None:
-    """Lines and transformers join two buses that are there."""
-    joined: list[Line | Transformer] = [*system.lines, *system.transformers]
-    unique("lines, transformers, devices", [row.name for row in (*joined, *system.devices)])
-    for row in joined:
-        _check_ends(f"lines, transformers: {row.name}", row.from_bus, row.to_bus, buses)
-
-
 def _check_ends(field: str, from_bus: str, to_bus: str, buses: set[str]) -> None:
-    known(f"{field}.from", from_bus, buses)
-    known(f"{field}.to", to_bus, buses)
+    _known(f"{field}.from", from_bus, buses)
+    _known(f"{field}.to", to_bus, buses)
     if from_bus == to_bus:
         raise ValueError(f"{field}.to: '{to_bus}' given twice; allowed: two different buses")
 
 
 def _check_devices(system: System, buses: set[str]) -> None:
-    """Devices stand at buses or in lines that are there, in series one a place."""
     lines = {line.name for line in system.lines}
-    taken: dict[tuple[str, ...], str] = {}
+    devices: dict[tuple[str, ...], str] = {}  # by place
     for device in system.devices:
         if isinstance(device, Transmission):
             _check_ends(f"devices: {device.name}", device.from_bus, device.to_bus, buses)
             continue
         if not isinstance(device, Series):
-            known(f"devices: {device.name}.bus", device.bus, buses)
+            _known(f"devices: {device.name}.bus", device.bus, buses)
             continue
         if device.line is not None:
-            known(f"devices: {device.name}.line", device.line, lines)
+            _known(f"devices: {device.name}.line", device.line, lines)
             place: tuple[str, ...] = (device.line,)
         else:
             _check_ends(f"devices: {device.name}", *device.ends, buses)
             place = tuple(sorted(device.ends))
-        if place in taken:
-            raise ValueError(
-                f"devices: {device.name}: '{' to '.join(place)}' given, where {taken[place]} stands already; "
-                "allowed: one device in a line, or between two buses"
-            )
-        taken[place] = device.name
+        if place in devices:
+            given = f"'{' to '.join(place)}' given, where {devices[place]} stands already"
+            raise ValueError(f"devices: {device.name}: {given}; allowed: one device in a line, or between two buses")
+        devices[place] = device.name
 
 
 def _check_machines(system: System) -> None:
-    """Controls belong to machines that are there; one machine balances the power flow, or infinite buses do."""
     machines = {m.name for m in system.machines}
     for field in ("exciters", "stabilisers", "governors"):
-        unique(field, [row.machine for row in getattr(system, field)])
+        _unique(field, [row.machine for row in getattr(system, field)])
         for i, row in enumerate(getattr(system, field)):
-            known(f"{field}.{i}.machine", row.machine, machines)
+            _known(f"{field}.{i}.machine", row.machine, machines)
     excited = {e.machine for e in system.exciters}
     for i, stabiliser in enumerate(system.stabilisers):
         if stabiliser.enabled and stabiliser.machine not in excited:
-            raise ValueError(
-                f"stabilisers.{i}.machine: '{stabiliser.machine}' given, which has no exciter; "
-                f"allowed: {', '.join(sorted(excited)) or 'none'}"
-            )
+            allowed, given = ", ".join(sorted(excited)) or "none", f"'{stabiliser.machine}' given"
+            raise ValueError(f"stabilisers.{i}.machine: {given}, which has no exciter; allowed: {allowed}")
     models = {m.name: m.model for m in system.machines}
     for i, exciter in enumerate(system.exciters):
-        known(f"exciters.{i}.machine", exciter.machine, {name for name in machines if models[name] != "classical"})
+        _known(f"exciters.{i}.machine", exciter.machine, {name for name in machines if models[name] != "classical"})
     if len({m.area is None for m in system.machines}) > 1:
         raise ValueError("machines.*.area: given for some machines; allowed: for all, or for none")
     slack = [m.name for m in system.machines if m.slack]
     if len(slack) != (0 if system.infinite_buses else 1):
-        raise ValueError(
-            f"machines.*.slack: {len(slack)} slack machines given ({', '.join(slack)}); "
-            "allowed: exactly one, or none beside an infinite bus"
-        )
+        given = f"{len(slack)} slack machines given ({', '.join(slack)})"
+        raise ValueError(f"machines.*.slack: {given}; allowed: exactly one, or none beside an infinite bus")
 
 
 def _check_measurements(system: System, buses: set[str]) -> None:
-    """PMUs, signals and measures name what is there."""
     machines = {m.name for m in system.machines}
-    pmus = unique("pmus", [s.name for s in system.pmus])
+    pmus = _unique("pmus", [s.name for s in system.pmus])
     joined: list[Line | Transformer] = [*system.lines, *system.transformers]
     branches = {row.name: {row.from_bus, row.to_bus} for row in joined}
     branches |= {d.name: set(d.ends) for d in system.devices if isinstance(d, Series)}
     for pmu in system.pmus:
-        known(f"pmus: {pmu.name}", pmu.machine or pmu.bus or "", machines | buses)
+        _known(f"pmus: {pmu.name}", pmu.machine or pmu.bus or "", machines | buses)
         for branch in pmu.branches:
             allowed = {name for name, ends in branches.items() if pmu.bus in ends}
-            known(f"pmus: {pmu.name}.branches", branch, allowed)
+            _known(f"pmus: {pmu.name}.branches", branch, allowed)
     for name, signal in system.signals.items():
-        for station_name in signal.weights:
-            known(f"signals: {name}.weights", station_name, pmus)
+        for pmu_name in signal.weights:
+            _known(f"signals: {name}.weights", pmu_name, pmus)
     for name in (*system.measures.local, *system.measures.interarea):
-        known("measures", name, {n for n, s in system.signals.items() if s.channel == "speed_deviation"})
+        _known("measures", name, {n for n, s in system.signals.items() if s.channel == "speed_deviation"})

@@ -17,20 +17,19 @@ from facts_damping.signals import to_ns
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.devices import Series
     from facts_damping.parameters.plant.system import Device
     from facts_damping.plant.converters.site import Site, Start
 
 
 @compiled
-def _no_more(_d: Any, _x: NDArray[np.float64], _u: float, _size: float, _blocked: bool, _out: Any) -> None:
+def _no_more(_d: Any, _x: Float1, _u: float, _size: float, _blocked: bool, _out: Any) -> None:
     """No true values in addition to the port's."""
 
 
 @compiled
-def _at_rest(_d: Any, _x: NDArray[np.float64], _u: float, _size: float, _dx: NDArray[np.float64]) -> None:
+def _at_rest(_d: Any, _x: Float1, _u: float, _size: float, _dx: Float1) -> None:
     """No states."""
 
 
@@ -114,11 +113,6 @@ def install(row: Any, device: Device, site: Site) -> Start:
     return start
 
 
-def states_of(device: Device) -> list[str]:
-    """Names of a device's states: its kind's, then the reference after its response time."""
-    return [*KINDS[device.kind].states, *(["reference"] if device.response_time > 0.0 else [])]
-
-
 @compiled
 def first_order_lag(z: float, reference: float, ramp: float, T: float, t: float) -> float:
     """Output of a lag after t s, p.u., for an input that starts at `reference` with slope `ramp`, p.u./s.
@@ -129,22 +123,15 @@ def first_order_lag(z: float, reference: float, ramp: float, T: float, t: float)
 
 
 @compiled
-def reference_of(reference: NDArray[np.float64], d: int) -> float:
+def reference_of(reference: Float1, d: int) -> float:
     """Reference of device d, p.u.; 0 for uncommanded devices in service."""
     return reference[d] if d < reference.size else 0.0
 
 
 @compiled
-def effective_reference(d: Any, x: NDArray[np.float64], u: float) -> float:
+def effective_reference(d: Any, x: Float1, u: float) -> float:
     """Effective input of a device, p.u.: its reference u, after its response time if it has one."""
     return x[d.lag] if d.response_time > 0.0 else u
-
-
-@compiled
-def lag_derivative(d: Any, x: NDArray[np.float64], u: float, dx: NDArray[np.float64]) -> None:
-    """Write the derivative of the lag of a device's reference u, 1/s; it also moves while the device is blocked."""
-    if d.response_time > 0.0:
-        dx[d.lag] = (u - x[d.lag]) / d.response_time
 
 
 def losses_of(device: Series, magnitude: float) -> float:
@@ -160,47 +147,15 @@ def consumed_power(device: Device, voltages: Sequence[float], base_power: float)
 
 
 @compiled
-def _unknown(_d: Any, _x: NDArray[np.float64], _u: float, _size: float) -> tuple[complex, complex]:
+def _unknown(_d: Any, _x: Float1, _u: float, _size: float) -> tuple[complex, complex]:
     """Unknown kind: returns NaN, which ends the run."""
     return complex(math.nan, math.nan), 0j
 
 
-_characteristic = branching([*(kind.characteristic for kind in KINDS.values()), _unknown])
-_derivatives = branching([kind.derivatives for kind in KINDS.values()])
-_truth = branching([kind.truth for kind in KINDS.values()])
+# Compiled functions of a kind's code and the arguments of `DeviceKind`.
 _other_ends = [kind.other_end or OtherEnd(_unknown, _at_rest) for kind in KINDS.values()]
-_other_characteristic = branching([*(end.characteristic for end in _other_ends), _unknown])
-_other_derivatives = branching([end.derivatives for end in _other_ends])
-
-
-@compiled
-def characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tuple[complex, complex]:
-    """Source of a device relative to the direction of its response, and the derivative by `size`, p.u.
-
-    In series a voltage drop, in parallel a current into the network.
-    """
-    return _characteristic(d.kind, d, x, effective_reference(d, x, u), size)  # type: ignore[no-any-return]
-
-
-@compiled
-def other_characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tuple[complex, complex]:
-    """The same as `characteristic`, at the device's second bus."""
-    return _other_characteristic(d.kind, d, x, effective_reference(d, x, u), size)  # type: ignore[no-any-return]
-
-
-@compiled
-def other_derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArray[np.float64]) -> None:
-    """Write the derivatives of the states that depend on the voltage of the second bus, 1/s."""
-    _other_derivatives(d.kind, d, x, effective_reference(d, x, u), size, dx)
-
-
-@compiled
-def derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArray[np.float64]) -> None:
-    """Write the derivatives of a device's states, 1/s."""
-    _derivatives(d.kind, d, x, effective_reference(d, x, u), size, dx)
-
-
-@compiled
-def truth(d: Any, x: NDArray[np.float64], u: float, size: float, blocked: bool, out: Any) -> None:
-    """Write the kind's true values into a row of DEVICE_TRUTH, in addition to the port's: see `measurement`."""
-    _truth(d.kind, d, x, effective_reference(d, x, u), size, blocked, out)
+characteristic = branching([*(kind.characteristic for kind in KINDS.values()), _unknown])
+derivatives = branching([kind.derivatives for kind in KINDS.values()])
+truth = branching([kind.truth for kind in KINDS.values()])
+other_characteristic = branching([*(end.characteristic for end in _other_ends), _unknown])
+other_derivatives = branching([end.derivatives for end in _other_ends])

@@ -18,8 +18,7 @@ from facts_damping.plant.converters.site import Start
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.devices import Hvdc
     from facts_damping.plant.converters.site import Site
 
@@ -64,7 +63,7 @@ def power_fraction(voltage: float, V_min: float) -> float:
 
 
 @compiled
-def power(d: Any, x: NDArray[np.float64], u: float, voltage: float) -> tuple[float, float]:
+def power(d: Any, x: Float1, u: float, voltage: float) -> tuple[float, float]:
     """Power at the rectifier by the voltage of one end's bus, and its derivative by that voltage; p.u.
 
     P = clip(P0 + u, P_min, P_max) min(fraction(V), fraction(V_to), fraction(V_from)). V_to and V_from are states: the
@@ -79,7 +78,7 @@ def power(d: Any, x: NDArray[np.float64], u: float, voltage: float) -> tuple[flo
 
 
 @compiled
-def to_end(device: Any, x: NDArray[np.float64], u: float, voltage: float) -> tuple[complex, complex]:
+def to_end(device: Any, x: Float1, u: float, voltage: float) -> tuple[complex, complex]:
     """Current into the inverter's bus relative to the direction of its voltage, and its derivative by |V|, p.u.
 
     The link feeds in p = P (1 - loss) - R P^2 and draws q p: conj(S) / |V| = p (1 + j q) / |V|.
@@ -93,7 +92,7 @@ def to_end(device: Any, x: NDArray[np.float64], u: float, voltage: float) -> tup
 
 
 @compiled
-def from_end(device: Any, x: NDArray[np.float64], u: float, voltage: float) -> tuple[complex, complex]:
+def from_end(device: Any, x: Float1, u: float, voltage: float) -> tuple[complex, complex]:
     """Current into the rectifier's bus, where the link draws P and q P: P (-1 + j q) / |V|, and its derivative, p.u."""
     d = device.hvdc
     P, slope = power(d, x, u, voltage)
@@ -103,14 +102,14 @@ def from_end(device: Any, x: NDArray[np.float64], u: float, voltage: float) -> t
 
 
 @compiled
-def derivatives(device: Any, x: NDArray[np.float64], _u: float, voltage: float, dx: NDArray[np.float64]) -> None:
+def derivatives(device: Any, x: Float1, _u: float, voltage: float, dx: Float1) -> None:
     """Write the derivative of the lagged voltage of the inverter's bus, 1/s: T dV_to = |V| - V_to."""
     d = device.hvdc
     dx[d.offset] = (voltage - x[d.offset]) / d.T
 
 
 @compiled
-def from_derivatives(device: Any, x: NDArray[np.float64], _u: float, voltage: float, dx: NDArray[np.float64]) -> None:
+def from_derivatives(device: Any, x: Float1, _u: float, voltage: float, dx: Float1) -> None:
     """Write the derivative of the lagged voltage of the rectifier's bus, 1/s: T dV_from = |V| - V_from."""
     d = device.hvdc
     dx[d.offset + 1] = (voltage - x[d.offset + 1]) / d.T

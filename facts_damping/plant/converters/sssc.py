@@ -17,8 +17,7 @@ from facts_damping.errors import InputError
 from facts_damping.plant.converters.site import Start
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.devices import Sssc
     from facts_damping.plant.converters.site import Site
 
@@ -76,7 +75,7 @@ def losses(device: Sssc, magnitude: float) -> float:
 
 
 @compiled
-def converter(d: Any, x: NDArray[np.float64], u: float, magnitude: float) -> Converter:
+def converter(d: Any, x: Float1, u: float, magnitude: float) -> Converter:
     """Converter voltages at a current's magnitude.
 
     The injected-voltage regulator has algebraic feedback (e_ac = u - v_q - xs |I|), so its equation
@@ -105,7 +104,7 @@ def converter(d: Any, x: NDArray[np.float64], u: float, magnitude: float) -> Con
 
 
 @compiled
-def characteristic(device: Any, x: NDArray[np.float64], setpoint: float, magnitude: float) -> tuple[complex, complex]:
+def characteristic(device: Any, x: Float1, setpoint: float, magnitude: float) -> tuple[complex, complex]:
     """Converter voltage relative to the direction of the current, v_p + j v_q, and its derivative by |I|, p.u."""
     d = device.sssc
     c = converter(d, x, -setpoint, magnitude)
@@ -113,9 +112,7 @@ def characteristic(device: Any, x: NDArray[np.float64], setpoint: float, magnitu
 
 
 @compiled
-def derivatives(
-    device: Any, x: NDArray[np.float64], setpoint: float, magnitude: float, dx: NDArray[np.float64]
-) -> None:
+def derivatives(device: Any, x: Float1, setpoint: float, magnitude: float, dx: Float1) -> None:
     """Write the derivatives of the states, 1/s, at a current's magnitude, p.u.
 
     dx_ac = Ki e_ac, dx_dc = Kdi (1 - vdc), each held while its output is limited;
@@ -131,7 +128,7 @@ def derivatives(
 
 
 @compiled
-def truth(device: Any, x: NDArray[np.float64], setpoint: float, magnitude: float, blocked: bool, out: Any) -> None:
+def truth(device: Any, x: Float1, setpoint: float, magnitude: float, blocked: bool, out: Any) -> None:
     """Write its fields of DEVICE_TRUTH: voltages, and the power fed in by converter and transformer."""
     d = device.sssc
     c = converter(d, x, -setpoint, magnitude)

@@ -18,8 +18,7 @@ from facts_damping.plant.converters.site import Start
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.devices import Statcom
     from facts_damping.plant.converters.site import Site
 
@@ -70,14 +69,14 @@ def start(device: Statcom, site: Site) -> Start:
 
 
 @compiled
-def characteristic(device: Any, x: NDArray[np.float64], _u: float, _voltage: float) -> tuple[complex, complex]:
+def characteristic(device: Any, x: Float1, _u: float, _voltage: float) -> tuple[complex, complex]:
     """Current relative to the direction of the voltage, i_d + j i_q, and its derivative by |V|, p.u."""
     d = device.statcom
     return complex(x[d.offset], x[d.offset + 1]), 0j
 
 
 @compiled
-def derivatives(device: Any, x: NDArray[np.float64], u: float, voltage: float, dx: NDArray[np.float64]) -> None:
+def derivatives(device: Any, x: Float1, u: float, voltage: float, dx: Float1) -> None:
     """Write the derivatives of the states, 1/s, at an offset u of its reference and a bus voltage |V|, p.u.
 
     Currents: did = omega_0 / L (c_d - V - R i_d + L i_q), diq = omega_0 / L (c_q - R i_q - L i_d).
@@ -114,7 +113,7 @@ def derivatives(device: Any, x: NDArray[np.float64], u: float, voltage: float, d
 
 
 @compiled
-def truth(device: Any, x: NDArray[np.float64], _u: float, _voltage: float, _blocked: bool, out: Any) -> None:
+def truth(device: Any, x: Float1, _u: float, _voltage: float, _blocked: bool, out: Any) -> None:
     """Write its fields of DEVICE_TRUTH, in addition to current and power."""
     d = device.statcom
     out.dc_voltage = x[d.offset + 2]

@@ -13,8 +13,7 @@ from facts_damping.compiling import compiled
 from facts_damping.plant.converters.site import Start
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.devices import Svc
     from facts_damping.plant.converters.site import Site
 
@@ -31,7 +30,7 @@ def start(device: Svc, site: Site) -> Start:
 
 
 @compiled
-def characteristic(device: Any, x: NDArray[np.float64], _u: float, voltage: float) -> tuple[complex, complex]:
+def characteristic(device: Any, x: Float1, _u: float, voltage: float) -> tuple[complex, complex]:
     """Current into the network relative to the direction of the voltage, -j B |V|, and its derivative by |V|, p.u."""
     d = device.svc
     slope = complex(0.0, -x[d.offset])
@@ -39,7 +38,7 @@ def characteristic(device: Any, x: NDArray[np.float64], _u: float, voltage: floa
 
 
 @compiled
-def derivatives(device: Any, x: NDArray[np.float64], u: float, voltage: float, dx: NDArray[np.float64]) -> None:
+def derivatives(device: Any, x: Float1, u: float, voltage: float, dx: Float1) -> None:
     """Write the derivative of the state, 1/s: T dB = clip(K (Vref + u - V), B_min, B_max) - B."""
     d = device.svc
     wanted = d.K * (d.Vref + u - voltage)

@@ -15,8 +15,7 @@ from facts_damping.compiling import compiled
 from facts_damping.elementary import atan2, magnitude
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.grid import Load
 
 LOAD = np.dtype(
@@ -74,13 +73,13 @@ def excess(r: float, current: float, power: float, v_min: float, low: bool) -> t
 
 
 @compiled
-def frequency(d: Any, x: NDArray[np.float64], omega_0: float) -> float:
+def frequency(d: Any, x: Float1, omega_0: float) -> float:
     """Frequency deviation at a load's bus, p.u.: (theta - theta_w) / (T_f omega_0)."""
     return (x[d.offset] - x[d.offset + 1]) / (d.T_f * omega_0)  # type: ignore[no-any-return]
 
 
 @compiled
-def derivatives(d: Any, x: NDArray[np.float64], voltage: complex, dx: NDArray[np.float64]) -> None:
+def derivatives(d: Any, x: Float1, voltage: complex, dx: Float1) -> None:
     """Write the derivatives of a load's angles, rad/s: T_f dtheta = arg V - theta, T_f dtheta_w = theta - theta_w.
 
     So `frequency` is s arg V / (1 + s T_f)^2, a lag and a washout, as in BusFreq of ANDES. The angles are held while

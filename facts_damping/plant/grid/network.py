@@ -7,7 +7,7 @@ admittance matrix is built anew.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Complex2
     from facts_damping.parameters.plant.grid import Line, Transformer
     from facts_damping.parameters.plant.system import System
 
@@ -44,15 +45,6 @@ class Topology:
     load_scale: Mapping[str, float] = field(default_factory=dict)
     machines_out: frozenset[str] = frozenset()
 
-    def with_fault(self, place: FaultPlace, impedance: complex) -> Topology:
-        """The topology with an additional fault."""
-        return replace(self, faults={**self.faults, place: impedance})
-
-    def without_fault(self, bus: str | None, line: str | None) -> Topology:
-        """The topology without the faults at the bus or on the line."""
-        kept = {place: z for place, z in self.faults.items() if (place.bus, place.line) != (bus, line)}
-        return replace(self, faults=kept)
-
 
 @dataclass(frozen=True)
 class Branch:
@@ -64,7 +56,7 @@ class Branch:
     admittance: NDArray[np.complex128]
 
 
-def line_section(line: Line, model: str, fraction: float = 1.0) -> NDArray[np.complex128]:
+def line_section(line: Line, model: str, fraction: float = 1.0) -> Complex2:
     """Admittance two-port of a fraction of a line, shape (2, 2), p.u.
 
     pi: series z l, shunts y l / 2. distributed: series z l sinh(g l) / (g l), shunts y l / 2
@@ -78,13 +70,13 @@ def line_section(line: Line, model: str, fraction: float = 1.0) -> NDArray[np.co
     return two_port(series, shunt / 2, shunt / 2)
 
 
-def two_port(series: complex, shunt_from: complex, shunt_to: complex) -> NDArray[np.complex128]:
+def two_port(series: complex, shunt_from: complex, shunt_to: complex) -> Complex2:
     """Admittance two-port of a pi section: series impedance, shunt admittances, shape (2, 2)."""
     y = complex(over(1.0, series))
     return np.array([[y + shunt_from, -y], [-y, y + shunt_to]])
 
 
-def transformer_section(transformer: Transformer, base_power: float) -> NDArray[np.complex128]:
+def transformer_section(transformer: Transformer, base_power: float) -> Complex2:
     """Admittance two-port of a transformer, shape (2, 2), p.u. on the system base.
 
     An ideal transformer of ratio t = tap exp(j shift) at the first bus, the series impedance behind it:
@@ -142,7 +134,7 @@ def bus_names(system: System, topology: Topology) -> list[str]:
     return [bus.name for bus in system.buses] + extra
 
 
-def admittance(names: list[str], present: list[Branch]) -> NDArray[np.complex128]:
+def admittance(names: list[str], present: list[Branch]) -> Complex2:
     """Bus admittance matrix of branches alone, shape (buses, buses), p.u."""
     index = {name: i for i, name in enumerate(names)}
     matrix = np.zeros((len(names), len(names)), np.complex128)

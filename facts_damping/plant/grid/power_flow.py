@@ -13,14 +13,7 @@ from facts_damping.parameters.plant.devices import Parallel, Transmission
 from facts_damping.phasors import magnitudes, over, polar, times
 from facts_damping.plant.converters.devices import consumed_power, losses_of
 from facts_damping.plant.grid import load as loads
-from facts_damping.plant.grid.network import (
-    Topology,
-    admittance,
-    branches,
-    bus_names,
-    device_section,
-    series_devices,
-)
+from facts_damping.plant.grid import network
 from facts_damping.plant.grid.sparse import DENSE, as_needed, filled, joined, solve_network
 
 if TYPE_CHECKING:
@@ -28,6 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Complex1, Complex2, Float1, Int1
     from facts_damping.parameters.plant.grid import InfiniteBus
     from facts_damping.parameters.plant.machines import Machine
     from facts_damping.parameters.plant.system import System
@@ -78,7 +72,7 @@ def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     link carries its power whether installed or not. Since the first two depend on |I| and |V|, the power flow is
     repeated until they converge.
     """
-    series = series_devices(system)
+    series = network.series_devices(system)
     parallel = [
         d for d in system.devices if isinstance(d, Transmission) or (isinstance(d, Parallel) and d.name in installed)
     ]
@@ -102,7 +96,7 @@ def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     )
 
 
-def demand(system: System, names: list[str], magnitude: NDArray[np.float64]) -> NDArray[np.complex128]:
+def demand(system: System, names: list[str], magnitude: Float1) -> Complex2:
     """Power that the loads draw at voltage magnitudes, and its derivative by them; shape (2, buses), p.u."""
     index = {name: i for i, name in enumerate(names)}
     drawn = np.zeros((2, len(names)), np.complex128)
@@ -127,21 +121,23 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     without a machine; equations P_i + j Q_i = V_i conj(sum_j Y_ij V_j) (Kundur 1994, 6.4). A series FACTS device is
     the resistance of its transformer. Raises `InputError` if Newton's method does not converge.
     """
-    names = bus_names(system, Topology())
+    names = network.bus_names(system, network.Topology())
     index = {name: i for i, name in enumerate(names)}
-    series = {d.name: d.rs + losses[d.name] for d in series_devices(system)}
-    present = branches(system, Topology())
-    matrix = admittance(names, present + [device_section(d, series[d.name]) for d in series_devices(system)])
+    series = {d.name: d.rs + losses[d.name] for d in network.series_devices(system)}
+    present = network.branches(system, network.Topology())
+    matrix = network.admittance(
+        names, present + [network.device_section(d, series[d.name]) for d in network.series_devices(system)]
+    )
     for shunt in system.shunts:
         matrix[index[shunt.bus], index[shunt.bus]] += complex(shunt.P, shunt.Q) / system.base_power
     scheduled = np.zeros(len(names), np.complex128)
     magnitude, angle = np.ones(len(names)), np.zeros(len(names))
     for machine in system.machines:
         scheduled[index[machine.bus]] += (machine.P or 0.0) / system.base_power
-    taken = np.zeros(len(names), np.complex128)
+    of_devices = np.zeros(len(names), np.complex128)
     for bus, power in draws:
-        taken[index[bus]] += power
-    scheduled -= taken
+        of_devices[index[bus]] += power
+    scheduled -= of_devices
     fixed: list[Machine | InfiniteBus] = [*system.infinite_buses, *(m for m in system.machines if m.slack)]
     held: list[Machine | InfiniteBus] = [*system.infinite_buses, *system.machines]
     for source in fixed:
@@ -166,7 +162,7 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
             f"system {system.name}: power flow does not converge: mismatch {residual:.3g} p.u. after "
             f"{MAX_ITERATIONS} iterations; allowed: {TOLERANCE:g}"
         )
-    drawn = demand(system, names, magnitudes(voltage))[0] + taken
+    drawn = demand(system, names, magnitudes(voltage))[0] + of_devices
     net = times(voltage, np.conj(product(matrix, voltage))) + drawn
     generation = {
         name: fraction for i in kept for name, fraction in _shared(held, names[i], complex(net[i]), system.base_power)
@@ -175,7 +171,7 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     for i in kept:
         injection[i] += net[i]
     currents = {}
-    for d in series_devices(system):
+    for d in network.series_devices(system):
         first, second = d.ends
         currents[d.name] = float(magnitudes(voltage[index[first]] - voltage[index[second]])) / series[d.name]
     return PowerFlow(names, voltage, injection, generation, currents, residual)
@@ -203,9 +199,7 @@ def _shared(
     ]
 
 
-def _between(
-    matrix: NDArray[np.complex128], angle: NDArray[np.float64], free: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def _between(matrix: Complex2, angle: Float1, free: Int1) -> Float1:
     """Initial angles, rad: interpolated between the given angles, weighted by branch admittances.
 
     A fictitious branch to angle zero at each bus covers those without a connection to a given angle.
@@ -219,13 +213,13 @@ def _between(
 
 
 def _newton(
-    matrix: NDArray[np.complex128],
-    scheduled: NDArray[np.complex128],
-    demand: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
-    start: tuple[NDArray[np.float64], NDArray[np.float64]],
-    free_angle: NDArray[np.int64],
-    free_magnitude: NDArray[np.int64],
-) -> tuple[NDArray[np.complex128], float]:
+    matrix: Complex2,
+    scheduled: Complex1,
+    demand: Callable[[Float1], Complex2],
+    start: tuple[Float1, Float1],
+    free_angle: Int1,
+    free_magnitude: Int1,
+) -> tuple[Complex1, float]:
     """Newton iterations in polar form from (magnitudes, angles); returns voltages and the largest final mismatch."""
     magnitude, angle = start
     voltage = polar(magnitude, angle)
@@ -251,12 +245,12 @@ def _newton(
 
 
 def _jacobian(
-    matrix: NDArray[np.complex128],
-    voltage: NDArray[np.complex128],
-    current: NDArray[np.complex128],
-    drawn_by_magnitude: NDArray[np.complex128],
-    free_angle: NDArray[np.int64],
-    free_magnitude: NDArray[np.int64],
+    matrix: Complex2,
+    voltage: Complex1,
+    current: Complex1,
+    drawn_by_magnitude: Complex1,
+    free_angle: Int1,
+    free_magnitude: Int1,
 ) -> Any:
     """Derivatives of the power balances by the free angles and magnitudes; sparse for a large network."""
     unit = over(voltage, magnitudes(voltage))

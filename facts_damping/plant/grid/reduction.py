@@ -9,17 +9,7 @@ import numpy as np
 from facts_damping.errors import InputError
 from facts_damping.matrices import parts, product
 from facts_damping.phasors import over, times
-from facts_damping.plant.grid.network import (
-    Branch,
-    Topology,
-    admittance,
-    branches,
-    bus_names,
-    device_section,
-    grounded,
-    series_devices,
-    shunts,
-)
+from facts_damping.plant.grid import network
 from facts_damping.plant.grid.sparse import as_needed, solve_network
 
 if TYPE_CHECKING:
@@ -27,6 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Bool1, Complex1, Complex2
     from facts_damping.parameters.plant.devices import Series
     from facts_damping.parameters.plant.pmus import Pmu
     from facts_damping.parameters.plant.system import System
@@ -47,18 +38,14 @@ class ReducedNetwork(NamedTuple):
     """A stage's network without sources: index of each bus, all branches, voltages for unit inputs."""
 
     at: dict[str, int]
-    present: list[Branch]
-    norton: NDArray[np.complex128]  # (machines,), admittances, 0 if out of service
-    voltage: NDArray[np.complex128]  # (buses, inputs), p.u.
+    present: list[network.Branch]
+    norton: Complex1  # (machines,), admittances, 0 if out of service
+    voltage: Complex2  # (buses, inputs), p.u.
 
 
 def reduce_network(
-    system: System,
-    places: Sequence[Place],
-    norton: NDArray[np.complex128],
-    topology: Topology,
-    voltage: dict[str, float],
-) -> NDArray[np.complex128]:
+    system: System, places: Sequence[Place], norton: Complex1, topology: network.Topology, voltage: dict[str, float]
+) -> Complex2:
     """Outputs of the network for unit inputs, (machines + ports + 2 PMUs, machines + infinite + ports), p.u.
 
     `norton`: admittances of the machines; `voltage`: magnitudes from the power flow. For inputs and outputs see
@@ -70,26 +57,25 @@ def reduce_network(
         _series_current(system, net, places, place.device) if place.device else net.voltage[net.at[place.bus]]
         for place in places
     ]
-    at = [net.at[_pmu_bus(system, s)] for s in system.pmus]
+    at = [net.at[bus] for bus in system.pmu_buses().values()]
     currents = [_pmu_current(system, s, net, places) for s in system.pmus]
     return np.array([*machine_rows, *port_rows, *net.voltage[at], *currents])
 
 
 def _solve(
-    system: System,
-    places: Sequence[Place],
-    norton: NDArray[np.complex128],
-    topology: Topology,
-    voltage: dict[str, float],
+    system: System, places: Sequence[Place], norton: Complex1, topology: network.Topology, voltage: dict[str, float]
 ) -> ReducedNetwork:
     """Voltages of all buses for unit inputs."""
-    names = bus_names(system, topology)
+    names = network.bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
     installed = {place.device.name: place.device for place in places if place.device}
-    present = branches(system, topology)
-    present += [device_section(d, complex(d.rs, d.xs) if d.name in installed else d.rs) for d in series_devices(system)]
-    matrix = admittance(names, present)
-    for bus, shunt in shunts(system, topology, voltage).items():
+    present = network.branches(system, topology)
+    present += [
+        network.device_section(d, complex(d.rs, d.xs) if d.name in installed else d.rs)
+        for d in network.series_devices(system)
+    ]
+    matrix = network.admittance(names, present)
+    for bus, shunt in network.shunts(system, topology, voltage).items():
         matrix[index[bus], index[bus]] += shunt
     online = np.array([m.name not in topology.machines_out for m in system.machines])
     norton = norton * online
@@ -107,7 +93,7 @@ def _solve(
             first, second = place.device.ends
             behind = complex(over(1.0, complex(place.device.rs, place.device.xs)))
             sources[index[first], column], sources[index[second], column] = behind, -behind
-    dead = grounded(topology)
+    dead = network.grounded(topology)
     fixed = {index[name] for name in (*dead, *(i.bus for i in system.infinite_buses))}
     matrix[np.diag_indices(len(names))] += floating(matrix, fixed) * STRAY
     given = np.zeros_like(sources)
@@ -125,7 +111,7 @@ def _solve(
     return ReducedNetwork(index, present, norton, given)
 
 
-def floating(matrix: NDArray[np.complex128], fixed: set[int]) -> NDArray[np.bool_]:
+def floating(matrix: Complex2, fixed: set[int]) -> Bool1:
     """Buses without a path to a shunt or a bus of fixed voltage, whose voltage is therefore undefined."""
     label = parts(matrix != 0)
     shunt = np.abs(matrix.sum(axis=1)) > 1e-9 * np.abs(matrix).max(axis=1)  # rows of lossless parts sum to zero
@@ -134,9 +120,7 @@ def floating(matrix: NDArray[np.complex128], fixed: set[int]) -> NDArray[np.bool
     return np.array([part not in fed for part in label])
 
 
-def _series_current(
-    system: System, net: ReducedNetwork, places: Sequence[Place], device: Series
-) -> NDArray[np.complex128]:
+def _series_current(system: System, net: ReducedNetwork, places: Sequence[Place], device: Series) -> Complex1:
     """Matrix row of the current through a device from its first to its second bus: (V1 - V2 - v) / (rs + j xs)."""
     first, second = device.ends
     row: NDArray[np.complex128] = net.voltage[net.at[first]] - net.voltage[net.at[second]]
@@ -145,14 +129,7 @@ def _series_current(
     return over(row, complex(device.rs, device.xs))
 
 
-def _pmu_bus(system: System, pmu: Pmu) -> str:
-    """The bus of a PMU."""
-    if pmu.bus is not None:
-        return pmu.bus
-    return next(m.bus for m in system.machines if m.name == pmu.machine)
-
-
-def _pmu_current(system: System, pmu: Pmu, net: ReducedNetwork, places: Sequence[Place]) -> NDArray[np.complex128]:
+def _pmu_current(system: System, pmu: Pmu, net: ReducedNetwork, places: Sequence[Place]) -> Complex1:
     """Matrix row of a PMU's current: out of its machine, or from its bus into its branches."""
     row = np.zeros(net.voltage.shape[1], np.complex128)
     if pmu.machine is not None:
@@ -161,7 +138,7 @@ def _pmu_current(system: System, pmu: Pmu, net: ReducedNetwork, places: Sequence
             row[g] = 1.0
             for p, place in enumerate(places):
                 row[len(net.norton) + len(system.infinite_buses) + p] = float(place.machine == pmu.machine)
-        row -= times(net.norton[g], net.voltage[net.at[_pmu_bus(system, pmu)]])
+        row -= times(net.norton[g], net.voltage[net.at[system.pmu_buses()[pmu.name]]])
         return row
     installed = {place.device.name: place.device for place in places if place.device}
     for branch in net.present:

@@ -53,7 +53,7 @@ def as_needed(matrix: NDArray[Any], buses: int) -> Any:
     return matrix if buses <= DENSE else _sparse().csc_array(matrix)
 
 
-def filled(buses: int, at: tuple[NDArray[np.int64], NDArray[np.int64]], values: NDArray[Any]) -> Any:
+def filled(buses: int, at: tuple[Int1, Int1], values: NDArray[Any]) -> Any:
     """A square matrix with values at given rows and columns, sparse if the network is large."""
     if buses > DENSE:
         return _sparse().csc_array((values, at), (buses, buses))
@@ -99,7 +99,7 @@ def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
     return found.reshape(b.shape)
 
 
-def _order(a: Any) -> tuple[NDArray[np.int64], int]:
+def _order(a: Any) -> tuple[Int1, int]:
     """Elimination order of the columns, and the approximate number of entries in the factors.
 
     SuperLU gets a well-conditioned matrix with entries at the same positions.
@@ -116,7 +116,7 @@ def _order(a: Any) -> tuple[NDArray[np.int64], int]:
 
 
 @compiled
-def _reach(rows: NDArray[np.int64], lower: Entries, place: NDArray[np.int64], k: int, room: NDArray[np.int64]) -> int:
+def _reach(rows: Int1, lower: Entries, place: Int1, k: int, room: Int2) -> int:
     """Rows with entries of a column after the elimination so far, into room[0] from the returned index on.
 
     Depth-first search through the columns of `lower`, so that each column precedes those that it changes.
@@ -153,13 +153,7 @@ def _reach(rows: NDArray[np.int64], lower: Entries, place: NDArray[np.int64], k:
 
 @compiled
 def _eliminate(
-    given: Entries,
-    order: NDArray[np.int64],
-    lower: Entries,
-    upper: Entries,
-    place: NDArray[np.int64],
-    x: NDArray[Any],
-    room: NDArray[np.int64],
+    given: Entries, order: Int1, lower: Entries, upper: Entries, place: Int1, x: NDArray[Any], room: Int2
 ) -> int:
     """L and U of a matrix with ordered columns, and the place of each row; SINGULAR, FULL or the number of columns.
 

@@ -12,47 +12,18 @@ from facts_damping.elementary import rect
 from facts_damping.errors import InputError
 from facts_damping.matrices import least_squares
 from facts_damping.parameters.plant.blocks import INPUTS, MODELS, Block
-from facts_damping.plant.machines.blocks import (
-    BLOCK,
-    FIELD,
-    LAG,
-    LEAD_LAG,
-    NO_LIMIT,
-    ONE,
-    PRODUCT,
-    RATE,
-    RECTIFIER,
-    SECOND_ORDER,
-    SENSED,
-    SERVO,
-    SOURCE,
-    STATELESS,
-    SUM,
-    WASHOUT,
-    derivatives,
-    outputs,
-)
+from facts_damping.plant.machines import blocks as kernel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1
+
 GIVES = {"governor": "Pm", "stabiliser": "Vs", "exciter": "Efd"}
-KINDS = {
-    "sum": SUM,
-    "lag": LAG,
-    "lead_lag": LEAD_LAG,
-    "washout": WASHOUT,
-    "rate": RATE,
-    "servo": SERVO,
-    "field": FIELD,
-    "second_order": SECOND_ORDER,
-    "product": PRODUCT,
-    "source": SOURCE,
-    "rectifier": RECTIFIER,
-}
-FEEDTHROUGH = {SUM, LEAD_LAG, WASHOUT, RATE, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER}  # kinds with direct feedthrough
+# Kinds with direct feedthrough.
+FEEDTHROUGH = {"sum", "lead_lag", "washout", "rate", "second_order", "product", "source", "rectifier"}
 TOLERANCE = 1e-10  # p.u., 1/s, residual of the steady state
 
 
@@ -71,20 +42,20 @@ def control(data: Any) -> Control:
     """
     model = MODELS[data.model]
     own = _in_order([_plain(block, data) for block in _spread(model.blocks, data)], data)
-    signals = {name: i for i, name in enumerate([*SENSED, *(block.name for block in own)])}
+    signals = {name: i for i, name in enumerate([*kernel.SENSED, *(block.name for block in own)])}
     signals |= {
         "input": signals[INPUTS[int(getattr(data, "IC", 1))]],
         "input_2": signals[INPUTS[int(getattr(data, "IC2", 0))]],
     }
-    rows, states = np.zeros(len(own), BLOCK), list[str]()
+    rows, states = np.zeros(len(own), kernel.BLOCK), list[str]()
     for row, block in zip(rows, own, strict=True):
-        row["kind"], row["state"] = block.kind, STATELESS
+        row["kind"], row["state"] = kernel.KINDS.index(block.kind), kernel.STATELESS
         for i, (name, weight) in enumerate(_inputs(block.inputs, data)):
             row["source"][i], row["weight"][i] = signals[name], weight
             row["inputs"] = i + 1
         row["p"] = block.p
-        row["low"] = -NO_LIMIT if block.low is None else block.low
-        row["high"] = NO_LIMIT if block.high is None else block.high
+        row["low"] = -kernel.NO_LIMIT if block.low is None else block.low
+        row["high"] = kernel.NO_LIMIT if block.high is None else block.high
         row["low_of"], row["high_of"] = signals[block.low_of], signals[block.high_of]
         if block.states:
             row["state"] = len(states)
@@ -96,7 +67,7 @@ class _Plain(NamedTuple):
     """A block with numbers instead of parameter names."""
 
     name: str
-    kind: int
+    kind: str
     inputs: str
     p: tuple[float, ...]
     states: int
@@ -115,31 +86,31 @@ def _number(constant: Any, data: Any) -> float:
 
 def _plain(block: Block, data: Any) -> _Plain:
     """The block in the kernel's numbers; a block with zero time constant has no state."""
-    kind, c = KINDS[block.kind], [_number(one, data) for one in block.constants]
+    kind, c = block.kind, [_number(one, data) for one in block.constants]
     p, states = (1.0, 0.0, 0.0, 0.0), 0
-    if kind == LAG:
+    if kind == "lag":
         p, states = (c[0], c[1], 0.0, 0.0), int(c[1] > 0.0)
-    elif kind == LEAD_LAG:
+    elif kind == "lead_lag":
         p, states = (c[0], c[1] / c[2] if c[2] > 0.0 else 0.0, c[2], 0.0), int(c[2] > 0.0 and c[1] != c[2])
-    elif kind == WASHOUT:
+    elif kind == "washout":
         p, states = (c[0], 0.0, c[1], 0.0), int(c[1] > 0.0)
-    elif kind == RATE:
+    elif kind == "rate":
         p, states = (c[0] / c[1] if c[1] > 0.0 else 0.0, 0.0, c[1], 0.0), int(c[1] > 0.0 and c[0] != 0.0)
         p = p if states else (0.0, 0.0, 0.0, 0.0)
-    elif kind == SERVO:
+    elif kind == "servo":
         p, states = (c[0], c[1], c[2], 0.0), 1
-    elif kind == FIELD:
+    elif kind == "field":
         p, states = (c[0], c[1], c[2], c[3]), 1
-    elif kind == SECOND_ORDER and c[3] > 0.0:
+    elif kind == "second_order" and c[3] > 0.0:
         p, states = (c[0], c[1], c[2], c[3]), 2
-    elif kind == SECOND_ORDER:  # first order, or no dynamics
-        kind, states = LEAD_LAG, int(c[2] > 0.0)
+    elif kind == "second_order":  # first order, or no dynamics
+        kind, states = "lead_lag", int(c[2] > 0.0)
         p = (1.0, c[0] / c[2] if c[2] > 0.0 else 0.0, c[2], 0.0)
-    elif kind == SOURCE:
+    elif kind == "source":
         turned = rect(c[0], math.radians(c[1]))
         behind = 1j * (c[2] + turned * c[3])
         p = (turned.real, turned.imag, behind.real, behind.imag)
-    elif kind == RECTIFIER:
+    elif kind == "rectifier":
         p = (c[0], 0.0, 0.0, 0.0)
     low, high = (None if one is None else _number(one, data) for one in (block.low, block.high))
     return _Plain(block.name, kind, block.inputs, p, states, low, high, block.low_of, block.high_of)
@@ -179,7 +150,7 @@ def _inputs(text: str, data: Any) -> list[tuple[str, float]]:
 def _in_order(blocks: Sequence[_Plain], data: Any) -> list[_Plain]:
     """Blocks sorted so that each output depends only on earlier rows and on states."""
     done, left = list[_Plain](), list(blocks)
-    known = {*SENSED, "input", "input_2"}
+    known = {*kernel.SENSED, "input", "input_2"}
     while left:
         ready = next((one for one in left if _needs(one, data) <= known), None)
         if ready is None:
@@ -232,20 +203,21 @@ def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float 
 
     It is solved by Newton's method without limits. Raises `InputError` if there is no steady state.
     """
-    s = np.zeros(len(SENSED) + len(made.rows))
+    s = np.zeros(len(kernel.SENSED) + len(made.rows))
     for name, value in {"one": 1.0, **sensed}.items():
-        s[SENSED.index(name)] = value
+        s[kernel.SENSED.index(name)] = value
     free = made.rows.copy()
-    free["low"], free["high"], free["low_of"], free["high_of"] = -NO_LIMIT, NO_LIMIT, ONE, ONE
+    free["low"], free["high"] = -kernel.NO_LIMIT, kernel.NO_LIMIT
+    free["low_of"] = free["high_of"] = kernel.ONE
     given = made.gives.index(GIVES[MODELS[data.model].role])
-    n, at = len(made.states), len(SENSED)
+    n, at = len(made.states), len(kernel.SENSED)
 
-    def moves(z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def moves(z: Float1) -> Float1:
         x, dx = np.ascontiguousarray(z[:n]), np.zeros(n)
         if reference is not None:
-            s[SENSED.index(reference)] = z[n]
-        outputs(free, 0, len(free), at, x, s)
-        derivatives(free, 0, len(free), x, s, dx)
+            s[kernel.SENSED.index(reference)] = z[n]
+        kernel.outputs(free, 0, len(free), at, x, s)
+        kernel.derivatives(free, 0, len(free), x, s, dx)
         return np.append(dx, s[at + given] - gives) if reference is not None and gives is not None else dx
 
     z = np.full(n + (reference is not None), 1.0 if gives is None else gives)
@@ -260,10 +232,10 @@ def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float 
     return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _violations(made, data, s))
 
 
-def _violations(made: Control, data: Any, s: NDArray[np.float64]) -> list[LimitViolation]:
+def _violations(made: Control, data: Any, s: Float1) -> list[LimitViolation]:
     """Limits violated by the signals of a control whose steady state was found without limits."""
     found, fields = list[LimitViolation](), {block.name: block for block in MODELS[data.model].blocks}
-    for row, name, value in zip(made.rows, made.gives, s[len(SENSED) :], strict=True):
+    for row, name, value in zip(made.rows, made.gives, s[len(kernel.SENSED) :], strict=True):
         low, high = row["low"] * s[row["low_of"]], row["high"] * s[row["high_of"]]
         if low - 1e-9 <= value <= high + 1e-9:
             continue

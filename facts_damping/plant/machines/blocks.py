@@ -17,6 +17,8 @@ from facts_damping.elementary import magnitude
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1
+
 # Input signals of blocks from a machine, p.u. of the rating; the blocks' own signals follow.
 SENSED = ("one", "none", "Vt", "omega", "Pe", "Pa", "Vref", "Pref", "Vs", "Ifd", "Vd", "Vq", "Id", "Iq")
 ONE, NONE, VT, OMEGA, PE, PA, VREF, PREF, VS, IFD, VD, VQ, ID, IQ = range(len(SENSED))
@@ -24,6 +26,20 @@ ONE, NONE, VT, OMEGA, PE, PA, VREF, PREF, VS, IFD, VD, VQ, ID, IQ = range(len(SE
 ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
 
 SUM, LAG, LEAD_LAG, WASHOUT, RATE, SERVO, FIELD, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER = range(11)
+# Names of these codes.
+KINDS = (
+    "sum",
+    "lag",
+    "lead_lag",
+    "washout",
+    "rate",
+    "servo",
+    "field",
+    "second_order",
+    "product",
+    "source",
+    "rectifier",
+)
 MAX_INPUTS = 5
 NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
 STATELESS = -1
@@ -53,12 +69,12 @@ CONTROLS = np.dtype(
 
 
 @compiled
-def _limited(b: Any, value: float, s: NDArray[np.float64]) -> float:
+def _limited(b: Any, value: float, s: Float1) -> float:
     return min(max(value, b.low * s[b.low_of]), b.high * s[b.high_of])  # type: ignore[no-any-return]
 
 
 @compiled
-def _total(b: Any, s: NDArray[np.float64]) -> float:
+def _total(b: Any, s: Float1) -> float:
     total = 0.0
     for i in range(b.inputs):
         total += b.weight[i] * s[b.source[i]]
@@ -81,9 +97,7 @@ def _rectified(voltage: float, current: float) -> float:
 
 
 @compiled
-def outputs(
-    blocks: NDArray[Any], first: int, end: int, at: int, x: NDArray[np.float64], s: NDArray[np.float64]
-) -> None:
+def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: Float1) -> None:
     """Write the signals of rows `first` to `end` into `s`, from index `at` on, for states `x`.
 
     lag, servo, field: x within its limits; lead_lag: K (x + T1/T2 (u - x)); washout, rate: K (u - x), K/T (u - x);
@@ -116,15 +130,13 @@ def outputs(
 
 
 @compiled
-def _acceleration(b: Any, u: float, x: NDArray[np.float64]) -> float:
+def _acceleration(b: Any, u: float, x: Float1) -> float:
     """Second derivative in a companion form with denominator coefficients p[2] (first) and p[3] (second)."""
     return (u - x[b.state] - b.p[2] * x[b.state + 1]) / b.p[3]  # type: ignore[no-any-return]
 
 
 @compiled
-def derivatives(
-    blocks: NDArray[Any], first: int, end: int, x: NDArray[np.float64], s: NDArray[np.float64], dx: NDArray[np.float64]
-) -> None:
+def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1, dx: Float1) -> None:
     """Write the derivatives of the states of rows `first` to `end`, 1/s, for the signals from `outputs`.
 
     lag: T dx = K u - x; lead_lag, washout, rate: T dx = u - x; servo: dx = clip((u - x) / T, rates); field:

@@ -14,6 +14,7 @@ from facts_damping.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.machines import Exciter
 
 CONSTANT, STATIC, DC = 0, 1, 2
@@ -85,7 +86,7 @@ def steady_state(exciter: Exciter | None, offset: int, voltage: float, field_vol
 
 
 @compiled
-def field_voltage(e: Any, x: NDArray[np.float64], voltage: float, stabiliser: float) -> float:
+def field_voltage(e: Any, x: Float1, voltage: float, stabiliser: float) -> float:
     """Field voltage of an exciter in state `x` at terminal voltage |V| and a stabiliser's output, p.u.
 
     static, TA = TE = 0 (thesis 2.25-2.30): Efd = clip(KA (Vref + Vs - Vm + KF / TF xf) / (1 + KA KF / TF)). With
@@ -108,9 +109,7 @@ def field_voltage(e: Any, x: NDArray[np.float64], voltage: float, stabiliser: fl
 
 
 @compiled
-def derivatives(
-    e: Any, x: NDArray[np.float64], voltage: float, stabiliser: float, efd: float, dx: NDArray[np.float64]
-) -> None:
+def derivatives(e: Any, x: Float1, voltage: float, stabiliser: float, efd: float, dx: Float1) -> None:
     """Write the derivatives of an exciter's states, 1/s, at |V|, a stabiliser's output and field voltage, p.u.
 
     TR dVm = |V| - Vm; static: TF dxf = Efd - xf, TB dxb = Vref + Vs - Vm - KF / TF (Efd - xf) - xb;

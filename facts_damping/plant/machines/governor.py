@@ -10,8 +10,7 @@ from facts_damping.compiling import compiled
 from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.machines import Governor
 
 STATE_NAMES = ["filter", "gate_wanted", "gate", "flow"]
@@ -27,7 +26,7 @@ def row(governor: Governor | None, offset: int) -> Any:
     return (offset, *(getattr(governor, name) for name in FIELDS))
 
 
-def start(governor: Governor, power: float) -> NDArray[np.float64]:
+def start(governor: Governor, power: float) -> Float1:
     """Steady-state states for a mechanical power (p.u. of the rating): gate = flow = Pm / At + q_nl.
 
     Raises `InputError` if the gate's limits exclude it.
@@ -42,7 +41,7 @@ def start(governor: Governor, power: float) -> NDArray[np.float64]:
 
 
 @compiled
-def power(t: Any, x: NDArray[np.float64], reference: float, omega: float) -> float:
+def power(t: Any, x: Float1, reference: float, omega: float) -> float:
     """Mechanical power, p.u. of the rating: At h (q - q_nl) - Dt g omega with the head h = (q / g)^2.
 
     Without a governor it is the reference.
@@ -55,7 +54,7 @@ def power(t: Any, x: NDArray[np.float64], reference: float, omega: float) -> flo
 
 
 @compiled
-def derivatives(t: Any, x: NDArray[np.float64], reference: float, omega: float, dx: NDArray[np.float64]) -> None:
+def derivatives(t: Any, x: Float1, reference: float, omega: float, dx: Float1) -> None:
     """Write the derivatives of a governor's and turbine's states, 1/s, at a power reference (p.u. of the rating).
 
     Filter: Tf de = n_ref - omega - R c - e with n_ref = R (Pref / At + q_nl). Desired gate:

@@ -9,8 +9,7 @@ import numpy as np
 from facts_damping.compiling import compiled
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.machines import Stabiliser
 
 STATE_NAMES = ["washout", "lead_1", "lead_2"]
@@ -27,7 +26,7 @@ def row(stabiliser: Stabiliser | None, offset: int) -> Any:
 
 
 @compiled
-def output(s: Any, x: NDArray[np.float64], omega: float) -> float:
+def output(s: Any, x: Float1, omega: float) -> float:
     """Output of a stabiliser at a speed deviation, p.u.; zero if absent.
 
     With the washout's state w and the lags' l1, l2: v1 = K omega - w; v2 = l1 + T1/T2 (v1 - l1);
@@ -43,7 +42,7 @@ def output(s: Any, x: NDArray[np.float64], omega: float) -> float:
 
 
 @compiled
-def derivatives(s: Any, x: NDArray[np.float64], omega: float, dx: NDArray[np.float64]) -> None:
+def derivatives(s: Any, x: Float1, omega: float, dx: Float1) -> None:
     """Write the derivatives of a stabiliser's states, 1/s: Tw dw = K omega - w, T2 dl1 = v1 - l1, T4 dl2 = v2 - l2."""
     if s.offset < 0:
         return

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
 GRAPH_AFTER_S = 3.0  # s, shortest time from a graph's fault to its end
+# Fields of a run that matter without control; the seed does only through the noise of loads.
+OF_PLANT = ("system", "scenario", "devices", "duration", "frame_rate", "load_noise")
 UNCONTROLLED: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None}
 
 _uncontrolled: dict[str, Record] = {}
@@ -77,8 +79,8 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
         check_known(f"{path}: faults", fault, list(FAULTS))
     contents = {base_run: read_run(one.run) for base_run, one in campaign.base_runs.items()}
     changed, _ = read_sets(sets)
-    told = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
-    digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
+    rests_on = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
+    digest = hashlib.sha256(json.dumps(rests_on, sort_keys=True, default=str).encode()).hexdigest()
     made = Plan(path.stem, read_text(path), campaign, contents, changed, digest)
     try:
         for base_run in campaign.base_runs:
@@ -92,16 +94,13 @@ def _check(made: Plan, base_run: str) -> None:
     """Raise `InputError` if a base run is impossible with any single choice, with the first of all other lists."""
     lists = made.campaign.base_runs[base_run].choose
     first = {name: next(iter(choices)) for name, choices in lists.items()}
-    for chosen in [first, *(first | {name: label} for name, choices in lists.items() for label in choices)]:
-        if (
-            _case(made, base_run, {**made.set, **_chosen(made.campaign.base_runs[base_run], chosen)}).supervision
-            is None
-        ):
+    for labels in [first, *(first | {name: label} for name, choices in lists.items() for label in choices)]:
+        changes = {**made.set, **_chosen(made.campaign.base_runs[base_run], labels)}
+        if _case(made, base_run, changes).supervision is None:
             raise InputError(f"base_runs.{base_run}: a run without supervision given; allowed: one with `supervision`")
 
 
 def _case(made: Plan, base_run: str, changes: dict[str, Any]) -> Case:
-    """The case of a base run with changes."""
     content, source = made.contents[base_run]
     return changed_case(deepcopy(content), source, {**made.campaign.base_runs[base_run].set, **changes})
 
@@ -154,9 +153,9 @@ def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
 
 def healthy(made: Plan, drawn: Draw) -> Draw:
     """A draw without its fault, which is applied to the nodes of a graph instead."""
-    drawn_too: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
+    kept: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
     chosen = _chosen(made.campaign.base_runs[drawn.base_run], drawn.chosen)
-    return drawn._replace(changes={**made.set, **chosen, **drawn_too})
+    return drawn._replace(changes={**made.set, **chosen, **kept})
 
 
 def case_of(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:
@@ -182,7 +181,8 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
         reference = uncontrolled(made, drawn)
         row |= judged(case, batch.closed_loop(case), reference, drawn)
         if made.campaign.unsupervised:
-            row |= without_supervision(batch.closed_loop(unsupervised(case)), reference)
+            free = unsupervised(case)
+            row |= without_supervision(batch.closed_loop(free), batch.mirror(free), reference)
         if drawn.fault == NOTHING and made.campaign.unsupervised:
             row["sound"] = bool(row["unsupervised_damped"] and row["reversals"] <= MONITORS["reversals"].limit)
     except FactsDampingError as error:
@@ -192,24 +192,21 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
     return str(number), row
 
 
-def without_supervision(record: Record, reference: Record) -> dict[str, Any]:
+def without_supervision(record: Record, mirror: Record | None, reference: Record) -> dict[str, Any]:
     """Figures of a draw without supervision relative to no control: whether it is damped, and not worse."""
-    told = invariants.beside(record, reference)
-    found = {f"unsupervised_{name}": told[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
-    better = told["ratio"] is None or told["ratio"] <= 1.0
-    return found | {"unsupervised_damped": better and summarise(record, method=None)["verdict"] == DAMPED}
+    figures = invariants.beside(record, reference)
+    found = {f"unsupervised_{name}": figures[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
+    better = figures["ratio"] is None or figures["ratio"] <= 1.0
+    return found | {
+        "unsupervised_damped": better and summarise(record, method=None, mirror=mirror)["verdict"] == DAMPED
+    }
 
 
 def identity(drawn: Draw) -> dict[str, Any]:
     """Columns that identify a draw."""
-    own = FAULTS[drawn.fault]
-    found = {
-        "base_run": drawn.base_run,
-        "fault": drawn.fault,
-        "group": own.group,
-        "wrong": own.wrong,
-        "start_s": drawn.start,
-    }
+    fault = FAULTS[drawn.fault]
+    found = {"base_run": drawn.base_run, "fault": drawn.fault, "group": fault.group, "wrong": fault.wrong}
+    found |= {"start_s": drawn.start}
     return found | {name: label for name, label in drawn.chosen.items() if name != "controller"}
 
 
@@ -225,15 +222,10 @@ def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int
 
 def uncontrolled(made: Plan, drawn: Draw) -> Record:
     """The same run without control: only the plant and its events matter."""
-    plain = {path: value for path, value in drawn.changes.items() if _of_plant(path)}
+    plain = {path: value for path, value in drawn.changes.items() if path.partition(".")[0] in OF_PLANT}
     key = json.dumps([drawn.base_run, plain], default=str, sort_keys=True)
     changes = {"link": "ideal", "measurement": "ideal", **plain, **UNCONTROLLED}
     return batch.shared(_uncontrolled, key, lambda: batch.closed_loop(_case(made, drawn.base_run, changes)))
-
-
-def _of_plant(path: str) -> bool:
-    """Whether a field of a run matters without control; the seed does only through the noise of loads."""
-    return path.partition(".")[0] in ("system", "scenario", "devices", "duration", "frame_rate", "load_noise")
 
 
 def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:

@@ -54,11 +54,13 @@ def fault_table(rows: Rows) -> list[str]:
     lines = []
     for fault in FAULTS:
         own = [row for row in rows if row["fault"] == fault and row["armed_s"] is not None and not row["early"]]
-        found = [row["detected_s"] for row in own if row["detected_s"] is not None]
         if own:
             counts = [sum(row[name] is not None for row in own) for name in ("fallback_s", "tripped_s")]
-            causes = _max([row for row in own if row["detected_s"] is not None], _cause)
-            lines.append([fault, str(len(own)), *map(str, counts), *_times(found), causes])
+            detected = [row for row in own if row["detected_s"] is not None]
+            causes = _max(detected, lambda row: str(row["fallback_cause"] or row["cause"]))
+            lines.append(
+                [fault, str(len(own)), *map(str, counts), *_times([row["detected_s"] for row in detected]), causes]
+            )
     heads = ["fault", "armed", "fell back", "tripped", "median, s", "99 %, s", "monitor"]
     return table(heads, lines, 1, markdown=True)
 
@@ -96,14 +98,8 @@ def place_table(rows: Rows) -> list[str]:
         plain = [row["uncontrolled_ITAE"] for row in own if row["uncontrolled_ITAE"] is not None]
         without = f"{median(plain):.3g}" if plain else "synchronism lost"
         lines.append([" ".join(place), str(len(own)), without, str(len(above)), str(calm), str(len(bare))])
-    heads = [
-        "system, scenario",
-        "cases",
-        "ITAE without control",
-        f"above {HARM:g}",
-        "of these before a fault",
-        "unsupervised",
-    ]
+    heads = ["system, scenario", "cases", "ITAE without control", f"above {HARM:g}", "of these before a fault"]
+    heads.append("unsupervised")
     return table(heads, lines, 1, markdown=True)
 
 
@@ -112,16 +108,18 @@ def cost_table(rows: Rows) -> list[str]:
     healthy = [row for row in rows if row["fault"] == NOTHING]
     sound = [row for row in healthy if row.get("sound")]
     false = [row for row in sound if row["tripped_s"] is not None or row["fallback_s"] is not None]
-    interval = failed_fraction(len(false), len(sound)) if sound else {"low": 0.0, "high": 1.0}
+    interval = "-"
+    if sound:
+        of = {name: 100 * value for name, value in failed_fraction(len(false), len(sound)).items()}
+        interval = f"{of['fraction']:.2f} % ({of['low']:.2f} to {of['high']:.2f} %)"
     pairs = [row["ITAE"] / row["unsupervised_ITAE"] for row in sound if row["ITAE"] and row["unsupervised_ITAE"]]
+    both = f"{median(pairs):.3f}, {np.percentile(pairs, 99):.3f}" if pairs else "-"
+    is_sound = f"damped without supervision, ITAE at most that without control, no {CYCLING}"
     found = [
         ["cases in which nothing fails", str(len(healthy))],
-        [
-            f"of these sound: damped without supervision, ITAE at most that without control, no {CYCLING}",
-            str(len(sound)),
-        ],
-        ["of these tripped or fallen back", f"{len(false)}: {_interval(interval)}"],
-        ["ITAE with supervision relative to without: median, 99 %", _both(pairs)],
+        [f"of these sound: {is_sound}", str(len(sound))],
+        ["of these tripped or fallen back", f"{len(false)}: {interval}"],
+        ["ITAE with supervision relative to without: median, 99 %", both],
     ]
     return table(["what", "found"], found, 1, markdown=True)
 
@@ -141,49 +139,13 @@ def controller_table(rows: Rows) -> list[str]:
     return table(heads, sorted(lines), 1, markdown=True)
 
 
-GENERIC = """# {name}
-
-{description}
-
-{{{{command}}}}
-
-{{{{counts}}}}
-
-{{{{invariants}}}}
-
-## By fault
-
-{{{{faults}}}}
-
-## By system and scenario
-
-{{{{places}}}}
-
-## By controller
-
-{{{{controllers}}}}
-
-## Where nothing fails
-
-{{{{cost}}}}
-
-## What the grid saw
-
-{{{{grid}}}}
-
-## Real graphs
-
-{{{{graphs}}}}
-"""
-
-
 def page(made: Plan, rows: Rows, graphs: Rows, command: str) -> str:
     """The page of a campaign: the text beside its file, or a default one, with the tables inserted."""
-    own = share_folder() / "config" / "campaigns" / f"{made.name}.md"
-    plain = GENERIC.format(name=made.name, description=made.campaign.description)
-    text = own.read_text(encoding="utf-8") if own.is_file() else plain
-    given = {**sections(rows, graphs), "command": [f"    {command}"], "counts": [f"{counts(rows)}."]}
-    for key, lines in given.items():
+    folder = share_folder() / "config" / "campaigns"
+    own = folder / f"{made.name}.md"
+    text = (own if own.is_file() else folder / "any.md").read_text(encoding="utf-8")
+    about = {"name": [made.name], "description": [made.campaign.description], "command": [f"    {command}"]}
+    for key, lines in {**about, **sections(rows, graphs), "counts": [f"{counts(rows)}."]}.items():
         text = text.replace(f"{{{{{key}}}}}", "\n".join(lines) or "None was made.")
     return text
 
@@ -213,21 +175,16 @@ def sections(rows: Rows, graphs: Rows) -> dict[str, list[str]]:
         "cost": cost_table(good),
         "grid": grid_table(good) if any("unsupervised_ratio" in row for row in good) else [],
     }
-    told = [row for row in graphs if row["error"] is None]
-    found["graphs"] = invariant_table(told, tuple(WORDS)) if told else []
-    return found
+    sound = [row for row in graphs if row["error"] is None]
+    return found | {"graphs": invariant_table(sound, tuple(WORDS)) if sound else []}
 
 
 def counts(rows: Rows) -> str:
     """The numbers of cases as a sentence."""
     errors = sum(row["error"] is not None for row in rows)
     kinds = len({row["fault"] for row in rows if row["error"] is None} - {NOTHING})
-    told = {0: "without a fault", 1: "with one fault"}.get(kinds, f"with {kinds} faults")
-    return f"{len(rows)} cases {told}" + (f", {errors} with an error" if errors else "")
-
-
-def _cause(row: dict[str, Any]) -> str:
-    return str(row["fallback_cause"] or row["cause"])
+    faults = {0: "without a fault", 1: "with one fault"}.get(kinds, f"with {kinds} faults")
+    return f"{len(rows)} cases {faults}" + (f", {errors} with an error" if errors else "")
 
 
 def _max(rows: Rows, what: Callable[[dict[str, Any]], str]) -> str:
@@ -251,13 +208,3 @@ def _times(found: Sequence[float]) -> list[str]:
 def _ratios(rows: Rows, name: str) -> list[str]:
     known = [row[name] for row in rows if row[name] is not None]
     return [f"{np.percentile(known, q):.2f}" for q in (50, 90, 99)] if known else ["-"] * 3
-
-
-def _interval(of: dict[str, Any]) -> str:
-    return (
-        f"{100 * of['fraction']:.2f} % ({100 * of['low']:.2f} to {100 * of['high']:.2f} %)" if "fraction" in of else "-"
-    )
-
-
-def _both(values: Sequence[float]) -> str:
-    return f"{median(values):.3f}, {np.percentile(values, 99):.3f}" if values else "-"

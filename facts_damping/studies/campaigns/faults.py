@@ -72,7 +72,6 @@ def _between(low: float, high: float) -> Callable[[Chance], float]:
 
 
 def _either(low: float, high: float) -> Callable[[Chance], float]:
-    """A random size with a random sign."""
     return lambda chance: float(chance.one_of((-1.0, 1.0))) * chance.between(low, high)
 
 
@@ -115,7 +114,6 @@ def _path(way: str, *stages: dict[str, Drawn]) -> Callable[[Chance], Change]:
 
 
 def _one_path(way: str, *stages: dict[str, Drawn]) -> Callable[[Chance], Change]:
-    """Append one of several stages."""
     return lambda chance: _path(way, chance.one_of(stages))(chance)
 
 

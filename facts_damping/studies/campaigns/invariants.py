@@ -30,11 +30,11 @@ def limits(case: Case, record: Record, _late: int = 0) -> bool:
     fraction = case.supervision.authority.fraction if case.supervision else 1.0
     for d, name in enumerate(case.run.devices):
         device = case.system.device(name)
-        said = record.supervised["value"][record.supervised["device"] == d]
+        passed = record.supervised["value"][record.supervised["device"] == d]
         reference = record.devices["reference"][:, d]
         steps = np.abs(np.diff(reference)) - device.rate_max * np.diff(record.time_s)
         if not (
-            np.all(np.abs(said) <= device.setpoint_max * fraction + TOLERANCE)
+            np.all(np.abs(passed) <= device.setpoint_max * fraction + TOLERANCE)
             and np.all(np.abs(reference) <= device.setpoint_max + TOLERANCE)
             and np.all(steps <= TOLERANCE)
         ):
@@ -79,24 +79,23 @@ def _accepted(record: Record, d: int, setpoint_max: float, max_age: float) -> ND
 
 
 def _first_trips(record: Record) -> dict[int, int]:
-    """First tick of the trip of each supervised controller that was tripped."""
+    """First tick in which a supervised controller was tripped, for each that was."""
     tripped = record.supervision[record.supervision["state"] == TRIPPED]
     controllers, first = np.unique(tripped["controller"], return_index=True)
     return dict(zip(controllers.tolist(), tripped["tick"][first].tolist(), strict=True))
 
 
-def _ramp(case: Case) -> float:
-    """Duration of the ramp of a trip, s."""
+def _trip_ramp_s(case: Case) -> float:
     return case.supervision.arming.trip_ramp if case.supervision else 0.0
 
 
 def zero_after_trip(case: Case, record: Record, _late: int = 0) -> bool:
     """After a trip and its ramp, the supervisor sends zero until the end of the run, even after a restart."""
-    told, said = record.supervision, record.supervised
+    status, passed = record.supervision, record.supervised
     for c, tick in _first_trips(record).items():
-        after = (tick / record.frame_rate + _ramp(case)) * NANOSECONDS + 2 * NANOSECONDS / record.frame_rate
-        acts = said["value"][(said["controller"] == c) & (said["issued_ns"] > after)] != 0.0
-        states = told["state"][(told["controller"] == c) & (told["tick"] >= tick)]
+        after = (tick / record.frame_rate + _trip_ramp_s(case)) * NANOSECONDS + 2 * NANOSECONDS / record.frame_rate
+        acts = passed["value"][(passed["controller"] == c) & (passed["issued_ns"] > after)] != 0.0
+        states = status["state"][(status["controller"] == c) & (status["tick"] >= tick)]
         if acts.any() or np.isin(states, (ARMED, FALLBACK)).any():
             return False
     return True
@@ -105,7 +104,7 @@ def zero_after_trip(case: Case, record: Record, _late: int = 0) -> bool:
 def device_at_zero(case: Case, record: Record, late: int = 0) -> bool:
     """After a trip, and after pending setpoints have arrived, the device's reference is zero."""
     for c, tick in _first_trips(record).items():
-        after = record.time_s > (tick + late) / record.frame_rate + _ramp(case) + SETTLED_S
+        after = record.time_s > (tick + late) / record.frame_rate + _trip_ramp_s(case) + SETTLED_S
         for name in case.controllers[c].devices:
             if np.any(np.abs(record.devices["reference"][after, case.run.devices.index(name)]) > TOLERANCE):
                 return False

@@ -96,7 +96,9 @@ def design(task: Task, jobs: int, tell: Tell) -> Design:
     tried = run_all(places.tried, trials, jobs, tell("design", "places"))
     pairs = _pairs(task, narrow, tried, modes, target)
     if not pairs:
-        raise InputError(_nothing(task, tried))
+        reason = next((f" ({one.why_not})" for one in tried if one.why_not), "")
+        given = f"with no device at {task.place or 'any place'} the mode is found again{reason}"
+        raise InputError(f"--place: {given}; allowed: another place")
     chosen = next((pair for pair in pairs if not pair.conflicts()), pairs[0])
     content, run = _written(task, system, own, tried[chosen.tried], chosen)
     plain = {**run, "system": content, "scenario": []}
@@ -108,21 +110,8 @@ def design(task: Task, jobs: int, tell: Tell) -> Design:
     scenarios = scenario_generation.training_cases(
         plain, tried, tried[chosen.tried].place, target, tell("design", "scenarios")
     )
-    return Design(
-        task=task,
-        system=system,
-        modes=modes,
-        target=target,
-        observability=observability,
-        tried=tried,
-        pairs=pairs,
-        chosen=chosen,
-        content=content,
-        run=run,
-        tuned=tuned,
-        stable=stable,
-        scenarios=scenarios,
-    )
+    ranked = task, system, modes, target, observability, tried, pairs
+    return Design(*ranked, chosen, content, run, tuned, stable, scenarios)
 
 
 def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
@@ -132,23 +121,19 @@ def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
     """
     placed = place(system)
     built = build(placed, [], [])
-    matrix, _ = linearisation.linearise(built)
-    found = linearisation.modes(matrix, built.state_names, placed)
+    found = linearisation.modes(linearisation.linearise(built)[0], built.state_names, placed)
     low, high = BAND_HZ
     swings = [m for m in found if m.swings and low <= m.frequency_hz <= high]
     if not swings:
-        raise InputError(
-            f"SYSTEM: {system.name} has no electromechanical mode from {low:g} to {high:g} Hz; allowed: one that has"
-        )
+        lacks = f"no electromechanical mode from {low:g} to {high:g} Hz"
+        raise InputError(f"SYSTEM: {system.name} has {lacks}; allowed: one that has")
     swings.sort(key=lambda m: m.damping_ratio)
     wanted = _wanted(task, swings)
     kept = swings[:MODES]
     modes = kept if wanted in kept else [*kept[:-1], wanted]
     if wanted.damping_ratio >= task.damping:
-        raise InputError(
-            f"--damping {task.damping:g}: the mode of {wanted.frequency_hz:.3f} Hz has {wanted.damping_ratio:.3f} "
-            "already; allowed: a higher ratio, or another --mode"
-        )
+        has = f"the mode of {wanted.frequency_hz:.3f} Hz has {wanted.damping_ratio:.3f} already"
+        raise InputError(f"--damping {task.damping:g}: {has}; allowed: a higher ratio, or another --mode")
     return modes, modes.index(wanted)
 
 
@@ -178,26 +163,15 @@ def _worth_a_look(task: Task, system: System, observability: np.ndarray[Any, Any
 
 def maximum(names: Sequence[str], values: Any, channel: str, system: System) -> list[str]:
     """Signals of a channel, sorted by value, the largest first."""
-    own = [(float(value), name) for name, value in zip(names, values, strict=True)]
-    own = [one for one in own if system.signals[one[1]].channel == channel]
-    return [name for _, name in sorted(own, key=lambda one: -one[0])]
-
-
-def _nothing(task: Task, tried: Sequence[Tried]) -> str:
-    """The reason why there is no pair."""
-    reasons = {one.why_not for one in tried if one.why_not}
-    why = f" ({next(iter(reasons))})" if reasons else ""
-    return (
-        f"--place: with no device at {task.place or 'any place'} the mode is found again{why}; allowed: another place"
-    )
+    by_name = dict(zip(names, values, strict=True))
+    return sorted((n for n in names if system.signals[n].channel == channel), key=lambda name: -float(by_name[name]))
 
 
 def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[Eigenmode], target: int) -> list[Pair]:
     """The pairs with the largest residue times device limit for the mode, at the requested place or signal if named."""
     names = list(system.signals)
-    wanted = (
-        [task.signal] if task.signal is not None else [n for n in names if system.signals[n].channel == places.SPEED]
-    )
+    speeds = [name for name in names if system.signals[name].channel == places.SPEED]
+    wanted = speeds if task.signal is None else [task.signal]
     worth = [
         (abs(one.residue[target, s]) * float(one.place.device.setpoint_max), i, s)
         for i, one in enumerate(tried)
@@ -212,7 +186,6 @@ def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[E
 def _pair(
     task: Task, tried: Tried, index: int, signal: int, name: str, modes: Sequence[Eigenmode], target: int
 ) -> Pair:
-    """A pair with its lead-lag and the effect of this on the other modes."""
     residues = tried.residue[:, signal]
     at = modes[target].eigenvalue
     law = lead_lag.lead_lag(complex(residues[target]), at, task.delay, FRAME_RATE)

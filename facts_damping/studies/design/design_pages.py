@@ -51,13 +51,7 @@ def text(found: Design) -> Iterator[str]:
     """Lines for the terminal."""
     yield f"{found.system.name}: electromechanical modes without damping control, the least damped first"
     rows = [
-        [
-            f"{m.frequency_hz:.3f}",
-            f"{m.damping_ratio:.4f}",
-            m.label,
-            ", ".join(_machines(m, 1.0)),
-            ", ".join(_machines(m, -1.0)),
-        ]
+        [f"{m.frequency_hz:.3f}", f"{m.damping_ratio:.4f}", m.label, _machines(m, 1.0), _machines(m, -1.0)]
         for m in found.modes
     ]
     yield from _indented(table(["Hz", "damping ratio", "kind", "machines", "against"], rows, rule=False))
@@ -80,17 +74,14 @@ def text(found: Design) -> Iterator[str]:
 
 
 def _rankings(found: Design) -> Iterator[tuple[str, list[list[str]]]]:
-    """Titles and rows of the rankings for each mode."""
     modes = range(len(found.modes))
-    columns = [strongest(found, m) for m in modes]
-    yield "places: controllability times the setpoint's limit, 1/s", _side(columns, ".4f")
+    places = _side([strongest(found, m) for m in modes], ".4f")
+    yield "places: controllability times the setpoint's limit, 1/s", places
+    unit = "swing in the mode (observability), p.u. per p.u. of the fastest machine's speed"
     for channel, what in ((SPEED, "speeds"), (FLOW, "flows")):
         columns = [clearest(found, m, channel) for m in modes]
         if any(columns):
-            yield (
-                f"signals, {what}: swing in the mode (observability), p.u. per p.u. of the fastest machine's speed",
-                _side(columns, ".3g"),
-            )
+            yield f"signals, {what}: {unit}", _side(columns, ".3g")
 
 
 def _side(columns: list[list[tuple[str, float]]], form: str) -> list[list[str]]:
@@ -104,35 +95,29 @@ def _indented(lines: list[str]) -> Iterator[str]:
     yield from ("  " + line for line in lines)
 
 
-def _machines(mode: Eigenmode, side: float) -> list[str]:
+def _machines(mode: Eigenmode, side: float) -> str:
     """The machines that swing most in phase (1) or in antiphase (-1) with the machine of largest amplitude."""
     first = max(mode.shape.values(), key=abs)
     own = {name: side * (value / first).real for name, value in mode.shape.items()}
     ranked = sorted((name for name in own if own[name] > 0.0), key=lambda name: -own[name])
-    return [f"{name} {own[name]:.2f}" for name in ranked[:SHOWN_MACHINES]]
+    return ", ".join(f"{name} {own[name]:.2f}" for name in ranked[:SHOWN_MACHINES])
 
 
 def _pair(found: Design, pair: Pair) -> list[str]:
     angle = float(np.rad2deg(np.angle(pair.residue)))
-    others = [
-        f"{100 * value:+.0f} %" if np.isfinite(value) else "-"
-        for i, value in enumerate(pair.others)
-        if i != found.target
-    ]
+    others = [f"{100 * value:+.0f} %" if np.isfinite(value) else "-" for value in pair.others]
+    del others[found.target]
     sign = "+" if pair.law.sign > 0.0 else "-"
-    place = found.tried[pair.tried].place
-    size = abs(pair.residue)
-    told = f"{size:.4g}", f"{size * place.device.setpoint_max:.3g}", f"{angle:.1f}", sign, f"{pair.law.lead_deg:.1f}"
-    return [place.label, pair.signal, *told, *others]
+    place, size = found.tried[pair.tried].place, abs(pair.residue)
+    cells = f"{size:.4g}", f"{size * place.device.setpoint_max:.3g}", f"{angle:.1f}", sign, f"{pair.law.lead_deg:.1f}"
+    return [place.label, pair.signal, *cells, *others]
 
 
 def _chosen(found: Design) -> Iterator[str]:
-    """The chosen pair, its lead-lag, the modes with it, and the delay margin."""
     chosen, tuned, task = found.chosen, found.tuned, found.task
     where = found.tried[chosen.tried].place.label
     yield f"\ntaken: {where}, {chosen.signal}{_why(found)}"
-    values = ", ".join(f"{name} {value:g}" for name, value in chosen.law.parameters(tuned.gain).items())
-    yield f"lead-lag: {values}"
+    yield f"lead-lag: {', '.join(f'{name} {value:g}' for name, value in chosen.law.parameters(tuned.gain).items())}"
     ratio = tuned.after[tuned.target]
     got = "lost" if ratio is None else f"{ratio.damping_ratio:.4f}"
     if tuned.reached:
@@ -162,7 +147,6 @@ def _chosen(found: Design) -> Iterator[str]:
 
 
 def _stable(around: Around | None) -> str:
-    """The range of delays in which the loop is stable."""
     if around is None:
         return "not with this delay"
     low = f"delays from {1e3 * around.low:.4g} ms"
@@ -172,7 +156,6 @@ def _stable(around: Around | None) -> str:
 
 
 def _why(found: Design) -> str:
-    """The reason for choosing this pair, if it is not the first."""
     if found.chosen.conflicts():
         return ", though it takes damping from another mode, as every pair of the table does"
     passed = found.pairs.index(found.chosen)
@@ -260,34 +243,15 @@ def _training_cases(found: Design, run: dict[str, Any]) -> dict[str, Any]:
     """A study that `search` trains on: the fault, starting half a cycle late or later, at other loads."""
     rows = enumerate(found.content.get("loads", []))
     loads = {f"system.loads.{i}.{part}": load[part] for i, load in rows for part in ("P", "Q") if load.get(part)}
-    longest = found.scenarios[TRAINING]["events"][0]["duration"] * found.content.get("frequency", 60.0)
+    events, frequency = found.scenarios[TRAINING]["events"], found.content.get("frequency", 60.0)
+    cycles = {"name": "cycles", "fields": {"scenario.0.duration": 1.0 / frequency}, "distribution": "loguniform"}
+    variables = [{**cycles, "low": 0.5, "high": events[0]["duration"] * frequency}]
+    variables += [{"name": "load_level", "fields": loads, **LOAD_LEVEL}] if loads else []
     return {
         "description": f"training cases on which `facts-damping search {run['system']}` chooses",
-        "run": {
-            "system": run["system"],
-            "scenario": found.scenarios[TRAINING]["events"],
-            "devices": run["devices"],
-            "controllers": [],
-        },
+        "run": {"system": run["system"], "scenario": events, "devices": run["devices"], "controllers": []},
         "set": {"duration": found.scenarios[TRAINING]["duration"]},
         "seed": 3,
         "modes": False,
-        "sweep": [
-            {
-                "draws": {
-                    "number": 40,
-                    "method": "latin_hypercube",
-                    "variables": [
-                        {
-                            "name": "cycles",
-                            "fields": {"scenario.0.duration": 1.0 / found.content.get("frequency", 60.0)},
-                            "distribution": "loguniform",
-                            "low": 0.5,
-                            "high": longest,
-                        },
-                        *([{"name": "load_level", "fields": loads, **LOAD_LEVEL}] if loads else []),
-                    ],
-                }
-            }
-        ],
+        "sweep": [{"draws": {"number": 40, "method": "latin_hypercube", "variables": variables}}],
     }

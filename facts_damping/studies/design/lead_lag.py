@@ -109,9 +109,12 @@ def tune(
 
     `run`: content of a run file with `LLC`. `residue`: from its device to its signal. `delay` (s): of its link.
     """
-    first = _first_gain(law, residue, mode, wanted, delay, int(run["frame_rate"]))
+    # First estimate of the gain from the residue: d lambda = R K exp(-lambda (T + 1/(2 f))).
+    moved = abs(residue * law.response(mode.eigenvalue) * late(mode.eigenvalue, delay, int(run["frame_rate"])))
+    first = (wanted - mode.damping_ratio) * abs(mode.eigenvalue) / moved
     gains = [0.0, *(np.linspace(BEYOND / STEPS, BEYOND, STEPS) * min(first, MAX_GAIN / BEYOND)).tolist()]
-    case = make_case(_with(run, law.parameters(1.0)), "design")
+    unit = {**run["controllers"][0], "parameters": law.parameters(1.0)}
+    case = make_case({**run, "controllers": [unit]}, "design")
     loop = delayed_loop(case)
     listed: list[list[Eigenmode]] = []
     for i, gain in enumerate(gains):
@@ -131,7 +134,11 @@ def tune(
         def missing(at: float) -> float:
             return _ratio(_next(tracks[target][last], _oscillations(loop, at, delay, case))) - wanted
 
-        gain = _up(float(brentq(missing, gains[last], gains[enough], rtol=1e-4))) if enough else 0.0
+        gain = 0.0
+        if enough:  # rounded up
+            exact = float(brentq(missing, gains[last], gains[enough], rtol=1e-4))
+            near = rounded(exact)
+            gain = near if near >= exact else rounded(exact * (1.0 + 0.6 * 10.0 ** (1 - FIGURES)))
     if enough is not None or last < good - 1:
         limit = None
     then = _oscillations(loop, gain, delay, case)
@@ -141,25 +148,8 @@ def tune(
 
 
 def _next(mode: Eigenmode | None, modes: Sequence[Eigenmode]) -> Eigenmode | None:
-    """The continuation of a mode among the modes at another gain; None: it is lost, or was lost before."""
+    """A mode at another gain; None: it is lost, or was lost before."""
     return None if mode is None else followed([mode], [modes])[0][0]
-
-
-def _up(gain: float) -> float:
-    """A gain rounded up to few figures."""
-    near = rounded(gain)
-    return near if near >= gain else rounded(gain * (1.0 + 0.6 * 10.0 ** (1 - FIGURES)))
-
-
-def _first_gain(law: LeadLag, residue: complex, mode: Eigenmode, wanted: float, delay: float, frame_rate: int) -> float:
-    """First estimate of the gain from the residue: d lambda = R K exp(-lambda (T + 1/(2 f)))."""
-    moved = abs(residue * law.response(mode.eigenvalue) * late(mode.eigenvalue, delay, frame_rate))
-    return (wanted - mode.damping_ratio) * abs(mode.eigenvalue) / moved
-
-
-def _with(run: dict[str, Any], parameters: dict[str, float]) -> dict[str, Any]:
-    """The run with these parameters of its controller."""
-    return {**run, "controllers": [{**run["controllers"][0], "parameters": parameters}]}
 
 
 def _oscillations(loop: DelayedLoop, gain: float, delay: float, case: Case) -> list[Eigenmode]:

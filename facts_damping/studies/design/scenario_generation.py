@@ -26,25 +26,24 @@ TRIED = 6  # candidates of each kind
 
 
 def training_cases(
-    run: dict[str, Any], tried: Sequence[Tried], taken: Place, mode: int, progress: Callable[[int, int], None]
+    run: dict[str, Any], tried: Sequence[Tried], own: Place, mode: int, progress: Callable[[int, int], None]
 ) -> dict[str, dict[str, Any]]:
     """The content of scenario files by name: `fault` and `line_out`, as far as they were found.
 
-    `run`: content of a run of the system. `taken`: place of its device, whose line does not trip. `mode`: index of the
+    `run`: content of a run of the system. `own`: place of its device, whose line does not trip. `mode`: index of the
     mode in the places' strengths.
     """
     order = np.argsort([-t.strength[mode] for t in tried])  # NaN last
     places = [tried[i].place for i in order.tolist() if not tried[i].why_not]
     buses = [p.at for p in places if isinstance(p.device, Parallel)][:TRIED]
-    lines = [p.at for p in places if isinstance(p.device, Series) and p.device.line is not None and p.at != taken.at]
+    lines = [p.at for p in places if isinstance(p.device, Series) and p.device.line is not None and p.at != own.at]
     kinds = {"fault": [fault(bus) for bus in buses], "line_out": [trip(line) for line in lines[:TRIED]]}
-    found: dict[str, dict[str, Any]] = {}
-    done = 0
+    found, done = dict[str, dict[str, Any]](), 0
     for name, scenarios in kinds.items():
         for scenario in scenarios:
             progress(done, len(buses) + TRIED)
             done += 1
-            if _survived(run, scenario["events"]):
+            if _keeps_synchronism(run, scenario["events"]):
                 found[name] = {"name": name, **scenario}
                 break
     progress(1, 1)
@@ -54,11 +53,8 @@ def training_cases(
 def fault(bus: str) -> dict[str, Any]:
     """A self-clearing bolted fault at a bus."""
     events = [{"time": AT_S, "kind": "fault", "bus": bus, "duration": CLEARED_S}]
-    return {
-        "description": f"a bolted fault at {bus} for {1e3 * CLEARED_S:.0f} ms",
-        "duration": DURATION_S,
-        "events": events,
-    }
+    text = f"a bolted fault at {bus} for {1e3 * CLEARED_S:.0f} ms"
+    return {"description": text, "duration": DURATION_S, "events": events}
 
 
 def trip(line: str) -> dict[str, Any]:
@@ -67,12 +63,11 @@ def trip(line: str) -> dict[str, Any]:
         {"time": AT_S, "kind": "fault", "line": line, "location": 0.5},
         {"time": AT_S + CLEARED_S, "kind": "line_out", "line": line},
     ]
-    told = f"a bolted fault on {line}, cleared after {1e3 * CLEARED_S:.0f} ms by its trip; it stays out"
-    return {"description": told, "duration": DURATION_S, "events": events}
+    text = f"a bolted fault on {line}, cleared after {1e3 * CLEARED_S:.0f} ms by its trip; it stays out"
+    return {"description": text, "duration": DURATION_S, "events": events}
 
 
-def _survived(run: dict[str, Any], events: list[dict[str, Any]]) -> bool:
-    """Whether the machines stay in synchronism without control."""
+def _keeps_synchronism(run: dict[str, Any], events: list[dict[str, Any]]) -> bool:
     try:
         case = make_case({**run, "scenario": events, "controllers": [], "duration": DURATION_S}, "design")
         return bool(loop.run(case).in_synchronism.all())

@@ -13,7 +13,7 @@ time of a device is part of its delay; each device has its own n and `part`.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from math import factorial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
     Matrices = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
+OTHERS = "(of others a sweep of runs gives the margin)"
 FADED = 1e-6  # per frame: faster decay is no mode, but the memory of a difference equation
 
 
@@ -104,15 +105,12 @@ def delayed_loop(case: Case) -> DelayedLoop:
     for i, controller in enumerate(case.controllers):
         row = kind_of(controller)
         if row.network is not None or row.program or row.node:
-            raise InputError(
-                f"controllers.{i}.name: '{controller.name}' given, which is not linear and has no linear margin; "
-                f"allowed: {', '.join(linear_ones)}, a `linear` law (of others a sweep of runs gives the margin)"
-            )
+            given = f"'{controller.name}' given, which is not linear and has no linear margin"
+            allowed = f"{', '.join(linear_ones)}, a `linear` law {OTHERS}"
+            raise InputError(f"controllers.{i}.name: {given}; allowed: {allowed}")
         if controller.compensation != "none":
-            raise InputError(
-                f"controllers.{i}.compensation: '{controller.compensation}' given, which is tuned as it runs; "
-                "allowed: none (of others a sweep of runs gives the margin)"
-            )
+            given = f"'{controller.compensation}' given, which is tuned as it runs"
+            raise InputError(f"controllers.{i}.compensation: {given}; allowed: none {OTHERS}")
     built = build(case.system, case.run.devices, [])
     pmus, rate = [s.name for s in case.system.pmus], case.run.frame_rate
     model = linearisation.linear_model(built, case.system.signals, pmus, case.filter, rate)
@@ -129,17 +127,8 @@ def delayed_loop(case: Case) -> DelayedLoop:
         controllers.append(Discrete(*matrices, signals, devices, delays[case.used_links[c]] - min(delays), dead_time))
     used = model.C[sorted({signal for c in controllers for signal in c.signals})]
     still = rigid(model.A, used, built.state_names)
-    return DelayedLoop(model, controllers, case.run.frame_rate, names, still, holding(model))
-
-
-def holding(model: linearisation.LinearModel) -> Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """`held_for` of a plant with a cache: many delays leave the same rest of a frame."""
-
-    @cache
-    def held(seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return held_for(model.A, model.B, seconds)
-
-    return held
+    held = cache(partial(held_for, model.A, model.B))  # many delays leave the same rest of a frame
+    return DelayedLoop(model, controllers, case.run.frame_rate, names, still, held)
 
 
 def link_delays(case: Case) -> list[float]:
@@ -149,9 +138,8 @@ def link_delays(case: Case) -> list[float]:
         if MODELS[stage.model].code != CONSTANT:
             raise InputError(f"link: a stage of model '{stage.model}' given; allowed: constant delays")
         if (stage.channels, stage.start, stage.duration) != (None, 0.0, None):
-            raise InputError(
-                "link: a stage with `channels`, `start` or `duration` given; allowed: the same delay for all"
-            )
+            given = "a stage with `channels`, `start` or `duration` given"
+            raise InputError(f"link: {given}; allowed: the same delay for all")
     return [mean_delay(link) for link in stages]
 
 
@@ -189,10 +177,8 @@ def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
     whole = np.array([*(follow(unit, 0.0) for unit in np.eye(n)), follow(np.zeros(n), 1.0)]).T
     together = follow(np.full(n, 0.5), 0.5)
     if not np.allclose(together, whole.sum(axis=1) / 2.0, rtol=1e-9, atol=1e-12 * np.abs(whole).max()):
-        raise InputError(
-            f"controllers.{c}.name: a controller whose law is not linear given; "
-            "allowed: a linear one (of others a sweep of runs gives the margin)"
-        )
+        given = "a controller whose law is not linear given"
+        raise InputError(f"controllers.{c}.name: {given}; allowed: a linear one {OTHERS}")
     return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
 
 
@@ -207,7 +193,7 @@ def _observer(made: Bank, c: int) -> Matrices:
     onward = (np.eye(len(M)) - M @ C) @ (p.A[c] - p.B[c, :, :devices] @ K)
     through, pole, pick = washouts(made.inputs.washout[c, :signals], made.period_ns[c] / NANOSECONDS)
     before = pole, (np.eye(len(pole)) - pole) @ pick, -through @ pick.T, through
-    return _series(before, (onward, M, -K @ onward, -K @ M))
+    return _in_series(before, (onward, M, -K @ onward, -K @ M))
 
 
 def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
@@ -269,23 +255,17 @@ def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDA
     for c in loop.controllers:
         terms = [pade(late + hold, order) for late in c.delays(delay)]
         A, B, C, D = (block_diag(*parts) for parts in zip(*terms, strict=True))
-        ways.append(_series(_continuous(c, 1.0 / loop.frame_rate), (A, B, C, D)))
+        ways.append(_in_series(_continuous(c, 1.0 / loop.frame_rate), (A, B, C, D)))
     A, B, C, D = (block_diag(*parts) for parts in zip(*ways, strict=True))
     given = [signal for c in loop.controllers for signal in c.signals]
     sent = [device for c in loop.controllers for device in c.devices]
     b, c_, d = model.B[:, sent], model.C[given], model.D[np.ix_(given, sent)]
     within = np.linalg.inv(np.eye(len(sent)) - D @ d)  # algebraic loop of setpoints and signals
     seen = d @ within
-    return np.block(
-        [
-            [model.A + b @ within @ D @ c_, b @ within @ C],
-            [B @ (c_ + seen @ D @ c_), A + B @ seen @ C],
-        ]
-    )
+    return np.block([[model.A + b @ within @ D @ c_, b @ within @ C], [B @ (c_ + seen @ D @ c_), A + B @ seen @ C]])
 
 
-def _series(first: Matrices, second: Matrices) -> Matrices:
-    """Series connection: the outputs of the first system are the inputs of the second."""
+def _in_series(first: Matrices, second: Matrices) -> Matrices:
     A, B, C, D = first
     a, b, c, d = second
     wide = np.block([[A, np.zeros((len(A), len(a)))], [b @ C, a]])

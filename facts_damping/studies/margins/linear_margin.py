@@ -10,13 +10,7 @@ from scipy.optimize import brentq, linear_sum_assignment
 
 from facts_damping.case.supervision import unsupervised
 from facts_damping.small_signal import linearisation
-from facts_damping.studies.margins.linear_closed_loop import (
-    approximate,
-    delayed_loop,
-    eigen,
-    link_delays,
-    sampled,
-)
+from facts_damping.studies.margins.linear_closed_loop import approximate, delayed_loop, eigen, link_delays, sampled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -69,11 +63,8 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
         listed.append(oscillations(loop, found[-1], case))
     progress(len(delays), len(delays))
 
-    def sampled_growth(delay: float) -> float:
-        return eigen(loop, sampled(loop, delay)).growth
-
     worst = np.array([one.values[0].real + 1j * abs(one.values[0].imag) for one in found])
-    stable = intervals(sampled_growth, delays, worst.real)
+    stable = intervals(lambda delay: eigen(loop, sampled(loop, delay)).growth, delays, worst.real)
     limit = first_limit(stable, longest)
     critical = None if limit is None else _critical(loop, limit, case)
     holds = {} if order is None else {"held": 0.5 / loop.frame_rate, "continuous": 0.0}
@@ -132,7 +123,6 @@ def oscillations(loop: DelayedLoop, found: Eigen, case: Case) -> list[linearisat
 
 
 def _critical(loop: DelayedLoop, delay: float, case: Case) -> linearisation.Eigenmode:
-    """The mode with the largest real part."""
     found = eigen(loop, sampled(loop, delay))
     i = int(np.argmax(found.values.real + 1e-12 * (found.values.imag >= 0.0)))
     return linearisation.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)

@@ -14,7 +14,7 @@ from facts_damping.small_signal.modal_analysis import figures
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
     from pathlib import Path
 
     from facts_damping.small_signal import linearisation
@@ -25,6 +25,8 @@ ROW = 0.02  # s, between the rows of the table
 BEYOND = 0.1  # s, range of table and picture beyond the margin
 DPI = 130
 MAXIMUM = 7  # largest number of modes in terminal and picture
+SHOWN = ("frequency_hz", "damping_ratio")
+PADE = {"held": "delay and half a frame", "continuous": "delay alone"}
 
 
 def names(found: Margin) -> list[str]:
@@ -64,7 +66,11 @@ def margin_text(found: Margin, beside: Beside | None) -> Iterator[str]:
     case, longest = found.case, found.delays[-1]
     given = ", ".join(f"{c.name} from {c.signals[0]} to {'+'.join(c.devices)}" for c in case.controllers)
     yield f"{case.system.name}: {given}; {case.run.frame_rate} frames/s"
-    yield from _meaning(found.own)
+    if max(found.own) - min(found.own) <= 0.0:
+        yield f"delay: from measurement to device, in place of the link's {_ms(found.own[0])}"
+    else:
+        longer = ", ".join(_ms(delay - min(found.own)) for delay in found.own)
+        yield f"delay: from measurement to device, of the shortest link; the links are longer than that by {longer}"
     limit = _limit(found.margin, longest)
     if found.critical is not None:
         limit += f": there a mode of {found.critical.frequency_hz:.3f} Hz grows"
@@ -88,18 +94,6 @@ def margin_text(found: Margin, beside: Beside | None) -> Iterator[str]:
         yield f"and {len(found.tracks) - len(named)} modes that the delay moves less, in --json"
 
 
-PADE = {"held": "delay and half a frame", "continuous": "delay alone"}
-
-
-def _meaning(own: Sequence[float]) -> Iterator[str]:
-    """Explanation of the term delay for this run."""
-    if max(own) - min(own) <= 0.0:
-        yield f"delay: from measurement to device, in place of the link's {_ms(own[0])}"
-        return
-    longer = ", ".join(_ms(one - min(own)) for one in own)
-    yield f"delay: from measurement to device, of the shortest link; the links are longer than that by {longer}"
-
-
 def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.4g} ms"
 
@@ -113,7 +107,6 @@ def _cell(mode: linearisation.Eigenmode | None) -> str:
 
 
 def _runs(found: Margin, beside: Beside) -> Iterator[str]:
-    """Lines about the nonlinear runs."""
     near = "not near the linear margin" if beside.pulse is None else _ms(beside.pulse)
     yield f"time domain, a pulse of 0.01 %              {near}"
     for one in beside.scenario:
@@ -165,10 +158,7 @@ def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
                 for x in beside.scenario
             ],
             "ringdown": [
-                {
-                    "delay_s": delay,
-                    "modes": [{"frequency_hz": m.frequency_hz, "damping_ratio": m.damping_ratio} for m in modes],
-                }
+                {"delay_s": delay, "modes": [{name: getattr(mode, name) for name in SHOWN} for mode in modes]}
                 for delay, modes in beside.ringdown
             ],
         }
@@ -196,49 +186,29 @@ def draw(found: Margin, beside: Beside | None, path: Path) -> Path:
     damping, frequency = figure.subplots(2, 1, sharex=True, height_ratios=[1.4, 1.0])
     end = shown_to(found)
     kept = found.delays <= end + 1e-9
-    ms = 1e3 * found.delays[kept]
-    for (name, track), colour in zip(shown(found), COLOURS, strict=False):
-        for axes, field in ((damping, "damping_ratio"), (frequency, "frequency_hz")):
-            values = [np.nan if m is None else getattr(m, field) for m in track.modes]
-            axes.plot(ms, np.array(values)[kept], color=colour, lw=1.8, label=name)
-    if beside is not None:
-        points = [(1e3 * delay, mode) for delay, modes in beside.ringdown for mode in modes]
-        for axes, field in ((damping, "damping_ratio"), (frequency, "frequency_hz")):
-            axes.plot(
-                [at for at, _ in points],
-                [getattr(mode, field) for _, mode in points],
-                "ko",
-                ms=5,
-                mfc="none",
-                label="ringdown of runs",
-            )
-    damping.axhline(0.0, color="black", lw=0.8)
-    if found.margin:
-        for axes in (damping, frequency):
+    ends = [0.0, *(limit for span in found.stable for limit in span), end]  # between them unstable and stable in turn
+    points = [(1e3 * delay, mode) for delay, modes in (beside.ringdown if beside else ()) for mode in modes]
+    for axes, field in ((damping, "damping_ratio"), (frequency, "frequency_hz")):
+        for (name, track), colour in zip(shown(found), COLOURS, strict=False):
+            values = np.array([np.nan if m is None else getattr(m, field) for m in track.modes])
+            axes.plot(1e3 * found.delays[kept], values[kept], color=colour, lw=1.8, label=name)
+        if beside is not None:
+            xy = [at for at, _ in points], [getattr(mode, field) for _, mode in points]
+            axes.plot(*xy, "ko", ms=5, mfc="none", label="ringdown of runs")
+        if found.margin:
             axes.axvline(1e3 * found.margin, color="black", ls="--", lw=1.0)
-        damping.annotate(
-            f"margin {_ms(found.margin)}",
-            (1e3 * found.margin, 0.0),
-            xytext=(6, 10),
-            textcoords="offset points",
-            fontsize=9,
-        )
-    for a, b in _gaps(found.stable, end):
-        for axes in (damping, frequency):
-            axes.axvspan(1e3 * a, 1e3 * b, color="0.9", zorder=0)
-    damping.set_ylabel("damping ratio")
-    frequency.set_ylabel("frequency [Hz]")
-    frequency.set_xlabel("delay from measurement to device [ms]; shaded: not stable")
-    for axes in (damping, frequency):
+        for a, b in zip(ends[::2], ends[1::2], strict=True):
+            if min(b, end) > a:
+                axes.axvspan(1e3 * a, 1e3 * min(b, end), color="0.9", zorder=0)
         axes.grid(visible=True, alpha=0.3)
         axes.set_xlim(0.0, 1e3 * end)
+    damping.axhline(0.0, color="black", lw=0.8)
+    if found.margin:
+        place: dict[str, Any] = {"xytext": (6, 10), "textcoords": "offset points", "fontsize": 9}
+        damping.annotate(f"margin {_ms(found.margin)}", (1e3 * found.margin, 0.0), **place)
+    damping.set_ylabel("damping ratio")
+    frequency.set(ylabel="frequency [Hz]", xlabel="delay from measurement to device [ms]; shaded: not stable")
     damping.legend(fontsize=9)
     given = ", ".join(f"{c.name}, {c.signals[0]} to {'+'.join(c.devices)}" for c in found.case.controllers)
     figure.suptitle(f"{found.case.system.name}: {given}, {found.case.run.frame_rate} frames/s", fontsize=11)
     return save_picture(figure, path, dpi=DPI, metadata={"Software": None})
-
-
-def _gaps(stable: Sequence[tuple[float, float]], end: float) -> list[tuple[float, float]]:
-    """Intervals of delay (s) in which a loop is unstable, up to `end`."""
-    ends = [0.0, *(limit for span in stable for limit in span), end]
-    return [(a, min(b, end)) for a, b in zip(ends[::2], ends[1::2], strict=True) if min(b, end) > a]

@@ -115,8 +115,7 @@ def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
     found = {}
     for horizon in HORIZONS:
         kept = t < horizon
-        found["in synchronism", horizon] = bool(lost >= horizon)
-        sound = found["in synchronism", horizon]
+        found["in synchronism", horizon] = sound = bool(lost >= horizon)
         found["damped", horizon] = sound and judge(t[kept], signals[kept], last).verdict == DAMPED
     return found
 

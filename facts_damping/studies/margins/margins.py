@@ -1,11 +1,13 @@
 """Search of a margin: the values to run next, and the result of those that were run.
 
-A coarse grid comes first, so that a failure at one value is noticed even if larger values hold. Then the first change
-is bisected. The search sees only whether a value failed.
+A coarse grid comes first, so that a failure at one value is noticed even if larger values hold. Then each change is
+bisected. The result is the set of values that hold; the margin is the first edge of it. The search sees only whether a
+value failed.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 DIGITS = 9  # decimals of a bisected value
 CONFIDENCE = 0.95
 RESAMPLES = 2000
+CHANGES = 3  # changes that a search may refine, for its progress
 
 
 class Bracket(NamedTuple):
@@ -52,11 +55,45 @@ def wanted(margin: Margin, failed: Mapping[float, bool | None]) -> list[float]:
     missing = [value for value in grid(margin) if value not in failed]
     if missing:
         return missing
-    low, high, _ = bracket(failed)
-    if low is None or high is None or high - low <= margin.tolerance * (1 + 1e-9):
-        return []
-    middle = round((low + high) / 2, DIGITS)
-    return [] if middle in failed else [middle]
+    wide = [(low, high) for low, high in changes(failed) if high - low > margin.tolerance * (1 + 1e-9)]
+    middles = [round((low + high) / 2, DIGITS) for low, high in wide]
+    return [middle for middle in middles if middle not in failed]
+
+
+def changes(failed: Mapping[float, bool | None]) -> list[tuple[float, float]]:
+    """Neighbouring values of which one fails and one holds; undecided values (None) are ignored."""
+    known = sorted(value for value, fails in failed.items() if fails is not None)
+    return [(low, high) for low, high in pairwise(known) if failed[low] != failed[high]]
+
+
+def holding(searches: Sequence[Mapping[float, bool | None]]) -> list[list[float]]:
+    """Intervals of the values at which the criterion holds, in at least half of the searches.
+
+    An edge is the middle of the values that hold and fail beside it; the first and last value are those that were run.
+    """
+    edges = [[(low + high) / 2 for low, high in changes(failed)] for failed in searches]
+    known = [sorted(value for value, fails in failed.items() if fails is not None) for failed in searches]
+    ends = [values for values in known if values]
+    points = sorted(
+        {*(edge for own in edges for edge in own), *(v for values in ends for v in (values[0], values[-1]))}
+    )
+    found: list[list[float]] = []
+    for low, high in pairwise(points):
+        holds = [
+            _holds(failed, values, (low + high) / 2) for failed, values in zip(searches, known, strict=True) if values
+        ]
+        if 2 * sum(holds) < len(holds):
+            continue
+        if found and found[-1][1] == low:
+            found[-1][1] = high
+        else:
+            found.append([low, high])
+    return [[round(end, DIGITS) for end in one] for one in found]
+
+
+def _holds(failed: Mapping[float, bool | None], values: Sequence[float], at: float) -> bool:
+    """Whether a search holds at a value: as at the nearest one that was run."""
+    return not failed[min(values, key=lambda value: abs(value - at))]
 
 
 def held(margin: Margin, searches: Sequence[Mapping[float, bool | None]]) -> float | None:
@@ -82,9 +119,11 @@ def edge(
 
 
 def max_runs(margin: Margin) -> int:
-    """Largest number of runs of a search, per criterion."""
+    """Number of runs of a search, about."""
     step = (margin.high - margin.low) / (margin.coarse - 1)
-    return margin.coarse + len(margin.criteria) * max(0, int(np.ceil(np.log2(step / margin.tolerance) - 1e-9)))
+    return margin.coarse + len(margin.criteria) * CHANGES * max(
+        0, int(np.ceil(np.log2(step / margin.tolerance) - 1e-9))
+    )
 
 
 def over_seeds(found: Sequence[Bracket], margin: Margin, seed: int) -> dict[str, Any]:
@@ -95,7 +134,8 @@ def over_seeds(found: Sequence[Bracket], margin: Margin, seed: int) -> dict[str,
     """
     lows = np.array([-np.inf if one.low is None else one.low for one in found])
     highs = np.array([np.inf if one.high is None else one.high for one in found])
-    middles = np.array([_middle(one) for one in found])
+    with np.errstate(invalid="ignore"):
+        middles = (lows + highs) / 2.0  # not a number where nothing was run
     return {
         "margin_s": _finite(np.median(middles)),
         "low_s": _finite(_end(lows, 0, seed)),
@@ -107,12 +147,6 @@ def over_seeds(found: Sequence[Bracket], margin: Margin, seed: int) -> dict[str,
         "per_seed": [_finite(value) for value in middles] if len(found) > 1 else None,
         "field": margin.column,
     }
-
-
-def _middle(one: Bracket) -> float:
-    if one.low is None:
-        return -np.inf if one.high is not None else np.nan
-    return np.inf if one.high is None else (one.low + one.high) / 2
 
 
 def _end(values: np.ndarray[Any, Any], end: int, seed: int) -> float:

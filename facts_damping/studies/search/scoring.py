@@ -30,20 +30,17 @@ from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller
 from facts_damping.studies.sweeps import sweep
 from facts_damping.studies.sweeps.axes import drawn_columns
-from facts_damping.studies.sweeps.batch import closed_loop, make, names
+from facts_damping.studies.sweeps.batch import CUSTOM, closed_loop, make, names
 from facts_damping.studies.sweeps.enumerated_axes import NONE, SCENARIO
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
 LOST, UNDAMPED, PRICE = 10.0, 1.0, 0.1
 REFERENCE = "LLC-tuned"
-INLINE = "custom"  # scenario name of draws with inline events
 
 
 class Figures(NamedTuple):
@@ -100,22 +97,19 @@ def draws(
     """
     made = ensemble(system, study, profile)
     if reference == REFERENCE and (REFERENCE, None) not in tuned(system, ["speed"], ["sssc"]):
-        given = f"SYSTEM: '{system}' given, for which LLC-tuned is not tuned"
-        raise InputError(f"{given}; allowed: one for which it is, or --against none")
-    more = {} if link is None else {"link": link}
-    base = made.base._replace(set={**made.base.set, **more})
-    told = names(base, made.points[0].changes)
-    if told["scenario"] != SCENARIO:
-        found = []
-    else:
+        allowed = "one for which it is, or --against none"
+        raise InputError(f"SYSTEM: '{system}' given, for which LLC-tuned is not tuned; allowed: {allowed}")
+    base = made.base if link is None else made.base._replace(set={**made.base.set, "link": link})
+    given, found = names(base, made.points[0].changes), list[Draw]()
+    if given["scenario"] == SCENARIO:
         plain = {name: value for name, value in base.set.items() if name in ("profile", "link")}
-        plain |= {name: told[name] for name in ("system", "scenario")}
-        found = [_draw(make(base._replace(set=plain, content={}), {}), reference)]
-    drawn = {name for axis in made.study.sweep for name in drawn_columns(axis)}
+        plain |= {name: given[name] for name in ("system", "scenario")}
+        found.append(_draw(make(base._replace(set=plain, content={}), {}), reference))
+    random = {name for axis in made.study.sweep for name in drawn_columns(axis)}
     for point in made.points:
         if len(found) >= number:
             break
-        group = tuple(value for name, value in point.columns.items() if name not in drawn)
+        group = tuple(value for name, value in point.columns.items() if name not in random)
         try:
             found.append(_draw(make(base, point.changes), reference, group))
         except FactsDampingError:
@@ -135,19 +129,16 @@ def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFI
         studies = shipped("studies")
         known = [name for name in systems if f"search_{name}{end}" in studies]
         if system not in known:
-            given = f"SYSTEM: '{system}' given without --study"
-            raise InputError(f"{given}; allowed: {', '.join(known)}, or a study with training cases by --study")
+            allowed = f"{', '.join(known)}, or a study with training cases by --study"
+            raise InputError(f"SYSTEM: '{system}' given without --study; allowed: {allowed}")
     made = sweep.plan(study or f"search_{system}{end}", [f"profile={profile}"] if end else [])
     for point in made.points:
-        told = names(made.base, point.changes)
-        if told["system"] not in (system, INLINE):
-            raise InputError(
-                f"{made.base.source}: system: '{told['system']}' given; allowed: '{system}', as is searched"
-            )
-        if system in systems and told["scenario"] not in (SCENARIO, INLINE):
-            raise InputError(
-                f"{made.base.source}: scenario: '{told['scenario']}' given; allowed: {SCENARIO} of {system}, or events"
-            )
+        given, source = names(made.base, point.changes), made.base.source
+        if given["system"] not in (system, CUSTOM):
+            raise InputError(f"{source}: system: '{given['system']}' given; allowed: '{system}', as is searched")
+        if system in systems and given["scenario"] not in (SCENARIO, CUSTOM):
+            allowed = f"{SCENARIO} of {system}, or events"
+            raise InputError(f"{source}: scenario: '{given['scenario']}' given; allowed: {allowed}")
     return made
 
 
@@ -189,8 +180,10 @@ def score(controller: Controller, against: Sequence[Draw], worst: int = 100, *, 
         found.append(one)
     pairs = list(zip(found, (draw.reference for draw in against), strict=True))
     logs = np.array([[np.log(a.indices[name] / b.indices[name]) for a, b in pairs] for name in THESIS_INDICES])
-    if medians:
-        counted = _medians(logs, [draw.group for draw in against])
+    if medians:  # of the draws of each group
+        groups = [draw.group for draw in against]
+        each = [[one == group for one in groups] for group in dict.fromkeys(groups)]
+        counted = np.column_stack([np.median(logs[:, chosen], axis=1) for chosen in each])
     else:
         counted = np.sort(logs)[:, -math.ceil(worst * len(pairs) / 100) :].mean(axis=1)
     effort = float(np.mean([a.effort - b.effort for a, b in pairs]))
@@ -198,9 +191,3 @@ def score(controller: Controller, against: Sequence[Draw], worst: int = 100, *, 
     value = float(counted.max()) + UNDAMPED * undamped + PRICE * max(0.0, effort)
     ratios = np.exp(logs.mean(axis=1))
     return Score(value, {name: float(ratio) for name, ratio in zip(THESIS_INDICES, ratios, strict=True)}, undamped)
-
-
-def _medians(logs: NDArray[np.float64], groups: Sequence[tuple[Any, ...]]) -> NDArray[np.float64]:
-    """Medians over the draws of each group, (indices, groups), of (indices, draws)."""
-    each = [[one == group for one in groups] for group in dict.fromkeys(groups)]
-    return np.column_stack([np.median(logs[:, chosen], axis=1) for chosen in each])

@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 KEPT = 4  # one of this many structures goes on
 POPULATION = 16
 GROWTH = 2  # ratio of the draws of a rung to those of the rung before
-
-
 RUNGS = 3  # if no structure is dropped
 # Compensation of delay: free choice if a link has delay; none; always some.
 CHOICES = {
@@ -48,19 +46,8 @@ CHOICES = {
     "some": (*(name for name in COMPENSATIONS if name != "none"), *OF_IDENTIFIERS),
 }
 OPTIONS = (
-    "profile",
-    "link",
-    "devices",
-    "signals",
-    "study",
-    "against",
-    "compensation",
-    "cases",
-    "worst",
-    "start",
-    "deviation",
-    "method",
-    "scheme",
+    *("profile", "link", "devices", "signals", "study", "against", "compensation", "cases", "worst", "start"),
+    *("deviation", "method", "scheme"),
 )
 FLAGS = ("medians", "keep_all")
 
@@ -126,9 +113,7 @@ def rungs(count: int) -> int:
     return max(1, int(math.log(count, KEPT) + 1e-9))
 
 
-@lru_cache(maxsize=4)
-def _choice(structure: Structure, system: str, compensations: tuple[str, ...]) -> Choice:
-    return Choice(structure, system, compensations)
+_choice = lru_cache(maxsize=4)(Choice)
 
 
 def compensations(task: SearchTask) -> tuple[str, ...]:
@@ -184,29 +169,26 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
     maximum = RUNGS if task.keep_all else rungs(len(left))
     last = task.cases * GROWTH ** (maximum - 1)
     known = draws(task.system, task.link, last + GROWTH * last, task.study, task.profile, task.against)
-    counts = [len(left)]
-    for _ in range(maximum - 1):
-        counts.append(counts[-1] if task.keep_all else _going_on(counts[-1], left))
+    counts, references = [len(left)], sum(entry.structure.is_reference for entry in left)
+    for _ in range(maximum - 1):  # a quarter of the networks goes on, plus LLC-tuned
+        counts.append(counts[-1] if task.keep_all else math.ceil((counts[-1] - references) / KEPT) + references)
     counts.append(counts[-1])  # the last count again, for the fresh draws
-    climbed = [_rung(task, known, number, counts) for number in range(maximum)]
-    _say_what_is_made(task, climbed, counts)
+    climbed = []
+    for number in range(maximum):
+        cases = known[: task.cases * GROWTH**number]
+        generations = task.budget / (maximum * counts[number] * len(cases)) / POPULATION
+        climbed.append(Rung(number, cases, max(1, round(generations))))
+    _warn_of_small_budget(task, climbed, counts)
     for rung in climbed:
-        left = run_all(partial(climb, task, rung), left, jobs, _part(progress, counts, rung.number))
+        left = run_all(partial(climb, task, rung), left, jobs, _progress_of_rung(progress, counts, rung.number))
         ranked = sorted(left, key=lambda entry: (not entry.structure.is_reference, *entry.rank))
         left, out = ranked[: counts[rung.number + 1]], [*out, *ranked[counts[rung.number + 1] :]]
-    left = run_all(partial(judge, task, known[last:]), left, jobs, _part(progress, counts, maximum))
+    left = run_all(partial(judge, task, known[last:]), left, jobs, _progress_of_rung(progress, counts, maximum))
     return sorted([*left, *out], key=lambda entry: entry.rank)
 
 
-def _rung(task: SearchTask, known: list[Draw], number: int, counts: Sequence[int]) -> Rung:
-    """A rung of the search; `counts`: number of structures in each rung, then the number judged at the end."""
-    own = known[: task.cases * GROWTH**number]
-    loops = task.budget / ((len(counts) - 1) * counts[number] * len(own))
-    return Rung(number, own, max(1, round(loops / POPULATION)))
-
-
-def _say_what_is_made(task: SearchTask, climbed: Sequence[Rung], counts: Sequence[int]) -> None:
-    """Warn if the budget is too small for more than the first points: each rung has at least one generation."""
+def _warn_of_small_budget(task: SearchTask, climbed: Sequence[Rung], counts: Sequence[int]) -> None:
+    """Warn if only the first points are tried, as each rung has at least one generation."""
     if all(rung.generations == 1 for rung in climbed):
         minimum = [POPULATION * count * len(rung.draws) for rung, count in zip(climbed, counts, strict=False)]
         text = f"of {counts[0]} structures only the {POPULATION} first points are tried: {sum(minimum)} closed loops"
@@ -215,24 +197,18 @@ def _say_what_is_made(task: SearchTask, climbed: Sequence[Rung], counts: Sequenc
 
 
 def _check_start(task: SearchTask, asked: Sequence[Structure]) -> None:
-    """Raise `InputError` if the source of starting points has none for any structure."""
     if task.start == "hypercube":
         if task.deviation is not None:
-            given = f"{task.deviation} given with --start hypercube"
-            raise InputError(f"--deviation: {given}; allowed: with tuned, or a run")
+            allowed = "with tuned, or a run"
+            raise InputError(f"--deviation: {task.deviation} given with --start hypercube; allowed: {allowed}")
         return
     if any(started(task.start, task.system, one) for one in asked):
         return
-    told = dict.fromkeys(f"{'+'.join(s.devices)} with {'+'.join(s.signals)} ({s.scheme or s.name})" for s in asked)
-    raise InputError(f"--start: '{task.start}' given; allowed: one whose controllers command {', or '.join(told)}")
+    ports = dict.fromkeys(f"{'+'.join(s.devices)} with {'+'.join(s.signals)} ({s.scheme or s.name})" for s in asked)
+    raise InputError(f"--start: '{task.start}' given; allowed: one whose controllers command {', or '.join(ports)}")
 
 
-def _part(progress: Callable[[int, int], None], counts: Sequence[int], number: int) -> Callable[[int, int], None]:
-    """Converts the progress of a rung to progress of the whole search."""
+def _progress_of_rung(
+    progress: Callable[[int, int], None], counts: Sequence[int], number: int
+) -> Callable[[int, int], None]:
     return lambda done, _: progress(sum(counts[:number]) + done, sum(counts))
-
-
-def _going_on(count: int, entries: Sequence[Entry]) -> int:
-    """The number of structures that go on: a quarter of the networks, plus LLC-tuned."""
-    opponents = sum(entry.structure.is_reference for entry in entries)
-    return math.ceil((count - opponents) / KEPT) + opponents

@@ -73,8 +73,7 @@ def tuned(task: SearchTask, command: str, found: Sequence[Entry]) -> Tuned:
 
 
 def _percent(score: Score) -> str:
-    told = [f"{name} {100 * (ratio - 1):+.1f} %" for name, ratio in score.ratios.items()]
-    return ", ".join(told) or "synchronism lost"
+    return ", ".join(f"{name} {100 * (r - 1):+.1f} %" for name, r in score.ratios.items()) or "synchronism lost"
 
 
 def rows(found: Sequence[Entry]) -> list[dict[str, Any]]:
@@ -102,6 +101,6 @@ def search_table(found: Sequence[Entry]) -> list[str]:
     titles = ["controller", "scheme", "devices", "compensation", *(f"rung {i}" for i in range(maximum - 1)), "fresh"]
     cells = []
     for row in rows(found):
-        told = [f"{value:.3f}" for value in row["scores"]] + [""] * (maximum - len(row["scores"]))
-        cells.append([row["controller"], row["scheme"] or "-", "+".join(row["devices"]), row["compensation"], *told])
+        scores = [f"{value:.3f}" for value in row["scores"]] + [""] * (maximum - len(row["scores"]))
+        cells.append([row["controller"], row["scheme"] or "-", "+".join(row["devices"]), row["compensation"], *scores])
     return table(titles, cells, left=4, markdown=True)

@@ -18,9 +18,8 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
 
 
-FRACTION = Range(
-    0.1, 10.0, logarithmic=True
-)  # scales of further signals, relative to their swing beside the first signal
+# Scales of further signals, relative to their swing beside the first signal.
+FRACTION = Range(0.1, 10.0, logarithmic=True)
 HORIZON = Range(1.0, 24.0)  # frames, if there are several signals or devices
 RATES = ("fixed", "lyapunov")  # searched as well: below and above one half
 GUARDS = {  # of `search`, in addition to the profile's
@@ -74,7 +73,7 @@ class Space(NamedTuple):
         for name, by in self._units(plant).items():
             found[name] = [four_digits(value * by) for value in found[name]] if by != 1.0 else found[name]
         if self.row.network is None:
-            return _plain(found)
+            return _numbers_of_lists(found)
         rate = RATES[int(found.pop("rate")[0] >= 0.5)]
         for fraction, signal in zip(found.pop("fraction", []), self.signals[1:], strict=True):
             beside = fraction * abs(plant.ratio(signal, self.signals[0]))
@@ -85,7 +84,7 @@ class Space(NamedTuple):
                 found["identifier_horizon"] = [float(round(found["identifier_horizon"][0]))]
             for name, by in self._multiples(found, plant, limit, rate).items():
                 found[name] = [four_digits(one * by) for one in found[name]]
-        return {**_plain(found), "rate": rate}
+        return {**_numbers_of_lists(found), "rate": rate}
 
     def place(self, values: Mapping[str, Value], plant: Residues, limit: float) -> NDArray[np.float64]:
         """The point of these parameters, the inverse of `parameters`; missing ones are in the middle of their range."""
@@ -109,16 +108,14 @@ class Space(NamedTuple):
     def _units(self, plant: Residues) -> dict[str, float]:
         """Factors that convert ranges given for `speed` to the first signal's unit, by its swing beside the speed.
 
-        The factor of a gain also has the sign that damps.
+        The factor of a gain also has the sign that damps: opposite to the residue of the first signal and device.
         """
         by = abs(plant.ratio(self.signals[0], "speed")) if "speed" in plant.signals else 1.0
         if self.row.network is not None:
             return {"scale": by, "change_scale": by}
-        return {"gain": self._sign(plant) / by} if "gain" in self.row.parameters else {}
-
-    def _sign(self, plant: Residues) -> float:
-        """The sign of a gain that damps: opposite to the residue of the first signal and device."""
-        return 1.0 if abs(plant.angle_deg(self.signals[0], self.devices[0])) >= 90.0 else -1.0
+        if "gain" not in self.row.parameters:
+            return {}
+        return {"gain": (1.0 if abs(plant.angle_deg(self.signals[0], self.devices[0])) >= 90.0 else -1.0) / by}
 
     def _multiples(
         self, found: Mapping[str, list[float]], plant: Residues, limit: float, rate: str
@@ -133,6 +130,5 @@ class Space(NamedTuple):
         return {"hbar": jacobian**2} if rate == "lyapunov" else {"hbar": jacobian, "eta": 1.0 / jacobian}
 
 
-def _plain(found: dict[str, list[float]]) -> dict[str, Value]:
-    """Replace lists of one element by the number."""
+def _numbers_of_lists(found: dict[str, list[float]]) -> dict[str, Value]:
     return {name: values[0] if len(values) == 1 else values for name, values in found.items()}

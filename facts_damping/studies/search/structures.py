@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from facts_damping.control.table import Value
     from facts_damping.parameters.plant.system import System
-    from facts_damping.parameters.run import Run
     from facts_damping.studies.sweeps.enumerated_axes import Scheme
 
 # Signals of a network by devices; a lead-lag takes the first.
@@ -79,8 +78,8 @@ def structures(
     known = [row for row in PORTS if set(have).issuperset(row) and tuple(devices or row) == row]
     rows = [tuple(devices)] if signals else known
     if not rows:
-        told = f"--devices: {','.join(devices) or 'none'} given for {system.name}"
-        raise InputError(f"{told}; allowed: {_ports()}, or any of {', '.join(have) or 'none'} with --signals")
+        allowed = f"{', '.join(','.join(row) for row in PORTS)}, or any of {', '.join(have) or 'none'} with --signals"
+        raise InputError(f"--devices: {','.join(devices) or 'none'} given for {system.name}; allowed: {allowed}")
     pairs = list(names) or [f"{first}+{second}" for first, second in product(ANTECEDENTS, CONSEQUENTS)]
     others = [name for name in pairs if name != REFERENCE]
     for name in others:
@@ -91,10 +90,6 @@ def structures(
         Structure(name, one, row, profile, given) for row in rows for name, one in every_scheme([REFERENCE, *others])
     ]
     return [one for one in found if one.scheme is None or scheme in (None, one.scheme)]
-
-
-def _ports() -> str:
-    return ", ".join(",".join(row) for row in PORTS)
 
 
 def started(start: str, system: str, structure: Structure) -> list[dict[str, Value]]:
@@ -109,23 +104,19 @@ def started(start: str, system: str, structure: Structure) -> list[dict[str, Val
     if start == "tuned":
         found = tuned(system, signals, devices, profile=structure.profile)
     else:
-        own = _run(start, system).controllers
+        try:
+            case = load_case(start)
+        except InputError as error:
+            raise InputError(f"--start: {error}; or hypercube, or tuned") from None
+        if case.system.name != system:
+            raise InputError(f"--start: '{start}' given, a run of {case.system.name}; allowed: one of {system}")
+        own = case.run.controllers
         found = {(c.name, c.scheme): c.parameters for c in own if (c.signals, c.devices) == (signals, devices)}
     return [
         values
         for (name, scheme), values in found.items()
         if scheme == structure.scheme and (scheme is not None or name == structure.name)
     ]
-
-
-def _run(name: str, system: str) -> Run:
-    try:
-        case = load_case(name)
-    except InputError as error:
-        raise InputError(f"--start: {error}; or hypercube, or tuned") from None
-    if case.system.name != system:
-        raise InputError(f"--start: '{name}' given, a run of {case.system.name}; allowed: one of {system}")
-    return case.run
 
 
 class Choice:

@@ -85,9 +85,8 @@ class Trainer:
         self.case = case = changed_case({}, f"tune {task.system}", {"profile": task.profile, **fields})
         found = plant_residues(case)
         if found is None:
-            raise InputError(
-                f"SYSTEM: {task.system} has no electromechanical mode; allowed: a system whose machines swing"
-            )
+            allowed = "a system whose machines swing"
+            raise InputError(f"SYSTEM: {task.system} has no electromechanical mode; allowed: {allowed}")
         self.residues: Residues = found
         self.space = Space(self.row, self.scheme, self.signals, task.devices)
 
@@ -98,13 +97,8 @@ class Trainer:
 
     def with_parameters(self, values: dict[str, Value]) -> Case:
         """The training case of the controller with these parameters."""
-        controller = {
-            "name": self.name,
-            "scheme": self.scheme,
-            "devices": self.case.run.devices,
-            "signals": self.signals,
-            "parameters": values,
-        }
+        ports = {"devices": self.case.run.devices, "signals": self.signals}
+        controller = {"name": self.name, "scheme": self.scheme, **ports, "parameters": values}
         content = {**self.case.document(), "controllers": [controller], "asked": None}
         return make_case(content, f"tune {self.case.system.name}")
 
@@ -143,8 +137,8 @@ def search(job: Job) -> TunedController:
 def _population(size: int, seed: int) -> NDArray[np.float64]:
     """A Latin hypercube of points."""
     random = np.random.default_rng(seed)
-    places = [random.permutation(POPULATION) for _ in range(size)]
-    return np.asarray((np.array(places).T + random.random((POPULATION, size))) / POPULATION)
+    places = np.array([random.permutation(POPULATION) for _ in range(size)]).T
+    return np.asarray((places + random.random((POPULATION, size))) / POPULATION)
 
 
 def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> Tuned:

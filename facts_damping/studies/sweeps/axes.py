@@ -65,9 +65,8 @@ def chosen(points: list[Point], only: Sequence[str]) -> list[Point]:
         asked = [pattern.strip() for pattern in patterns.split(",")]
         for pattern in asked:
             if not any(fnmatchcase(value, pattern) for value in values):
-                raise InputError(
-                    f"--only {text}: '{pattern}' given; allowed: {', '.join(values)}, or a pattern of them"
-                )
+                allowed = f"{', '.join(values)}, or a pattern of them"
+                raise InputError(f"--only {text}: '{pattern}' given; allowed: {allowed}")
         points = [p for p in points if any(fnmatchcase(str(p.columns[name]), pattern) for pattern in asked)]
     return points
 
@@ -81,21 +80,17 @@ def expand(axis: Axis, random: np.random.Generator, where: str) -> list[Point]:
             raise InputError(f"{where}.zip: axes of {', '.join(map(str, lengths))} values given; allowed: as many each")
         return [joined(parts) for parts in zip(*beside, strict=True)]
     if axis.rows is not None:
-        return [Point(columns, row) for columns, row in zip(_row_columns(axis, axis.rows), axis.rows, strict=True)]
+        if axis.name is None:
+            paths = list(dict.fromkeys(path for row in axis.rows for path in row))
+            return [Point({path: row.get(path) for path in paths}, row) for row in axis.rows]
+        labels = axis.labels or map(_label, axis.rows)
+        return [Point({axis.name: label}, row) for label, row in zip(labels, axis.rows, strict=True)]
     if axis.draws is not None:
         spec = axis.draws
         found = _drawn(spec.variables, spec.number, spec.method, random)
         return [joined(parts) for parts in zip(found, _of_kinds(axis, random), strict=True)] if spec.kinds else found
     values = axis.values if axis.range is None else spaced(axis.range)
     return [placed(axis, value) for value in values or []]
-
-
-def _row_columns(axis: Axis, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Columns of rows: their fields; for a named axis its label of each row, or the row's texts."""
-    if axis.name is None:
-        paths = list(dict.fromkeys(path for row in rows for path in row))
-        return [{path: row.get(path) for path in paths} for row in rows]
-    return [{axis.name: label} for label in axis.labels or map(_label, rows)]
 
 
 def _label(row: dict[str, Any]) -> str:
@@ -105,12 +100,11 @@ def _label(row: dict[str, Any]) -> str:
 
 def joined(parts: Iterable[Point]) -> Point:
     """Merge points of several axes into one."""
-    columns: dict[str, Any] = {}
-    changes: dict[str, Any] = {}
+    merged = Point({}, {})
     for part in parts:
-        columns.update(part.columns)
-        changes.update(part.changes)
-    return Point(columns, changes)
+        merged.columns.update(part.columns)
+        merged.changes.update(part.changes)
+    return merged
 
 
 def placed(target: Target, value: Any) -> Point:
@@ -155,7 +149,6 @@ def _of_kinds(axis: Axis, random: np.random.Generator) -> list[Point]:
 
 
 def _drawn(variables: Sequence[Variable], number: int, method: str, random: np.random.Generator) -> list[Point]:
-    """Points of a number of draws of variables."""
     values = draw(variables, number, method, random)
     return [joined(map(placed, variables, row)) for row in values]
 

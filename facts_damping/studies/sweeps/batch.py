@@ -6,6 +6,7 @@ Runs with equal system, scenario and devices share the built plant and its resid
 
 from __future__ import annotations
 
+import json
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -20,12 +21,13 @@ from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.parameters.run import Run
 from facts_damping.plant.model import copy
-from facts_damping.simulation import loop
+from facts_damping.simulation import loop, mirrored
 from facts_damping.simulation.build import build_plant, needs_residues, plant_residues
+from facts_damping.studies.margins import criteria
 from facts_damping.studies.sweeps import true_jacobian
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from facts_damping.case.model import Case
     from facts_damping.plant.build import Built
@@ -51,12 +53,13 @@ IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # col
 
 _plants: dict[str, Built] = {}
 _residues: dict[str, Residues | None] = {}
+_free_indices: dict[str, float | None] = {}
 
 
 class Base(NamedTuple):
     """Common data of all runs of a study: content of the run file, its origin, and the fields set in it.
 
-    `modes`, `jacobian`: additional results, as in the study.
+    `modes`, `jacobian`: additional results, as in the study; `criteria`: of its margin.
     """
 
     content: dict[str, Any]
@@ -64,6 +67,7 @@ class Base(NamedTuple):
     set: dict[str, Any]
     modes: bool
     jacobian: int | None = None
+    criteria: tuple[str, ...] = ()
 
 
 class RunRequest(NamedTuple):
@@ -95,9 +99,13 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
     try:
         case = make(base, task.changes)
         row |= {**identity(case), **task.columns, "horizon_s": case.duration}
-        finer = closed_loop(loop.with_half_step(case)) if task.check_step else None
-        record = closed_loop(case)
-        row |= figures(record, finer, modes=base.modes)
+        record, finer = closed_loop(case), None
+        summary = summarise(record, method=AUTO if base.modes else None, mirror=mirror(case))
+        if task.check_step:
+            half = loop.with_half_step(case)
+            finer = summarise(closed_loop(half), method=None, mirror=mirror(half))
+        row |= figures(record, summary, finer, modes=base.modes)
+        row |= criterion_columns(case, summary, base.criteria)
         if base.jacobian is not None:
             row |= true_jacobian.figures(case, true_jacobian.follow(case, record, base.jacobian))
         row["error"] = None
@@ -108,11 +116,30 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
     return task.key, row
 
 
+def criterion_columns(case: Case, summary: Mapping[str, Any], wanted: Sequence[str]) -> dict[str, Any]:
+    """Columns that the criteria of a margin need."""
+    found: dict[str, Any] = {}
+    if "damping" in wanted:
+        found[criteria.LOWEST] = criteria.lowest_damping_ratio(summary)
+    if "worse" in wanted:
+        free = criteria.without_control(case)
+        key = json.dumps({name: value for name, value in free.document().items() if name != "link"}, default=str)
+        found[criteria.FREE_INDEX] = shared(_free_indices, key, lambda: _index(closed_loop(free)))
+    if "linear" in wanted:
+        found[criteria.LINEAR] = criteria.linear_growth(case)
+    return found
+
+
+def _index(record: Record) -> float | None:
+    """ITAE of a run; None if it has lost synchronism."""
+    indices = summarise(record, method=None)["indices"]
+    return None if indices is None else float(indices["ITAE"])
+
+
 def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Names of system, scenario and link as given; `custom` for inline content."""
-    values = {**base.content, **base.set, **changes}
-    given = {name: values.get(name, Run.model_fields[name].default) for name in NAMED}
-    return {name: value if isinstance(value, str) else CUSTOM for name, value in given.items()}
+    values = {**{name: Run.model_fields[name].default for name in NAMED}, **base.content, **base.set, **changes}
+    return {name: values[name] if isinstance(values[name], str) else CUSTOM for name in NAMED}
 
 
 def identity(case: Case) -> dict[str, Any]:
@@ -131,6 +158,11 @@ def closed_loop(case: Case) -> Record:
     return loop.finish(case, fresh_loop(case))
 
 
+def mirror(case: Case) -> Record | None:
+    """The mirror of a case's run, which verdicts under noise need (simulation/mirrored.py); None if it needs none."""
+    return loop.finish(case, mirrored.mirrored(fresh_loop(case))) if mirrored.has_mirror(case) else None
+
+
 def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
     """Equivalent to `loop.build_loop(case)`, with plant and residues shared between runs."""
     # Keyed by content instead of name: a file may change during the life of a cluster's worker.
@@ -142,21 +174,19 @@ def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
     plant = None
     if needs_residues(case):
         model = system if case.model is None else f"{case.run.devices} {case.model.model_dump_json()}"
-        plant = shared(
-            _residues, f"{case.run.frame_rate} {case.measurement.filter} {model}", lambda: plant_residues(case)
-        )
+        key = f"{case.run.frame_rate} {case.measurement.filter} {model}"
+        plant = shared(_residues, key, lambda: plant_residues(case))
     own = built._replace(state=copy(built.state))
     return loop.build_loop(case, plant, own, outside=outside)
 
 
 def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
     """The cached value of a key, made if missing; the oldest value is dropped when the cache is full."""
-    found = kept.get(key)
-    if found is None:
+    if kept.get(key) is None:
         if len(kept) >= MAX_SHARED:
             kept.pop(next(iter(kept)), None)
-        found = kept[key] = make()
-    return found
+        kept[key] = make()
+    return kept[key]
 
 
 def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
@@ -166,28 +196,28 @@ def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
     return [*found, *INTERAREA] if modes else found
 
 
-def figures(record: Record, finer: Record | None = None, *, modes: bool) -> dict[str, Any]:
-    """The figures of a run, flat; None where undefined. `finer`: the same run with half the integration step."""
-    told = summarise(record, method=AUTO if modes else None)
+def figures(
+    record: Record, summary: Mapping[str, Any], finer: Mapping[str, Any] | None = None, *, modes: bool
+) -> dict[str, Any]:
+    """The figures of a run, flat; None where undefined. `finer`: its summary with half the integration step."""
     found: dict[str, Any] = {
-        "stable": told["stable"] is True,
-        **{name: told[name] for name in OUTCOME},
-        **(told["indices"] or dict.fromkeys(INDICES)),
-        **{name: told[name] for name in SUMMED},
-        "saturation_duty": max(told["saturation_duty"].values(), default=None),
+        "stable": summary["stable"] is True,
+        **{name: summary[name] for name in OUTCOME},
+        **(summary["indices"] or dict.fromkeys(INDICES)),
+        **{name: summary[name] for name in SUMMED},
+        "saturation_duty": max(summary["saturation_duty"].values(), default=None),
         **_latency(record),
-        "frames_lost": told["frames_lost"],
-        "trips": len(trips(told["supervision"])),
-        **{name: (told["growth_per_s"] or {}).get(end) for end, name in GROWTH.items()},
-        "warnings": "; ".join(told["warnings"]) or None,
+        "frames_lost": summary["frames_lost"],
+        "trips": len(trips(summary["supervision"])),
+        **{name: (summary["growth_per_s"] or {}).get(end) for end, name in GROWTH.items()},
+        "warnings": "; ".join(summary["warnings"]) or None,
     }
     if finer is not None:
-        half = summarise(finer, method=None)
-        beside = convergence.compare(told, half)
+        beside = convergence.compare(summary, finer)
         maximum = max(beside["step_change"][i] for i in INDICES)
-        found |= dict(zip(CHECKED, (beside["converged"], maximum, half["verdict"]), strict=True))
+        found |= dict(zip(CHECKED, (beside["converged"], maximum, finer["verdict"]), strict=True))
     if modes:
-        slow = next((mode for mode in told["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)
+        slow = next((mode for mode in summary["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)
         values = (slow["frequency_hz"], slow["damping_ratio"]) if slow else (None, None)
         found |= dict(zip(INTERAREA, values, strict=True))
     return found
@@ -199,5 +229,4 @@ def _latency(record: Record) -> dict[str, float | None]:
     ages = ages[np.isfinite(ages)]
     if not len(ages):
         return dict.fromkeys(LATENCIES)
-    found = [ages.mean(), *np.percentile(ages, QUANTILES)]
-    return dict(zip(LATENCIES, map(float, found), strict=True))
+    return dict(zip(LATENCIES, map(float, [ages.mean(), *np.percentile(ages, QUANTILES)]), strict=True))

@@ -68,7 +68,7 @@ def scenarios(system: str) -> list[str]:
 
 
 def _is_scenario(path: Path) -> bool:
-    """Whether a file has events; False for an unreadable file."""
+    """Whether a file has events; not if it is unreadable."""
     try:
         return "events" in files.read_table(path)
     except InputError:
@@ -82,29 +82,26 @@ def candidates(system: str, case: Case) -> dict[str, dict[str, Any]]:
     """
     first = case.run.controllers[0]
     known = ("LLC-tuned", None) in tuned(system, first.signals[:1], first.devices, profile=case.run.tuning)
-    labels = _labels([one for one in CONTROLLERS if one != "LLC-tuned" or known])
-    return {NONE: {"controllers": []}, **{label: {**_named(label), **_cut(label, case)} for label in labels}}
+    found: dict[str, dict[str, Any]] = {NONE: {"controllers": []}}
+    for label, fields in _named([one for one in CONTROLLERS if one != "LLC-tuned" or known]).items():
+        maximum = kind(fields["controllers.*.name"]).signals
+        signals = {f"controllers.{i}.signals": one.signals for i, one in enumerate(case.run.controllers)}
+        found[label] = fields | {path: own[:maximum] for path, own in signals.items() if len(own) > maximum}
+    return found
 
 
 def networks() -> dict[str, dict[str, Any]]:
     """The neuro-fuzzy controllers of the table in both schemes, in the form of `candidates`."""
-    return {label: _named(label) for label in _labels([name for name, row in CONTROLLERS.items() if row.network])}
+    return _named([name for name, row in CONTROLLERS.items() if row.network])
 
 
-def _labels(names: list[str]) -> list[str]:
-    return [f"{name} {scheme}" if scheme else name for name, scheme in every_scheme(names)]
-
-
-def _named(label: str) -> dict[str, Any]:
-    name, _, scheme = label.partition(" ")
-    return {"controllers.*.name": name, **({"controllers.*.scheme": scheme} if scheme else {})}
-
-
-def _cut(label: str, case: Case) -> dict[str, Any]:
-    """The leading signals of each controller, if this kind takes fewer."""
-    maximum = kind(label.partition(" ")[0]).signals
-    own = {f"controllers.{i}.signals": one.signals for i, one in enumerate(case.run.controllers)}
-    return {path: signals[:maximum] for path, signals in own.items() if len(signals) > maximum}
+def _named(names: list[str]) -> dict[str, dict[str, Any]]:
+    """Name and scheme of all controllers of a run, by a label, for each scheme of these kinds."""
+    return {
+        f"{name} {scheme}" if scheme else name: {"controllers.*.name": name}
+        | ({"controllers.*.scheme": scheme} if scheme else {})
+        for name, scheme in every_scheme(names)
+    }
 
 
 def every_scheme(names: Sequence[str]) -> list[tuple[str, Scheme]]:

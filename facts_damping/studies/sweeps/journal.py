@@ -15,7 +15,6 @@ from facts_damping.terminal import finite, naming
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from types import TracebackType
 
     from typing_extensions import Self
 
@@ -49,7 +48,7 @@ class Journal:
         self._file.seek(0)
         content = self._file.read()
         parsed = [_parsed(line) for line in content.splitlines()]
-        lines = [one for one in parsed if one is not None]
+        lines = [row for row in parsed if row is not None]
         self.damaged = len(parsed) - len(lines)
         if content and not content.endswith(b"\n"):
             self._file.write(b"\n")
@@ -57,10 +56,8 @@ class Journal:
             self._write({"study": study})
         elif lines[0].get("study") != study:
             self._file.close()
-            raise InputError(
-                f"--out {path.parent}: holds runs of another study, or of one before it, its files or this "
-                "package was changed; allowed: a new folder"
-            )
+            holds = "holds runs of another study, or of one before it, its files or this package was changed"
+            raise InputError(f"--out {path.parent}: {holds}; allowed: a new folder")
         self.rows = {one["key"]: one["row"] for one in lines if "key" in one and "row" in one}
 
     def append(self, key: str, row: dict[str, Any]) -> None:
@@ -81,9 +78,7 @@ class Journal:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the file and release it for other processes."""
         with naming(self._name):
             os.fsync(self._file.fileno())

@@ -9,7 +9,8 @@ from matplotlib.patches import Patch
 
 from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping.studies.sweeps.results import beneath, cell, label, margin_names, ranked, reach, spans, told_margin
+from facts_damping.studies.margins.criteria import CRITERIA
+from facts_damping.studies.sweeps.results import beneath, cell, label, margin_names, margin_text, ranked, reach, spans
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     Rows = Sequence[dict[str, Any]]
 
 SCHEMES = {None: COLOURS[6], "direct": COLOURS[0], "indirect": COLOURS[1]}
-WORDS = {"unstable": "loses synchronism", "not_damped": "is not damped"}
 
 
 def draw_margins(margins: Rows, across: str) -> Figure:
@@ -33,22 +33,19 @@ def draw_margins(margins: Rows, across: str) -> Figure:
     labels = [label(dict(zip(names, one, strict=True)), names) for one in reversed(ranked(margins, names))]
     size = (4.6 + 3.4 * len(columns), 1.1 + len(lines) * (0.7 + 0.27 * len(labels)))
     figure = Figure(figsize=size, layout="constrained")
-    drawn: Any = figure.subplots(len(lines), len(columns), sharey=True, sharex=True, squeeze=False)
-    for (scenario, rows), panels in zip(lines.items(), drawn, strict=True):
+    grid: Any = figure.subplots(len(lines), len(columns), sharey=True, sharex=True, squeeze=False)
+    for (scenario, rows), panels in zip(lines.items(), grid, strict=True):
         for axes, column in zip(panels, columns, strict=True):
             own = [row for row in rows if row[across] == column]
             for row in own:
-                _bar(axes, labels.index(row["label"]), row) if row["criterion"] == first else _diamond(
-                    axes, labels, row
-                )
+                (_bar if row["criterion"] == first else _diamond)(axes, labels.index(row["label"]), row)
             _dress(axes, ", ".join(part for part in (scenario, cell(column)) if part), own)
-    drawn[0][0].set_yticks(range(len(labels)), labels)
-    for axes in drawn[-1]:
+    grid[0][0].set_yticks(range(len(labels)), labels)
+    for axes in grid[-1]:
         axes.set_xlabel(margins[0]["field"])
-    title = f"Least {margins[0]['field']} at which a run {WORDS[first]}"
-    title += (
-        "" if all(row["monotonic"] for row in margins if row["criterion"] == first) else "; again: where it does not"
-    )
+    title = f"Least {margins[0]['field']} at which a run {CRITERIA[first].words}"
+    if not all(row["monotonic"] for row in margins if row["criterion"] == first):
+        title += "; again: where it does not"
     if any(row.get("converged") is False for row in margins):
         title += f"; {MARK} or grey: otherwise with half the integration step"
     figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
@@ -70,18 +67,18 @@ def _bar(axes: Axes, y: int, row: dict[str, Any]) -> None:
     axes.barh(y, end, color=SCHEMES.get(row["scheme"], COLOURS[2]), height=0.72, alpha=0.55 if beyond else 1.0)
     if row["low_s"] is not None and row["high_s"] is not None:
         axes.plot([row["low_s"], row["high_s"]], [y, y], "|-", color="0.1", lw=1.2, ms=7)
-    text = f"{end:.3f}" if row["margin_s"] is not None else told_margin(row)
+    text = f"{end:.3f}" if row["margin_s"] is not None else margin_text(row)
     again = "" if row["monotonic"] else f"  again {spans(row['holds_again'])}"
     again += f" {MARK}" if row["margin_s"] is not None and row.get("converged") is False else ""
     place: dict[str, Any] = {"xytext": (5, 0), "textcoords": "offset points", "va": "center", "fontsize": "x-small"}
     axes.annotate(text + again, (max(end, row["high_s"] or 0.0), y), **place)
 
 
-def _diamond(axes: Axes, labels: Sequence[str], row: dict[str, Any]) -> None:
+def _diamond(axes: Axes, y: int, row: dict[str, Any]) -> None:
     at = row["high_s"] if row["beyond"] == "low" else row["margin_s"]
     if at is not None:
         inside = "0.5" if row.get("converged") is False else "white"
-        axes.plot(at, labels.index(row["label"]), "D", color=inside, mec="0.1", ms=4.5, clip_on=False, zorder=3)
+        axes.plot(at, y, "D", color=inside, mec="0.1", ms=4.5, clip_on=False, zorder=3)
 
 
 def _margin_legend(figure: Figure, margins: Rows) -> None:
@@ -90,8 +87,7 @@ def _margin_legend(figure: Figure, margins: Rows) -> None:
     axes = figure.axes[0]
     for criterion in dict.fromkeys(row["criterion"] for row in margins):
         if criterion != margins[0]["criterion"]:
-            handles += axes.plot(
-                [], [], "D", color="white", mec="0.1", ms=4.5, label=f"first value that {WORDS[criterion]}"
-            )
+            text = f"first value at which it {CRITERIA[criterion].words}"
+            handles += axes.plot([], [], "D", color="white", mec="0.1", ms=4.5, label=text)
     handles += axes.plot([], [], "|-", color="0.1", lw=1.2, ms=7, label="bracket or 95 % interval")
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize="small", frameon=False)

@@ -60,9 +60,8 @@ def workers(jobs: int, scheduler: str | None = None) -> Iterator[Each]:
     try:
         import distributed  # noqa: PLC0415 (an optional extra)
     except ImportError as error:
-        raise InputError(
-            "--scheduler: the library distributed is missing; allowed: after pip install 'facts_damping[dask]'"
-        ) from error
+        allowed = "after pip install 'facts_damping[dask]'"
+        raise InputError(f"--scheduler: the library distributed is missing; allowed: {allowed}") from error
     try:
         client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -48,8 +48,8 @@ def _commit() -> str | None:
     git, here = shutil.which("git"), share_folder()
     if git is None or not (here / ".git").exists():
         return None
-    told = [git, "-C", str(here), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
-    done = subprocess.run(told, capture_output=True, text=True, check=False)
+    command = [git, "-C", str(here), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     return done.stdout.strip() or None
 
 
@@ -63,9 +63,8 @@ def write(folder: Path, rows: Rows, margins: Rows, fractions: Rows) -> list[Path
         if some:
             csv.write_csv(table(some), folder / f"{name}.csv")
             made.append(folder / f"{name}.csv")
-    write_whole(
-        folder / "versions.json", json.dumps({**versions("joblib", "pyarrow"), "git": _commit()}, indent=2) + "\n"
-    )
+    about = {**versions("joblib", "pyarrow"), "git": _commit()}
+    write_whole(folder / "versions.json", json.dumps(about, indent=2) + "\n")
     return [*made, folder / "versions.json"]
 
 
@@ -116,25 +115,16 @@ def varying(rows: Rows, without: Sequence[str]) -> list[str]:
 
 
 FOUND = (
-    "converged",
-    "margin_s",
-    "low_s",
-    "high_s",
-    "seeds",
-    "monotonic",
-    "holds_again",
-    "holds",
-    "beyond",
-    "per_seed",
-    "field",
+    *("converged", "margin_s", "low_s", "high_s", "seeds", "monotonic", "holds_again", "holds", "holds_s", "beyond"),
+    *("per_seed", "field"),
 )
 COUNTED = ("runs", "failed", "fraction", "low", "high", "not_converged")
 
 
 def label(row: dict[str, Any], names: Sequence[str]) -> str:
     """A label from these columns of a row; numbers with their column's name."""
-    told = [(name, row[name]) for name in names if row.get(name) is not None]
-    return " ".join(value if isinstance(value, str) else f"{name.split('.')[-1]}={value}" for name, value in told)
+    known = [(name, row[name]) for name in names if row.get(name) is not None]
+    return " ".join(value if isinstance(value, str) else f"{name.split('.')[-1]}={value}" for name, value in known)
 
 
 def by_scenario(rows: Rows) -> dict[str, list[dict[str, Any]]]:
@@ -180,18 +170,12 @@ def margin_table(margins: Rows, across: str) -> list[str]:
         for scenario, own in beneath([row for row in margins if row["criterion"] == criterion], across).items():
             place = {(row[across], *(row.get(name) for name in names)): row for row in own}
             horizons = "/".join(f"{h:g}" for h in dict.fromkeys(row["horizon_s"] for row in own) if h is not None)
-            told = ", ".join(part for part in (criterion, scenario, own[0]["field"]) if part)
-            cells = [
-                [*map(cell, one), *(told_margin(place.get((column, *one))) for column in columns)]
-                for one in ranked(own, names)
-            ]
+            head = ", ".join(part for part in (criterion, scenario, own[0]["field"]) if part)
+            who = ranked(own, names)
+            cells = [[*map(cell, one), *(margin_text(place.get((column, *one))) for column in columns)] for one in who]
             titles = [*names, *(f"{cell(c)} [low, high]" for c in columns)]
-            lines += [
-                f"{told}, horizon {horizons} s:",
-                "",
-                *terminal.table(titles, cells, len(names), markdown=True),
-                "",
-            ]
+            table_lines = terminal.table(titles, cells, len(names), markdown=True)
+            lines += [f"{head}, horizon {horizons} s:", "", *table_lines, ""]
     return lines
 
 
@@ -200,11 +184,13 @@ def beneath(margins: Rows, across: str) -> dict[str, list[dict[str, Any]]]:
     return {"": list(margins)} if across == "scenario" else by_scenario(margins)
 
 
-def told_margin(row: dict[str, Any] | None) -> str:
+def margin_text(row: dict[str, Any] | None) -> str:
     """A margin with its bracket or interval."""
     if row is None:
         return ""
     star = "" if row["monotonic"] else f" * {100 * row['holds']:.0f} %"
+    if not row["monotonic"] and len(row.get("holds_s") or ()) > 1:
+        star += f", also {', '.join(f'{low:.3f} to {high:.3f}' for low, high in row['holds_s'][1:])}"
     if row.get("converged") is False:
         star += " " + MARK
     if row["margin_s"] is None:
@@ -221,16 +207,16 @@ def spans(values: Sequence[float]) -> str:
 
 def fraction_table(fractions: Rows) -> list[str]:
     """Fractions of failed runs in Markdown."""
-    told = varying(fractions, COUNTED)
+    columns = varying(fractions, COUNTED)
     checked = any("not_converged" in row for row in fractions)
     cells = []
     for row in fractions:
         interval = f"{100 * row['low']:.1f} to {100 * row['high']:.1f}"
         counted = [str(row["runs"]), f"{100 * row['fraction']:.1f}", interval]
         counted += [cell(row.get("not_converged"))] if checked else []
-        cells.append([*(cell(row.get(name)) for name in told), *counted])
-    titles = [*told, "runs", "failed, %", "95 % interval", *(["not converged"] if checked else [])]
-    return terminal.table(titles, cells, len(told), markdown=True)
+        cells.append([*(cell(row.get(name)) for name in columns), *counted])
+    titles = [*columns, "runs", "failed, %", "95 % interval", *(["not converged"] if checked else [])]
+    return terminal.table(titles, cells, len(columns), markdown=True)
 
 
 def cell(value: Any) -> str:

@@ -7,7 +7,6 @@ import json
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.analysis.verdict import DAMPED, LOST
 from facts_damping.case.loading import read_run
 from facts_damping.control.table import PROGRAMS
 from facts_damping.errors import InputError, check_known
@@ -18,6 +17,7 @@ from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.simulation.user_code import source_hash
 from facts_damping.studies.margins import margins
+from facts_damping.studies.margins.criteria import fails
 from facts_damping.studies.sweeps import axes, true_jacobian
 from facts_damping.studies.sweeps.batch import IDENTITY, Base, RunRequest, figure_names, make, one_run
 from facts_damping.studies.sweeps.enumerated_axes import expand_axis
@@ -27,7 +27,7 @@ from facts_damping.terminal import note, write_whole
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from facts_damping.case.model import Case
@@ -41,10 +41,7 @@ NETWORK = ("system", "scenario", "devices")  # fields of a run that determine it
 # Rows of a point by the value of the margin's field; None: without a margin.
 PointState = dict[float | None, dict[str, Any]]
 Rows = list[dict[str, Any]]
-FAILED: dict[str, Callable[[Mapping[str, Any]], bool]] = {
-    "unstable": lambda row: row["verdict"] == LOST,
-    "not_damped": lambda row: row["verdict"] != DAMPED,
-}
+ALWAYS = ("unstable", "not_damped")  # criteria whose failed fractions every study counts
 
 
 class Plan(NamedTuple):
@@ -78,19 +75,22 @@ def planned(
 ) -> Plan:
     """The plan of a study: `source` begins its error messages, `text` is the copy stored with the results."""
     try:
-        base = _base(study, sets, source)
+        fields = {**study.set, **read_sets(sets)[0]}
+        asked = tuple(study.margin.criteria) if study.margin else ()
+        base = Base(read_run(study.run)[0], source, fields, study.modes or "damping" in asked, study.jacobian, asked)
         study = expand_axis(study, base)
         points = axes.chosen(axes.points(study), only)
         if study.margin is not None:
             check_known("margin.across", study.margin.across, [*IDENTITY, *points[0].columns])
-        first = make(base, points[0].changes | _margin_changes(study, study.margin.low if study.margin else None))
+        margin = axes.placed(study.margin, study.margin.low).changes if study.margin else {}
+        first = make(base, points[0].changes | margin)
         _check_tables(study, points[0], first)
         changes = [point.changes for point in points]
         code = [source_hash(*one) for one in dict.fromkeys(_programs([base.content, base.set, *changes]))]
     except InputError as error:
         raise InputError(str(error) if source in str(error) else f"{source}: {error}") from error
-    told = [study.model_dump(), *only, base.content, base.set, first.document(), __version__, *code]
-    digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
+    rests_on = [study.model_dump(), *only, base.content, base.set, first.document(), __version__, *code]
+    digest = hashlib.sha256(json.dumps(rests_on, sort_keys=True, default=str).encode()).hexdigest()
     return Plan(name, text, study, base, points, digest)
 
 
@@ -110,25 +110,14 @@ def _programs(content: Any) -> Iterator[tuple[str, str]]:
 
 def _check_tables(study: Study, first: Point, case: Case) -> None:
     """Raise `InputError` if a table has a column that no row has; `first`, `case`: of the first run."""
-    own = true_jacobian.names(case) if study.jacobian or "jacobian" in study.pictures else []
+    compared = true_jacobian.names(case) if study.jacobian or "jacobian" in study.pictures else []
     if study.tables is None:
         return
     columns = [*IDENTITY, *first.columns]
     for name in study.tables.rows + ([study.tables.across] if study.tables.across else []):
         check_known("tables", name, columns)
     for name in study.tables.figures:
-        check_known("tables.figures", name, [*figure_names(modes=study.modes, check_step=study.check_step), *own])
-
-
-def _base(study: Study, sets: Sequence[str], source: str) -> Base:
-    """The common data of all runs of a study."""
-    content, _ = read_run(study.run)
-    changed, _ = read_sets(sets)
-    return Base(content, source, {**study.set, **changed}, study.modes, study.jacobian)
-
-
-def _margin_changes(study: Study, value: float | None) -> dict[str, Any]:
-    return {} if study.margin is None else axes.placed(study.margin, value).changes
+        check_known("tables.figures", name, [*figure_names(modes=study.modes, check_step=study.check_step), *compared])
 
 
 def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
@@ -157,7 +146,6 @@ def rows(found: Sequence[PointState]) -> list[dict[str, Any]]:
 
 
 def _seen(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
-    """The rows of each point, by the value of the margin's field."""
     found: list[PointState] = [{} for _ in made.points]
     for key, row in rows.items():
         point, _, value = key.partition(" ")
@@ -176,17 +164,19 @@ def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
         found = [task._replace(check_step=made.study.margin is None) for task in found] or _ends(made, rows)
     networks: dict[str, list[RunRequest]] = {}
     for task in found:
-        networks.setdefault(_network(task), []).append(task)
-    return [task for own in networks.values() for task in own]
+        fields = {path: value for path, value in task.changes.items() if path.partition(".")[0] in NETWORK}
+        networks.setdefault(json.dumps(fields, default=str), []).append(task)
+    return [task for tasks in networks.values() for task in tasks]
 
 
 def _ends(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
-    """Runs at the ends of all brackets that still need a repetition with half the step."""
-    criteria = made.study.margin.criteria if made.study.margin else []
+    margin = made.study.margin
+    if margin is None:
+        return []
     return [
         _task(made, i, value)._replace(check_step=True)
         for i, seen in enumerate(_seen(made, rows))
-        for value in {end: None for one in criteria for end in _bracket_ends(_failed(seen, one))}
+        for value in {end: None for one in margin.criteria for end in _bracket_ends(_failed(margin, seen, one))}
         if "converged" not in seen[value]
     ]
 
@@ -194,12 +184,6 @@ def _ends(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
 def _bracket_ends(failed: Mapping[float, bool | None]) -> list[float]:
     one = margins.bracket(failed)
     return [value for value in (one.low, one.high) if value is not None]
-
-
-def _network(task: RunRequest) -> str:
-    """The network and event settings of a run, as text."""
-    own = {path: value for path, value in task.changes.items() if path.partition(".")[0] in NETWORK}
-    return json.dumps(own, default=str)
 
 
 def _task(made: Plan, i: int, value: float | None) -> RunRequest:
@@ -212,13 +196,17 @@ def _task(made: Plan, i: int, value: float | None) -> RunRequest:
 
 def _wanted(margin: Margin, seen: PointState) -> list[float]:
     """Values needed next by a point's search over all criteria, without duplicates."""
-    each = [margins.wanted(margin, _failed(seen, criterion)) for criterion in margin.criteria]
+    each = [margins.wanted(margin, _failed(margin, seen, criterion)) for criterion in margin.criteria]
     return list(dict.fromkeys(value for values in each for value in values))
 
 
-def _failed(seen: PointState, criterion: str) -> dict[float, bool | None]:
+def _failed(margin: Margin, seen: PointState, criterion: str) -> dict[float, bool | None]:
     """Whether the run failed at each value; None if it was not possible."""
-    return {value: None if row["error"] else FAILED[criterion](row) for value, row in seen.items() if value is not None}
+    return {
+        value: None if row["error"] else fails(criterion, row, margin.damping_ratio)
+        for value, row in seen.items()
+        if value is not None
+    }
 
 
 def found_margins(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
@@ -230,30 +218,25 @@ def found_margins(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any
     for seen in found:
         one = next((row for row in seen.values() if not row["error"]), next(iter(seen.values())))
         groups.setdefault(json.dumps({name: one.get(name) for name in _place(made)}), []).append(seen)
-    told = []
+    rows = []
     for place, group in groups.items():
         for criterion in margin.criteria:
-            searches = [_failed(seen, criterion) for seen in group]
+            searches = [_failed(margin, seen, criterion) for seen in group]
             ends = [seen[v] for seen, one in zip(group, searches, strict=True) for v in _bracket_ends(one)]
             over = margins.over_seeds([margins.bracket(one) for one in searches], margin, made.study.seed)
-            held = margins.held(margin, searches)
-            told.append({**json.loads(place), "criterion": criterion, **over, "holds": held, **_sure(ends, criterion)})
-    return told
+            held = {"holds": margins.held(margin, searches), "holds_s": margins.holding(searches)}
+            changed = differ(ends, criterion)
+            sure = {"converged": not any(changed)} if changed else {}
+            rows.append({**json.loads(place), "criterion": criterion, **over, **held, **sure})
+    return rows
 
 
 def differ(rows: Sequence[dict[str, Any]], criterion: str) -> list[bool] | None:
     """For each run, whether halving the integration step changes failure; None if not checked."""
-    fails = FAILED[criterion]
     finer = [row.get("verdict_half_step") for row in rows]
-    if None in finer:
+    if None in finer or criterion not in ALWAYS:
         return None
-    return [fails(row) != fails({"verdict": half}) for row, half in zip(rows, finer, strict=True)]
-
-
-def _sure(ends: Rows, criterion: str) -> dict[str, bool]:
-    """Whether the runs at the ends of all brackets keep their result with half the step; empty if not checked."""
-    changed = differ(ends, criterion)
-    return {"converged": not any(changed)} if changed else {}
+    return [fails(criterion, row) != fails(criterion, {"verdict": half}) for row, half in zip(rows, finer, strict=True)]
 
 
 def swept(made: Plan) -> list[str]:
@@ -268,8 +251,8 @@ def across(made: Plan) -> str:
 
 def _place(made: Plan) -> list[str]:
     """Columns that identify a run, without its seed and random values."""
-    drawn = {"seed", *(name for axis in made.study.sweep for name in axes.drawn_columns(axis))}
-    return [name for name in dict.fromkeys([*IDENTITY, *made.points[0].columns, "horizon_s"]) if name not in drawn]
+    random = {"seed", *(name for axis in made.study.sweep for name in axes.drawn_columns(axis))}
+    return [name for name in dict.fromkeys([*IDENTITY, *made.points[0].columns, "horizon_s"]) if name not in random]
 
 
 def found_fractions(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
@@ -284,20 +267,11 @@ def found_fractions(made: Plan, found: Sequence[PointState]) -> list[dict[str, A
             groups.setdefault(json.dumps({name: row.get(name) for name in columns}), []).append(row)
     if all(len(one) == 1 for one in groups.values()):
         return []
-    return [
-        {
-            **json.loads(place),
-            "criterion": criterion,
-            **margins.failed_fraction(sum(map(fails, own)), len(own)),
-            **differing,
-        }
-        for criterion, fails in FAILED.items()
-        for place, own in groups.items()
-        for differing in [_differing(own, criterion)]
-    ]
-
-
-def _differing(rows: Rows, criterion: str) -> dict[str, int]:
-    """The number of runs in a fraction whose result changes with half the integration step; empty if not checked."""
-    changed = differ(rows, criterion)
-    return {} if changed is None else {"not_converged": sum(changed)}
+    fractions = []
+    for criterion in ALWAYS:
+        for place, own in groups.items():
+            fraction = margins.failed_fraction(sum(fails(criterion, row) for row in own), len(own))
+            changed = differ(own, criterion)
+            unsure = {} if changed is None else {"not_converged": sum(changed)}
+            fractions.append({**json.loads(place), "criterion": criterion, **fraction, **unsure})
+    return fractions

@@ -9,12 +9,13 @@ from matplotlib.figure import Figure
 
 from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plotting.plots import COLOURS
+from facts_damping.studies.margins.criteria import fails
 from facts_damping.studies.margins.margins import failed_fraction
 from facts_damping.studies.pages import save
-from facts_damping.studies.sweeps.batch import QUANTILES
+from facts_damping.studies.sweeps.batch import LATENCIES, QUANTILES
 from facts_damping.studies.sweeps.margin_plots import draw_margins
 from facts_damping.studies.sweeps.results import by_scenario, label, varying
-from facts_damping.studies.sweeps.sweep import FAILED, differ
+from facts_damping.studies.sweeps.sweep import differ
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -107,7 +108,6 @@ def _panels(rows: Rows, titles: Sequence[str], label: str) -> tuple[Figure, dict
 
 
 def _legend(figure: Figure) -> None:
-    """One legend for all panels, at the right."""
     entries = {}
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
@@ -130,9 +130,7 @@ def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
         return None
     schemes = [one for one in dict.fromkeys(row["scheme"] for row in rows) if one]
     if len(groups(rows, swept, axes)) <= MAX_TOGETHER or not schemes:
-        parts: list[tuple[str, str, set[str | None]]] = [
-            (title, name, {None, *schemes}) for name, title in shown.items()
-        ]
+        parts = [(title, name, {None, *schemes}) for name, title in shown.items()]
     else:
         parts = [(f"{CURVES['ITAE']}, {one}", "ITAE", {None, one}) for one in schemes]
         axes = [*axes, "scheme", *(name for name in swept if all(row.get(name) == row["scheme"] for row in rows))]
@@ -141,10 +139,10 @@ def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
     for scenario, own in by_scenario(rows).items():
         for group, some in groups(own, swept, axes, rows).items():
             for panel, (_, name, kept) in zip(panels[scenario], parts, strict=True):
-                told = [row for row in some if row["scheme"] in kept]
-                known = [row.get(name) if row.get("converged") is not False else None for row in told]
-                values = [np.nan if value is None else value for value in known]
-                _curve(panel, np.array([row[x] for row in told], float), np.array(values), looks[group], group)
+                plotted = [row for row in some if row["scheme"] in kept]
+                known = [row.get(name) if row.get("converged") is not False else None for row in plotted]
+                values = np.array([np.nan if value is None else value for value in known])
+                _curve(panel, np.array([row[x] for row in plotted], float), values, looks[group], group)
                 panel.set_yscale("linear" if name.startswith("interarea") else "log")
     _legend(figure)
     return figure
@@ -180,7 +178,7 @@ def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
     several = False
     for scenario, own in by_scenario(rows).items():
         for group, some in groups(own, swept, axes, rows).items():
-            failed = np.array([FAILED[criterion](row) for row in some])
+            failed = np.array([fails(criterion, row) for row in some])
             middles, parts = binned(np.array([row[x] for row in some], float))
             maximum = max(int(part.sum()) for part in parts)
             several |= maximum > 1
@@ -211,12 +209,12 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
     across = min(MAX_ACROSS, len(kept))
     down = -(-len(kept) // across)
     figure = Figure(figsize=(1.6 + 3.6 * across, 0.6 + 3.2 * down), layout="constrained")
-    drawn: Any = figure.subplots(down, across, squeeze=False).ravel()
+    grid: Any = figure.subplots(down, across, squeeze=False).ravel()
     marked = False
-    for axes, (title, some) in zip(drawn, kept, strict=False):
+    for axes, (title, some) in zip(grid, kept, strict=False):
         columns, wide = binned(np.array([row[x] for row in some], float))
         lines, high = binned(np.array([row[y] for row in some], float))
-        failed = np.array([FAILED[criterion](row) for row in some])
+        failed = np.array([fails(criterion, row) for row in some])
         fractions = [[failed[a & b].mean() if np.any(a & b) else np.nan for a in wide] for b in high]
         looks: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1, "shading": "nearest"}
         at, up = _ticked(axes.xaxis, columns), _ticked(axes.yaxis, lines)
@@ -227,10 +225,10 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
             axes.text(at[j], up[i], MARK, color=colour, ha="center", va="center", fontsize="large")
         marked |= bool(changed.any())
         axes.set(title=title, xlabel=x, ylabel=y)
-    for axes in drawn[len(kept) :]:
+    for axes in grid[len(kept) :]:
         axes.set_visible(False)
-    told = _fraction_label(rows, criterion) + (f"\n{MARK} some do otherwise with half the step" if marked else "")
-    figure.colorbar(image, ax=list(drawn), label=told, shrink=0.8)
+    text = _fraction_label(rows, criterion) + (f"\n{MARK} some do otherwise with half the step" if marked else "")
+    figure.colorbar(image, ax=list(grid), label=text, shrink=0.8)
     return figure
 
 
@@ -252,25 +250,29 @@ def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
 
     For swept numbers, at the least value of each. None if no latency varies.
     """
-    names = [*(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms"]
-    told = [r for r in rows if r["latency_max_ms"] is not None and r["latency_max_ms"] - r["latency_p0_ms"] > SPREAD_MS]
-    if not told:
+    names = LATENCIES[1:]
+    kept = [r for r in rows if r["latency_max_ms"] is not None and r["latency_max_ms"] - r["latency_p0_ms"] > SPREAD_MS]
+    if not kept:
         return None
     title = []
     for name in numeric(rows, swept):
         if len({row[name] for row in rows}) <= MAX_DISTINCT:
-            minimum = min(row[name] for row in told)
-            told = [row for row in told if row[name] == minimum]
+            minimum = min(row[name] for row in kept)
+            kept = [row for row in kept if row[name] == minimum]
             title.append(f"{name} = {minimum:g}")
     figure = Figure(figsize=(7.5, 3.8), layout="constrained")
     axes = figure.subplots()
-    apart = groups(told, swept, ())
-    apart = apart if len(apart) <= MAX_TOGETHER else groups(told, swept, numeric(told, swept))
+    apart = groups(kept, swept, ())
+    apart = apart if len(apart) <= MAX_TOGETHER else groups(kept, swept, numeric(kept, swept))
     for (name, some), style in zip(apart.items(), styles(), strict=False):
         quantiles = np.array([[row[name] for name in names] for row in some], float)
         at = np.unique(quantiles)
         at = np.concatenate([[at[0] - 1e-9], at]) if len(at) < 2000 else np.linspace(at[0] - 1e-9, at[-1], 2000)
-        fractions = np.mean([_below(one, at) for one in quantiles], axis=0)
+        # Fraction of a run's setpoints with at most a latency, by linear interpolation between its quantiles.
+        rising, levels = 1e-9 * np.arange(len(QUANTILES)), np.array(QUANTILES) / 100
+        steps = np.maximum.accumulate(quantiles, axis=1) + rising
+        below = [np.interp(at + 1e-9 * len(QUANTILES), one, levels, left=0.0, right=1.0) for one in steps]
+        fractions = np.mean(below, axis=0)
         axes.plot(at, 100 * fractions, label=name, lw=1.3, **style)
     axes.set(xlabel="latency from measurement to device [ms]", ylabel="setpoints with at most that [%]", ylim=(-1, 101))
     axes.set_title(", ".join(title), fontsize="medium")
@@ -278,9 +280,3 @@ def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
     axes.spines[["top", "right"]].set_visible(False)
     _legend(figure)
     return figure
-
-
-def _below(quantiles: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Fraction of a run's setpoints with at most a given latency, by linear interpolation between its quantiles."""
-    steps = np.maximum.accumulate(quantiles) + 1e-9 * np.arange(len(quantiles))
-    return np.asarray(np.interp(at + 1e-9 * len(quantiles), steps, np.array(QUANTILES) / 100, left=0.0, right=1.0))

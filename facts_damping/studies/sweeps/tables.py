@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.study import Tables
 
-    Who = tuple[str, ...]  # identifies a row
+    RowId = tuple[str, ...]  # identifies a row
 
 MARKERS = ("o", "s", "^", "v", "D", "P")
 
@@ -34,14 +34,14 @@ def figure_tables(rows: Sequence[dict[str, Any]], asked: Tables) -> list[str]:
         own = [row for row in rows if (row["system"], row["scenario"]) == place]
         lines += [f"### {', '.join(place)}", ""]
         if asked.across is None:
-            found = {(_who(row, asked), figure): _alone(row, figure) for row in own for figure in asked.figures}
+            found = {(_row_id(row, asked), figure): _alone(row, figure) for row in own for figure in asked.figures}
             lines += _table(asked, asked.figures, found)
             continue
         columns = list(dict.fromkeys(cell(row[asked.across]) for row in own))
         for figure in asked.figures:
-            grouped: dict[tuple[Who, str], list[dict[str, Any]]] = {}
+            grouped: dict[tuple[RowId, str], list[dict[str, Any]]] = {}
             for row in own:
-                grouped.setdefault((_who(row, asked), cell(row[asked.across])), []).append(row)
+                grouped.setdefault((_row_id(row, asked), cell(row[asked.across])), []).append(row)
             found = {place: _among(runs, figure) for place, runs in grouped.items()}
             lines += [f"{figure}:", "", *_table(asked, columns, found)]
     return lines
@@ -55,14 +55,14 @@ def draw(rows: Sequence[dict[str, Any]], asked: Tables, folder: Path) -> list[Pa
     if figure is None:
         return []
     places = list(dict.fromkeys((row["system"], row["scenario"]) for row in rows))
-    whos = list(dict.fromkeys(_who(row, asked) for row in rows))
+    whos = list(dict.fromkeys(_row_id(row, asked) for row in rows))
     columns = list(dict.fromkeys(_column(row, asked) for row in rows))
     picture = Figure(figsize=(2.0 + 4.0 * len(places), 2.5 + 0.24 * len(whos)), layout="constrained")
     axes: Any = picture.subplots(1, len(places), sharey=True, squeeze=False)
     for axis, place in zip(axes[0], places, strict=True):
         for i, column in enumerate(columns):
             own = [r for r in sound if (r["system"], r["scenario"], _column(r, asked)) == (*place, column)]
-            known = [(r[figure], whos.index(_who(r, asked))) for r in own if r[figure] is not None]
+            known = [(r[figure], whos.index(_row_id(r, asked))) for r in own if r[figure] is not None]
             style = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "ls": "", "alpha": 0.85}
             axis.plot(*np.array(known).reshape(-1, 2).T, ms=5, label=column, **style)
         axis.set(xscale="log", xlabel=figure, title=", ".join(place))
@@ -78,11 +78,11 @@ def _column(row: dict[str, Any], asked: Tables) -> str:
     return "" if asked.across is None else cell(row[asked.across])
 
 
-def _who(row: dict[str, Any], asked: Tables) -> Who:
+def _row_id(row: dict[str, Any], asked: Tables) -> RowId:
     return tuple("" if row.get(name) is None else cell(row[name]) for name in asked.rows)
 
 
-def _table(asked: Tables, columns: Sequence[str], found: Mapping[tuple[Who, str], str]) -> list[str]:
+def _table(asked: Tables, columns: Sequence[str], found: Mapping[tuple[RowId, str], str]) -> list[str]:
     titles = [name.rpartition(".")[2] for name in asked.rows]
     cells = [[*who, *(found.get((who, one), "") for one in columns)] for who in dict.fromkeys(who for who, _ in found)]
     return [*terminal.table([*titles, *columns], cells, len(titles), markdown=True), ""]

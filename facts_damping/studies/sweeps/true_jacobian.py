@@ -56,8 +56,7 @@ class Respondent:
         state = built.state
         for k in range(len(record.time_ns)):
             self.states.append(copy(state))
-            rows = record.applied[first[k] : first[k + 1]]
-            self._advance(state, k, rows)
+            self._advance(state, k, record.applied[first[k] : first[k + 1]])
         pmus = [pmu.name for pmu in case.system.pmus]
         own = [case.system.signals[name] for name in case.controllers[0].signals]
         self.weights = np.array([weights_of(signal, pmus, case.system.frequency) for signal in own])
@@ -70,11 +69,8 @@ class Respondent:
     def _signals(self, state: PlantState, tick: int) -> NDArray[np.float64]:
         """The signals before their washouts, (signals,)."""
         frame = np.zeros(self.weights.shape[1:])
-        machines, devices = (
-            np.zeros(len(self.plant.machines), MACHINE_TRUTH),
-            np.zeros(len(self.plant.devices), DEVICE_TRUTH),
-        )
-        measure(self.plant, state, tick_ns(tick, self.rate), frame, machines, devices, self.work)
+        truth = np.zeros(len(self.plant.machines), MACHINE_TRUTH), np.zeros(len(self.plant.devices), DEVICE_TRUTH)
+        measure(self.plant, state, tick_ns(tick, self.rate), frame, *truth, self.work)
         return np.asarray((self.weights * np.nan_to_num(frame)).sum(axis=(1, 2)))
 
     def _held(self, tick: int, frames: int, reference: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -148,8 +144,8 @@ def names(case: Case) -> list[str]:
 
 def figures(case: Case, found: Followed) -> dict[str, float]:
     """The result of `compared` as a flat dictionary."""
-    told = compared(found)
-    return dict(zip(names(case), np.ravel([told[figure] for figure in FIGURES]).tolist(), strict=True))
+    by_name = compared(found)
+    return dict(zip(names(case), np.ravel([by_name[figure] for figure in FIGURES]).tolist(), strict=True))
 
 
 def compared(found: Followed) -> dict[str, NDArray[np.float64]]:

@@ -11,7 +11,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.signals import DELIVERY, LOST, NANOSECONDS, Record
 from facts_damping.simulation import loop
 from facts_damping.streaming import recorded, serving
-from facts_damping.streaming.concentrator import Concentrator, grid_pmus
+from facts_damping.streaming.pdc import Pdc, grid_pmus
 from facts_damping.streaming.serving import Serving
 
 EPOCH = 1_700_000_000
@@ -23,9 +23,9 @@ def through(sets: list[str], formats: str | None, link: int | None = None) -> tu
     case = load_case(NAME, sets)
     record = loop.run(case)
     (server,) = serving.servers(case, Serving("", 0, [], 1, formats, each=False), lambda: (0, 0))
-    concentrator, receiver = Concentrator(case, EPOCH, None if link is None else 1.0), Receiver(1)
+    pdc, receiver = Pdc(case, EPOCH, None if link is None else 1.0), Receiver(1)
     receiver.take(session.answers(server.stream, "send_configuration_3", 0, 0))
-    sent = [session.told(server.stream, one) for _, one in recorded.instants(record, concentrator, link)]
+    sent = [session.data_frame(server.stream, one) for _, one in recorded.instants(record, pdc, link)]
     return record, [one for one in receiver.take(sent) if isinstance(one, Instant)]
 
 
@@ -42,7 +42,7 @@ def test_integers_are_those_that_pmus_of_integers_report() -> None:
     where = mapping.places(server.stream.configuration, grid_pmus(case), {})
     assert len(found) == 179
     for one in found:
-        values, status, absent = mapping.told(where, one.data)
+        values, status, absent = mapping.values_of(where, one.data)
         k = number(one) + 1  # the tick in which it was reported
         wanted = record.frames[k]
         step = case.measurement.voltage_range / 65535, case.measurement.current_range / 65535
@@ -69,7 +69,7 @@ def test_behind_a_link_frames_are_aligned_again() -> None:
     assert len(np.unique(rows["tick"][numbers == 30])) > 1  # they arrived in several ticks
     gone = 0
     for one in found[:-1]:
-        values, _, absent = mapping.told(where, one.data)
+        values, _, absent = mapping.values_of(where, one.data)
         own = rows[numbers == number(one)]
         assert sorted(set(own["pmu"].tolist())) == np.flatnonzero(~absent).tolist()
         gone += int(absent.sum())
@@ -81,7 +81,7 @@ def test_behind_a_link_frames_are_aligned_again() -> None:
 def test_a_clock_that_is_off_by_more_than_half_a_frame_costs_no_frame() -> None:
     """Of two PMUs; the stamp is that of a frame all the same."""
     case = load_case("lead_lag_smib", ["duration=2", "measurement.pmus.G1={clock: {offset: 0.01}}", "controllers=[]"])
-    found = [one for _, one in recorded.instants(loop.run(case), Concentrator(case, EPOCH))]
+    found = [one for _, one in recorded.instants(loop.run(case), Pdc(case, EPOCH))]
     assert len(found) == 120
     assert len({(one.soc, one.fraction) for one in found}) == 120
 
@@ -92,20 +92,20 @@ def test_who_is_absent_is_absent_in_any_format(formats: str | None) -> None:
     (server,) = serving.servers(case, Serving("", 0, [], 1, formats, each=False), lambda: (0, 0))
     row = np.zeros(1, DELIVERY)
     row["pmu"], row["values"] = 3, 0.5
-    (one,) = Concentrator(case, EPOCH).take(0, row)
+    (one,) = Pdc(case, EPOCH).take(0, row)
     receiver = Receiver(1)
     receiver.take(session.answers(server.stream, "send_configuration_2", 0, 0))
-    (got,) = receiver.take([session.told(server.stream, one)])
+    (got,) = receiver.take([session.data_frame(server.stream, one)])
     assert isinstance(got, Instant)
     where = mapping.places(server.stream.configuration, grid_pmus(case), {})
-    values, _, absent = mapping.told(where, got.data)
+    values, _, absent = mapping.values_of(where, got.data)
     assert absent.tolist() == [True, True, True, False, True]
     assert np.isnan(values[0]).all()
 
 
 def test_what_comes_too_late_is_left_out_and_counted() -> None:
     case = load_case(NAME, [])
-    concentrator = Concentrator(case, EPOCH, 0.1)
+    pdc = Pdc(case, EPOCH, 0.1)
 
     def rows(*of: tuple[int, int]) -> np.ndarray[tuple[int], np.dtype[np.void]]:
         made = np.zeros(len(of), DELIVERY)
@@ -113,11 +113,11 @@ def test_what_comes_too_late_is_left_out_and_counted() -> None:
             row["pmu"], row["measured_ns"] = pmu, k * NANOSECONDS // 60
         return made
 
-    assert concentrator.take(0, rows((0, 0), (1, 0))) == []
-    (one,) = concentrator.take(6, rows((2, 1)))
+    assert pdc.take(0, rows((0, 0), (1, 0))) == []
+    (one,) = pdc.take(6, rows((2, 1)))
     assert one.data.status.tolist() == [0, 0, *[0x8000] * 3]
-    assert concentrator.take(6, rows((2, 0))) == []
-    assert concentrator.alignment.late == 1
+    assert pdc.take(6, rows((2, 0))) == []
+    assert pdc.alignment.late == 1
 
 
 def test_clocks_that_lose_the_time_say_so() -> None:

@@ -1,4 +1,4 @@
-"""Who is judged in the profile deployment: all whose parameters were chosen there, and what stands beside them."""
+"""The controllers that are judged in the profile deployment: chosen there, and their references."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FIXED, DIRECT, INDIRECT = "fixed", "direct", "indirect"
 NETWORKS = (DIRECT, INDIRECT)
 
 
-class Contender(NamedTuple):
+class Candidate(NamedTuple):
     """A controller that is judged: its name on the page, what it is, what it sets in a run, its score in training."""
 
     label: str
@@ -37,19 +37,19 @@ class Contender(NamedTuple):
         return self.score is not None
 
 
-NOBODY = Contender(NONE, NONE, NONE, ("sssc",), NONE, {"controllers": []})
+NOBODY = Candidate(NONE, NONE, NONE, ("sssc",), NONE, {"controllers": []})
 
 
-def everybody() -> list[Contender]:
+def everybody() -> list[Candidate]:
     """No control, the lead-lag as printed, and all that were searched, those of a set of devices by their score."""
     found = [NOBODY, *(_made("LLC", None, devices) for devices in SETS)]
     for file in chosen(SYSTEM, PROFILE):
-        found += [contender(file, row) for row in file.controllers]
+        found += [candidate(file, row) for row in file.controllers]
     return found
 
 
-def contender(file: Tuned, row: TunedController) -> Contender:
-    """Who has the parameters of a row."""
+def candidate(file: Tuned, row: TunedController) -> Candidate:
+    """The candidate with the parameters of a row."""
     return _made(row.name, row.scheme, tuple(file.devices), row.compensation, row.objective)
 
 
@@ -59,7 +59,7 @@ def _made(
     devices: tuple[str, ...],
     compensation: str = NONE,
     score: float | None = None,
-) -> Contender:
+) -> Candidate:
     row: dict[str, Any] = {
         "name": name,
         "devices": list(devices),
@@ -69,52 +69,52 @@ def _made(
     row |= {} if scheme is None else {"scheme": scheme}
     told = [" ".join(filter(None, (name, scheme))), SETS[devices], *([] if compensation == NONE else [compensation])]
     changes = {"devices": list(devices), "controllers": [row]}
-    return Contender(", ".join(told), scheme or FIXED, name, devices, compensation, changes, score)
+    return Candidate(", ".join(told), scheme or FIXED, name, devices, compensation, changes, score)
 
 
-def best(contenders: Iterable[Contender], **like: Any) -> Contender | None:
+def best(candidates: Iterable[Candidate], **like: Any) -> Candidate | None:
     """The best in training of those that are so."""
-    own = [one for one in contenders if one.chosen and all(getattr(one, name) == value for name, value in like.items())]
+    own = [one for one in candidates if one.chosen and all(getattr(one, name) == value for name, value in like.items())]
     return min(own, key=lambda one: float(one.score or 0.0), default=None)
 
 
-def best_network(contenders: Iterable[Contender]) -> Contender | None:
+def best_network(candidates: Iterable[Candidate]) -> Candidate | None:
     """The best network in training."""
-    return best(one for one in contenders if one.family in NETWORKS)
+    return best(one for one in candidates if one.family in NETWORKS)
 
 
-def finalists(contenders: Sequence[Contender]) -> list[Contender]:
+def finalists(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Those that are judged on all draws: none, LLC, each fixed design, the best network of each scheme.
 
     With each set of devices, without compensation; and the best with one, fixed and network.
     """
-    found = [one for one in contenders if not one.chosen]
+    found = [one for one in candidates if not one.chosen]
     for devices in SETS:
-        plain = [one for one in contenders if one.devices == devices and one.compensation == NONE]
+        plain = [one for one in candidates if one.devices == devices and one.compensation == NONE]
         found += [one for one in plain if one.chosen and one.family == FIXED]
         found += [one for family in NETWORKS if (one := best(plain, family=family))]
-        other = [one for one in contenders if one.devices == devices and one.compensation != NONE]
+        other = [one for one in candidates if one.devices == devices and one.compensation != NONE]
         found += [one for one in (best(other, family=FIXED), best_network(other)) if one]
     return found
 
 
-def frozen(contender: Contender) -> Contender:
+def frozen(candidate: Candidate) -> Candidate:
     """A network that does not learn: what its search chose, with rates of zero."""
-    row = {**contender.changes["controllers"][0], "parameters": {"eta": 0.0, "identifier_eta": 0.0}}
-    return contender._replace(
-        label=f"{contender.label}, not learning", changes={**contender.changes, "controllers": [row]}, score=None
+    row = {**candidate.changes["controllers"][0], "parameters": {"eta": 0.0, "identifier_eta": 0.0}}
+    return candidate._replace(
+        label=f"{candidate.label}, not learning", changes={**candidate.changes, "controllers": [row]}, score=None
     )
 
 
-def unsupervised(contender: Contender) -> Contender:
+def unsupervised(candidate: Candidate) -> Candidate:
     """The same without supervisor."""
     more = {"supervision": "off", "arm_at": None}
-    return contender._replace(
-        label=f"{contender.label}, unsupervised", changes={**contender.changes, **more}, score=None
+    return candidate._replace(
+        label=f"{candidate.label}, unsupervised", changes={**candidate.changes, **more}, score=None
     )
 
 
-def as_tuned_for_the_thesis(name: str, scheme: Scheme = None) -> Contender:
+def as_tuned_for_the_thesis(name: str, scheme: Scheme = None) -> Candidate:
     """A controller with what was chosen for exact frequencies, without noise and delay."""
     made = _made(name, scheme, ("sssc",))
     return made._replace(label=f"{made.label}, chosen without", changes={**made.changes, "tuning": "thesis"})

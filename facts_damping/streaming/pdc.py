@@ -13,7 +13,7 @@ from facts_damping.c37118.session import Instant
 from facts_damping.c37118.system_pmus import Pmu
 from facts_damping.measurement.pmu_model import UNSYNCHRONISED
 from facts_damping.signals import NANOSECONDS
-from facts_damping.streaming.alignment import Alignment, PmuReport
+from facts_damping.streaming.stream_clock import Alignment, PmuReport
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
+    from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.measurement import Measurement
-    from facts_damping.streaming.alignment import AlignedFrame
+    from facts_damping.streaming.stream_clock import AlignedFrame
 
 WAIT_S = 1.0  # s, longest wait of a delivered instant for the slowest PMU
 
@@ -33,7 +34,7 @@ def grid_pmus(case: Case) -> list[Pmu]:
     return [Pmu(name, kilovolts[bus], case.system.base_power) for name, bus in case.system.pmu_buses().items()]
 
 
-class Concentrator:
+class Pdc:
     """Emits instants in order, each stamped with its time of measurement; a PMU without values is absent.
 
     As reported, one tick is one instant: with wrong PMU clocks the stamp is the nearest frame, and the clock error
@@ -64,7 +65,6 @@ class Concentrator:
         return [self._instant(one) for one in self.alignment.take(sys.maxsize)]
 
     def _instant(self, one: AlignedFrame) -> Instant:
-        """Convert to an instant of a stream."""
         second, number = divmod(self._first + one.instant, self._rate)
         unsynchronised = one.there & ((one.status & UNSYNCHRONISED) > 0)
         for_s = np.where(unsynchronised, one.instant / self._rate - self._lost_ns / NANOSECONDS, 0.0).clip(0.0)
@@ -74,7 +74,7 @@ class Concentrator:
         return Instant(second, number * TIME_BASE // self._rate, quality, data)
 
 
-def _clocks(measurement: Measurement, grid: Sequence[Pmu]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _clocks(measurement: Measurement, grid: Sequence[Pmu]) -> tuple[Float1, Float1]:
     """Time at which each PMU's clock loses synchronism, ns, and its drift from then on, s/s."""
     own = [measurement.pmus.get(one.name) for one in grid]
     clocks = [measurement.clock if one is None or one.clock is None else one.clock for one in own]

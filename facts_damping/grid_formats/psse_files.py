@@ -1,16 +1,21 @@
-"""PSS/E power flow files (RAW), versions 32 to 35: records by section, with columns defined in tables.
+"""PSS/E files: power flow (RAW), versions 32 to 35, and dynamic data (DYR).
 
-Records are in free format: values between commas or blanks, text in quotes, `/` ends a record, an empty value between
-commas is the default. PSS/E Program Operation Manual, Power Flow Data File Contents.
+A RAW file has records by section, whose columns are defined in tables here. Records are in free format: values between
+commas or blanks, text in quotes, `/` ends a record, an empty value between commas is the default. PSS/E Program
+Operation Manual, Power Flow Data File Contents.
+
+A DYR file has records of machines and their controls: a bus, a model in quotes, an identifier and the model's
+constants, up to a `/`; a record may take several lines.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
-from facts_damping.grid_formats.psse_text import as_number, read_lines
+from facts_damping.input_files import GRID, is_file, read_text
 from facts_damping.parameters.validation import short
 
 if TYPE_CHECKING:
@@ -26,12 +31,7 @@ _COMMON = (
     *("FACTS device", "switched shunt", "GNE device", "induction machine"),
 )
 _SINCE_34 = (*_COMMON[:5], "switching device", *_COMMON[5:], "substation")
-SECTIONS = {
-    32: _COMMON[:-1],
-    33: _COMMON,
-    34: ("system-wide", *_SINCE_34),
-    35: ("system-wide", *_SINCE_34),
-}
+SECTIONS = {32: _COMMON[:-1], 33: _COMMON, 34: ("system-wide", *_SINCE_34), 35: ("system-wide", *_SINCE_34)}
 TEXT = {"NAME", "ID", "CKT"}
 
 # Columns: name, or name=default, up to the last one needed. By the first version that has them.
@@ -83,16 +83,55 @@ class RawCase(NamedTuple):
     unread: dict[str, int]
 
 
+class Dynamic(NamedTuple):
+    """A record: the line where it begins, the machine (bus and identifier), the model and its constants."""
+
+    line: int
+    bus: int
+    model: str
+    machine: str
+    values: tuple[float, ...]
+
+
+class Dyr(NamedTuple):
+    """The records of machines, and unknown records: line and beginning."""
+
+    records: list[Dynamic]
+    unread: list[tuple[int, str]]
+
+
+def read_lines(path: Path, kind: str) -> list[str]:
+    """The lines of a file; `kind`: RAW or DYR."""
+    if not is_file(path):
+        raise InputError(f"{path}: no such file; allowed: an existing PSS/E {kind} file")
+    return read_text(path, GRID, "replace").splitlines()
+
+
+def as_number(text: str, where: str) -> float:
+    """A finite number; its exponent may be marked by D."""
+    try:
+        value = float(re.sub(r"[dD]", "E", text.strip("'\"")))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{where}: {short(text)} given; allowed: a number")
+    return value
+
+
+# RAW
+
+
 def read_raw(path: Path) -> RawCase:
     """The records of a RAW file. Raises `InputError` with line and field of an unreadable value."""
     lines = read_lines(path, "RAW")
     where = f"{path}: line 1"
+    allowed = ", ".join(map(str, VERSIONS))
     if not lines:
-        raise InputError(f"{path}: empty; allowed: a PSS/E RAW file of version {_allowed()}")
+        raise InputError(f"{path}: empty; allowed: a PSS/E RAW file of version {allowed}")
     head = _values(lines[0], where)
     version = int(as_number(head[2] if len(head) > 2 else "", f"{where}: REV, the version"))
     if version not in VERSIONS:
-        raise InputError(f"{where}: version {version} given; allowed: {_allowed()}")
+        raise InputError(f"{where}: version {version} given; allowed: {allowed}")
     base = as_number(head[1], f"{where}: SBASE")
     frequency = as_number(head[5], f"{where}: BASFRQ") if len(head) > 5 and head[5] else 60.0
     if not base > 0.0 or not 10.0 <= frequency <= 400.0:
@@ -112,15 +151,11 @@ def read_raw(path: Path) -> RawCase:
                 tables[section].append(_row(COLUMNS[section][columns], line, at) | {"line": number})
             else:
                 unread[section] = unread.get(section, 0) + 1
-    for section in ("bus", "generator", "branch"):
-        if not tables[section] and section != "branch":
+    for section in ("bus", "generator"):
+        if not tables[section]:
             raise InputError(f"{path}: no {section} record given; allowed: at least one")
     unread.pop("system-wide", None)
     return RawCase(path.stem, version, base, frequency, tables, unread)
-
-
-def _allowed() -> str:
-    return ", ".join(map(str, VERSIONS))
 
 
 def _records(lines: list[str]) -> Iterator[tuple[int, str]]:
@@ -139,7 +174,6 @@ def _ends(line: str) -> bool:
 
 
 def _values(line: str, where: str) -> list[str]:
-    """Values of a record as text; empty for a default."""
     found, rest = list[str](), line
     while True:
         rest = rest.lstrip()
@@ -162,7 +196,6 @@ def _values(line: str, where: str) -> list[str]:
 
 
 def _row(columns: str, line: str, where: str) -> Row:
-    """A record as a dictionary by column."""
     values, row = _values(line, where), Row()
     for i, column in enumerate(columns.split(" ")):
         name, has_default, default = column.partition("=")
@@ -184,6 +217,49 @@ def _transformer(line: str, number: int, numbered: Iterator[tuple[int, str]], wh
         following = next(numbered, None)
         if following is None:
             raise InputError(f"{where}: ends after {i} of {count} lines; allowed: all of them")
-        own = _row(TRANSFORMER[i], following[1], where.replace(f"line {number}", f"line {following[0]}"))
-        row |= own if i == 1 else {f"{name}{i - 1}": value for name, value in own.items()}
+        values = _row(TRANSFORMER[i], following[1], where.replace(f"line {number}", f"line {following[0]}"))
+        row |= values if i == 1 else {f"{name}{i - 1}": value for name, value in values.items()}
     return row
+
+
+# DYR
+
+
+def read_dyr(path: Path) -> Dyr:
+    """The records of a DYR file. Raises `InputError` with the line of an unreadable record."""
+    records, unread = list[Dynamic](), list[tuple[int, str]]()
+    words, begins = list[str](), 0
+    for number, line in enumerate(read_lines(path, "DYR"), 1):
+        text, ended = _cut(line)
+        begins = begins if words else number
+        words += re.findall(r"'[^']*'|\"[^\"]*\"|[^\s,]+", text)
+        if ended and words:
+            record = _dynamic(words, begins, path)
+            records += [record] if record is not None else []
+            unread += [(begins, " ".join(words[:3]))] if record is None else []
+            words = []
+    if words:
+        start = f"{path}: line {begins}: {short(' '.join(words[:3]))}"
+        raise InputError(f"{start}: not ended; allowed: a record that `/` ends")
+    return Dyr(records, unread)
+
+
+def _cut(line: str) -> tuple[str, bool]:
+    """A line up to the `/` that ends its record, and whether there is one. Comments begin with `//` or `@!`."""
+    if line.lstrip().startswith(("//", "@!")):
+        return "", False
+    quoted = False
+    for i, letter in enumerate(line):
+        quoted = quoted != (letter == "'")
+        if letter == "/" and not quoted:
+            return line[:i], True
+    return line, False
+
+
+def _dynamic(words: list[str], line: int, path: Path) -> Dynamic | None:
+    """The record of a machine; None for any other."""
+    if len(words) < 3 or not words[0].isdigit() or words[1][0] not in "'\"":
+        return None
+    model, where = words[1].strip("'\" ").upper(), f"{path}: line {line}"
+    values = tuple(as_number(text, f"{where}: {model}: value {i}") for i, text in enumerate(words[3:], 1))
+    return Dynamic(line, int(words[0]), model, words[2].strip("'\" "), values)

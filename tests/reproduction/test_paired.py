@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from facts_damping.studies.sweeps.paired import MINIMUM, Effect, agree, by_draw, effect
+from facts_damping_reproduction.paired import MINIMUM, Effect, agree, by_draw, effect
 
 
 def rows(values: list[float | None], event: str = "a") -> list[dict[str, object]]:

@@ -1,0 +1,107 @@
+"""Verdict of a run with noise: of its response to the events, or of its modes in noise alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.analysis.measures import columns, speed_differences
+from facts_damping.analysis.modes.ringdown import COVERED
+from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, Judgement, judge
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.analysis.modes.ringdown import Fit
+    from facts_damping.signals import Record
+
+RESPONSE, RUN, AMBIENT = "response", "run", "ambient noise"  # what a verdict is of
+CLEAR_DB = 10.0  # signal-to-residual ratio of a ringdown of a response that may decide
+LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a setpoint at its limit; above, a loop is at its limits
+STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
+AT_LIMITS = "setpoints are at their limits to the end"
+LOST_MIRROR = "with noise of the opposite sign synchronism is lost"
+
+
+class Judged(NamedTuple):
+    """A verdict, what it is of, and the signals that it is of: (ticks, n), p.u."""
+
+    judgement: Judgement
+    of: str  # RESPONSE, RUN or AMBIENT
+    signals: NDArray[np.float64]
+
+
+def noisy(configuration: Mapping[str, object]) -> bool:
+    """Whether loads or PMUs of a run have noise."""
+    measurement = configuration.get("measurement")
+    rows = [measurement, *(measurement.get("pmus") or {}).values()] if isinstance(measurement, dict) else []
+    return bool(configuration.get("load_noise")) or any(any((row.get("noise") or {}).values()) for row in rows)
+
+
+def response(mirror: Record | None, signals: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Half the sum of a run's signals (ticks, n) and its mirror's, over the ticks of both; None without a mirror.
+
+    Noise of odd order cancels in it (simulation/mirrored.py).
+    """
+    if mirror is None or not mirror.in_synchronism.all():
+        return None
+    other = columns(speed_differences(mirror))
+    ticks = min(len(signals), len(other))
+    return np.asarray((signals[:ticks] + other[:ticks]) / 2.0)
+
+
+def judge_response(
+    time_s: NDArray[np.float64],
+    signals: NDArray[np.float64] | None,
+    own: NDArray[np.float64],
+    since: float,
+    names: Sequence[str],
+    *,
+    fit: Fit | None,
+    limited: bool,
+) -> Judged:
+    """Judge a run with the signals `own` by its response (ticks, n); None: the mirror has lost synchronism.
+
+    `fit`: ringdown of the response; `limited`: setpoints are at their limits to the end. A loop at its limits, or one
+    that grows, is not the image of its mirror: then the run itself counts, where it grows or does not decay.
+    """
+    found = None if signals is None else judge(time_s, signals, since, names, lambda: fit)
+    if found is None or limited or found.verdict in (LIMIT_CYCLE, UNDECIDED):
+        itself = judge(time_s, own, since, names)
+        if itself.verdict in (GROWING, LIMIT_CYCLE) and (limited or found is None or not _decays(fit)):
+            return Judged(itself, RUN, own)
+    if found is None or signals is None or limited:
+        return Judged(itself._replace(verdict=UNDECIDED, because=AT_LIMITS if limited else LOST_MIRROR), RUN, own)
+    if found.verdict == UNDECIDED and _decays(fit):
+        found = found._replace(verdict=DAMPED, because="the modes of its response are damped")
+    return Judged(found, RESPONSE, signals)
+
+
+def _decays(fit: Fit | None) -> bool:
+    """Whether a ringdown is clear, and the damping ratios of all its modes are above zero with their intervals."""
+    if fit is None or not fit.modes or fit.snr_db < CLEAR_DB:
+        return False
+    return all(mode.damping_ratio > COVERED * np.nan_to_num(mode.damping_ratio_error, nan=np.inf) for mode in fit.modes)
+
+
+def judge_ambient(fit: Fit | None, signals: NDArray[np.float64]) -> Judged:
+    """Judge a run with noise and no event by its modes and their 95 % intervals."""
+    if fit is None or not fit.modes:
+        return _ambient(UNDECIDED, "no event, and no mode found in the noise", signals)
+    halves = [COVERED * np.nan_to_num(mode.damping_ratio_error, nan=np.inf) for mode in fit.modes]
+    ends = [
+        (mode.damping_ratio - half, mode.damping_ratio + half) for mode, half in zip(fit.modes, halves, strict=True)
+    ]
+    if min(high for _, high in ends) < STEADY:
+        return _ambient(LIMIT_CYCLE, "a mode neither grows nor decays in the noise", signals)
+    if min(low for low, _ in ends) > 0.0:
+        return _ambient(DAMPED, "no event: its modes in the noise are damped", signals)
+    return _ambient(UNDECIDED, "no event: the interval of a mode's damping ratio in the noise holds zero", signals)
+
+
+def _ambient(verdict: str, because: str, signals: NDArray[np.float64]) -> Judged:
+    amplitude = float(np.sqrt(2.0) * signals.std(axis=0).max())
+    return Judged(Judgement(verdict, because, None, 0.0, amplitude), AMBIENT, signals)

@@ -1,0 +1,75 @@
+"""Criteria of margins: when a run fails, and the columns of its row that say so."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, LOST
+from facts_damping.case.loading import recorded_case
+from facts_damping.case.supervision import unsupervised
+from facts_damping.findings import NO_CONTROL
+from facts_damping.parameters.study import DAMPING_RATIO
+from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
+from facts_damping.studies.margins.linear_margin import STILL
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from facts_damping.case.model import Case
+
+STRONG = 0.1  # of the amplitude of the largest mode; weaker modes do not count for `damping`
+LOWEST, FREE_INDEX, LINEAR = "lowest_damping_ratio", "ITAE_without_control", "linear_growth_per_s"  # columns
+
+
+class Criterion(NamedTuple):
+    """What a run fails by, in words, and whether a row does; `ratio`: smallest damping ratio."""
+
+    words: str
+    fails: Callable[[Mapping[str, Any], float], bool]
+
+
+def _damped_too_little(row: Mapping[str, Any], ratio: float) -> bool:
+    lowest = row.get(LOWEST)
+    return row["verdict"] in (LOST, GROWING, LIMIT_CYCLE) or (lowest is not None and lowest < ratio)
+
+
+def _worse(row: Mapping[str, Any], _: float) -> bool:
+    free = row.get(FREE_INDEX)  # None: without control synchronism is lost
+    return row["verdict"] == LOST or (free is not None and row["ITAE"] > free)
+
+
+CRITERIA = {
+    "unstable": Criterion("loses synchronism", lambda row, _: row["verdict"] == LOST),
+    "not_damped": Criterion("is not damped", lambda row, _: row["verdict"] != DAMPED),
+    "damping": Criterion("is damped too little", _damped_too_little),
+    "worse": Criterion("is worse than without control", _worse),
+    "linear": Criterion("is unstable in the linear model", lambda row, _: row[LINEAR] > STILL),
+}
+
+
+def fails(criterion: str, row: Mapping[str, Any], ratio: float = DAMPING_RATIO) -> bool:
+    """Whether a run fails a criterion, by its row."""
+    return CRITERIA[criterion].fails(row, ratio)
+
+
+def lowest_damping_ratio(summary: Mapping[str, Any]) -> float | None:
+    """Smallest damping ratio of the modes that matter in a run's ringdown; None if none is seen."""
+    sizes = [max(mode["amplitude"]) for mode in summary["modes"]]
+    ratios = [
+        m["damping_ratio"] for m, size in zip(summary["modes"], sizes, strict=True) if size >= STRONG * max(sizes)
+    ]
+    return min(ratios, default=None)
+
+
+def without_control(case: Case) -> Case:
+    """The case without controllers and supervision, with the same seed."""
+    return recorded_case({**case.document(), **NO_CONTROL}, "without control")
+
+
+def linear_growth(case: Case) -> float:
+    """Largest growth rate of the linear closed loop at the delays of the run's links, 1/s.
+
+    Raises `InputError` if the loop has no linear model.
+    """
+    loop = delayed_loop(unsupervised(case))
+    return float(eigen(loop, sampled(loop, min(link_delays(case), default=0.0))).growth)
