@@ -59,30 +59,25 @@ ARGUMENTS = {
     "respawn": ("false", "true, unless in lockstep: start links, controllers, supervisors, identifiers again"),
 }
 NOTHING = ("none", "''", '""')  # for an empty argument, which `ros2 launch` does not take
-CHOICES = {
-    "mode": ["lockstep", "realtime", "free"],
-    "lifecycle": ["false", "true"],
-    "respawn": ["false", "true"],
-}
+CHOICES = {"mode": ["lockstep", "realtime", "free"], "lifecycle": ["false", "true"], "respawn": ["false", "true"]}
 
 
 def check_arguments(given: list[str]) -> None:
-    """Refuse arguments of a command line that are not declared here, which `ros2 launch` passes over."""
-    names = [text.partition(":=")[0] for text in given if ":=" in text]
-    unknown = next((name for name in names if name not in ARGUMENTS), None)
-    if unknown is not None and any(text.endswith("run.launch.py") for text in given):
-        raise InputError(f"{unknown}:= given; allowed: {', '.join(ARGUMENTS)}")
+    """Refuse arguments of a command line that are not declared here, which `ros2 launch` ignores."""
+    unknown = [text.partition(":=")[0] for text in given if ":=" in text and text.partition(":=")[0] not in ARGUMENTS]
+    if unknown and any(text.endswith("run.launch.py") for text in given):
+        raise InputError(f"{unknown[0]}:= given; allowed: {', '.join(ARGUMENTS)}")
 
 
 def changes(asked: dict[str, str]) -> list[str]:
-    """What the arguments change in the run, as its nodes' parameter `set` has it."""
+    """Changes of the run by the arguments, for the parameter `set` of its nodes."""
     listed = read_value(asked["set"], "set") if asked["set"] else []
-    own = listed if isinstance(listed, list) else [asked["set"]]
-    return [*(f"{name}={asked[name]}" for name in FIELDS if asked[name]), *map(str, own)]
+    sets = listed if isinstance(listed, list) else [asked["set"]]
+    return [*(f"{name}={asked[name]}" for name in FIELDS if asked[name]), *map(str, sets)]
 
 
 def ended(event: Any, context: LaunchContext) -> None:
-    """End the launch, and let it fail, where a node has failed."""
+    """Let the launch fail if a node has failed."""
     if event.returncode != 0 and not context.is_shutdown:
         raise RuntimeError(f"{event.process_name} ended with status {event.returncode}")
 
@@ -118,42 +113,42 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
     check_arguments(sys.argv)
     asked = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     asked = {name: "" if value in NOTHING else value for name, value in asked.items()}
-    sets, again = changes(asked), asked["respawn"] == "true"
+    sets, again, ordered = changes(asked), asked["respawn"] == "true", asked["lifecycle"] == "true"
     if again and asked["mode"] == "lockstep":
         raise InputError("respawn:=true given with mode:=lockstep; allowed: with mode:=realtime or free")
-    case = load_case(asked["run"], sets)
-    compile_once()
-    common = {"run": asked["run"], "set": sets or [""], "mode": asked["mode"]}
-    common |= {"recorder": bool(asked["output"]), "view": bool(asked["foxglove"])}
-    ordered = asked["lifecycle"] == "true"
     if again and ordered:
         raise InputError("respawn:=true given with lifecycle:=true; allowed: one of them")
+    case, namespace = load_case(asked["run"], sets), asked["namespace"].strip("/")
+    compile_once()
+    run: dict[str, object] = {"run": asked["run"], "set": sets or [""]}
+    common = {"mode": asked["mode"], "recorder": bool(asked["output"]), "view": bool(asked["foxglove"])}
 
     def node(executable: str, address: Address, **parameters: object) -> Node:
         joins = again and "index" in parameters
         if joins:
             parameters["join"] = asked["mode"] == "realtime"
-        namespaces = [one for one in (asked["namespace"].strip("/"), address.namespace) if one]
         if ordered:
             parameters["autostart"] = False
-        made = (LifecycleNode if ordered else Node)(
+        action = (LifecycleNode if ordered else Node)(
             package="facts_damping",
             executable=executable,
             name=address.name,
-            namespace="/".join(namespaces) or ("" if ordered else None),
-            parameters=[{**common, **parameters}, *([asked["params_file"]] if asked["params_file"] else [])],
+            namespace="/".join(filter(None, (namespace, address.namespace))) or ("" if ordered else None),
+            parameters=[{**run, **common, **parameters}, *filter(None, [asked["params_file"]])],
             respawn=joins,
             respawn_delay=RESPAWN_S if joins else None,
             prefix=PREFIX,
             output="screen",
         )
         if not joins:
-            watched.append(made)
-        return made
+            watched.append(action)
+        return action
 
     watched: list[Node | ExecuteProcess] = []
-    source, given = ("c37118_client", {"streams": asked["streams"]}) if asked["streams"] else ("plant_sim", {})
-    plant = node(source, Address("", source), **given)
+    if asked["streams"]:
+        plant = node("c37118_client", Address("", "c37118_client"), streams=asked["streams"])
+    else:
+        plant = node("plant_sim", Address("", "plant_sim"))
     started: list[Node | ExecuteProcess] = [plant]
     started += [node("wan_link", address, index=i) for i, address in enumerate(link_addresses(case))]
     for i, address in enumerate(controller_addresses(case)):
@@ -161,7 +156,7 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
         if not kind_of(controller).node:
             started.append(node("controller", address, index=i))
         elif controller.command is not None:
-            cmd = command(case, i, asked["namespace"].strip("/"))
+            cmd = command(case, i, namespace)
             watched.append(ExecuteProcess(cmd=cmd, name=address.name, output="screen"))
             started.append(watched[-1])
     started += [node("identifier", address, index=i) for i, address in identifier_addresses(case).items()]
@@ -169,7 +164,7 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
     if asked["output"]:
         started.append(node("recorder", Address("", "recorder"), output=asked["output"]))
     if asked["foxglove"]:
-        started.append(view(asked, sets))
+        started.append(view(asked["foxglove"], namespace, run))
     failures = [RegisterEventHandler(OnProcessExit(target_action=one, on_exit=ended)) for one in watched]
     end = RegisterEventHandler(OnProcessExit(target_action=plant, on_exit=[Shutdown(reason="the run is over")]))
     if not ordered:
@@ -178,18 +173,16 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
     return [*failures, end, *started, *in_order([*managed[:0:-1], managed[0]])]
 
 
-def view(asked: dict[str, str], sets: list[str]) -> Node:
+def view(port: str, namespace: str, run: dict[str, object]) -> Node:
     """The live view."""
-    if not asked["foxglove"].isdecimal():
-        raise InputError(f"foxglove:={asked['foxglove']} given; allowed: a port, such as 8765")
-    own = {"run": asked["run"], "set": sets or [""], "port": int(asked["foxglove"])}
-    namespace = asked["namespace"].strip("/") or None
+    if not port.isdecimal():
+        raise InputError(f"foxglove:={port} given; allowed: a port, such as 8765")
     return Node(
         package="facts_damping",
         executable="live_view",
         name="live_view",
-        namespace=namespace,
-        parameters=[own],
+        namespace=namespace or None,
+        parameters=[{**run, "port": int(port)}],
         prefix=PREFIX,
     )
 

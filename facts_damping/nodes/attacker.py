@@ -26,13 +26,13 @@ from facts_damping.case.names import (
     served,
     supervisor_addresses,
 )
-from facts_damping.nodes.admission.publishers import PLANT
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
+from facts_damping.nodes.base.topics import FRAMES, PLANT_STATE
 from facts_damping.nodes.recorder import TICK_END
 from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage, start_of
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.nodes.base.managed import ManagedNode
 
-FRAMES = "pmu/frames"
 BEGUN = 10  # tick by which all nodes know each other; publishers before it would count as another graph
 BEFORE_END_S = 1.0  # simulated time before the end in which it is silent, as refusals of an ending node are not counted
 SWING = 0.02  # p.u., amplitude of all values in forged frames
@@ -56,15 +55,14 @@ class Attacker:
     activation = AlwaysActive()
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters; subscribe to the plant's frames and to states."""
         self.case, options = read_case(node), read_options(node, joins=False)
         ticks = descriptor("first tick of which it says something", "", 0, self.case.ticks)
         self.first = max(BEGUN, int(declare(node, "first", 0, ticks)))
         self.last = self.case.ticks - int(BEFORE_END_S * self.case.run.frame_rate)
         self.node, self.log = node, NodeLog(node)
-        self.tick, self.told, self.sent = -1, Counter[str](), Counter[str]()
+        self.tick, self.newest, self.sent = -1, Counter[str](), Counter[str]()
         self.forged = forgeries(self.case, options.start_timeout)
-        self.states: dict[str, tuple[type[Any], Callable[[Any], None]]] = {PLANT: (PlantState, of_plant)} | {
+        self.states: dict[str, tuple[type[Any], Callable[[Any], None]]] = {PLANT_STATE: (PlantState, of_plant)} | {
             f"{address}/state": (ControllerState, of_controller) for address in controller_addresses(self.case)
         }
         for address in identifier_addresses(self.case).values():
@@ -103,8 +101,8 @@ class Attacker:
     def on_state(self, topic: str, kind: type[Any], change: Callable[[Any], None], data: bytes) -> None:
         """Publish a received state once more, with changed values."""
         message = deserialize_message(data, kind)
-        if message.tick > self.told[topic]:  # not its own message
-            self.told[topic] = message.tick
+        if message.tick > self.newest[topic]:  # not its own message
+            self.newest[topic] = message.tick
             change(message)
             self.send(topic, message.tick, partial(serialize_message, message))
 
@@ -125,12 +123,11 @@ def forgeries(case: Case, start_timeout_s: float) -> dict[str, Callable[[int], b
     for i, link in enumerate(links):
         setpoints[link.topic("setpoints/delivered")] = ("", served(case, i))
         frames.append(link.topic("pmu/delivered"))
-    made: dict[str, Callable[[int], bytes]] = {}
-    for topic, (sender, of) in setpoints.items():
-        made[topic] = partial(_setpoints, case, SetpointsMessage(case, seal=seal(by, topic)), sender, of)
-    for topic in frames:
-        made[topic] = partial(_frames, case, FramesMessage(case, seal(by, topic)))
-    return made
+    made: dict[str, Callable[[int], bytes]] = {
+        topic: partial(_setpoints, case, SetpointsMessage(case, seal=seal(by, topic)), sender, of)
+        for topic, (sender, of) in setpoints.items()
+    }
+    return made | {topic: partial(_frames, case, FramesMessage(case, seal(by, topic))) for topic in frames}
 
 
 def _setpoints(case: Case, message: SetpointsMessage, sender: str, of: Iterable[int], tick: int) -> bytes:
@@ -170,13 +167,9 @@ def of_controller(message: Any) -> None:
 
 def of_identifier(message: Any) -> None:
     """Forge a Jacobian that is large and of the opposite sign."""
-    message.jacobian = [-100.0 * one for one in message.jacobian]
+    message.jacobian = [-100.0 * value for value in message.jacobian]
 
 
-def main() -> None:
-    """Entry point of `python -m facts_damping.nodes.attacker`."""
-    run_node("attacker", Attacker, "Somebody else in a graph's domain, who says what would act: for tests of refusals.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "attacker", Attacker, "Somebody else in a graph's domain, who says what would act: for tests of refusals."
+)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from contextlib import suppress
 from functools import partial
@@ -11,24 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import DeviceSetpoints, GridEvent, PlantState, PmuDataFrame, RunState
+from facts_damping_msgs.msg import RunState
 
-from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import InputError, RunError
-from facts_damping.nodes.admission.member import PLANT, Member
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
-from facts_damping.nodes.base.clock import SimulatedClock
-from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options, read_stamp
-from facts_damping.nodes.base.qos import LATCHED, PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Stopped, check_wanted
-from facts_damping.nodes.base.topics import STATE
+from facts_damping.nodes.frame_source import FrameSource, SimulatedClock
 from facts_damping.nodes.transport import stamps
-from facts_damping.nodes.transport.messages import Health, PlantStateMessage, run_done, run_stopped, state_message
-from facts_damping.nodes.transport.signing import seal, signing
-from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
+from facts_damping.nodes.transport.messages import Health
 from facts_damping.parameters.streams import read_streams
 from facts_damping.signals import DEVICE_TRUTH, FLAGS, MACHINE_TRUTH, NANOSECONDS, REFUSED
 from facts_damping.simulation.measured_plant import tick_ns
@@ -44,7 +36,6 @@ if TYPE_CHECKING:
     from facts_damping.streaming.stream_clock import Tick
 
 OURS = "tcp://127.0.0.1:4712/1"  # default address of c37118_server
-PROGRESS_S = 0.2  # wall time between two progress lines
 LAST_S = 1.0  # wait for the answers to the last tick
 SPIN_S = 0.05  # longest wait for stream data before requests are answered
 
@@ -55,49 +46,33 @@ class C37118Client:
     activation = AlwaysActive()
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, set up the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         if not self.options.paced:
             raise InputError(f"mode: '{self.options.mode}' given; allowed: free, realtime, as streams wait for nobody")
         self.stamp = read_stamp(node, self.options)
-        given: str = declare(node, "streams", OURS, descriptor("YAML file of the streams, or a server's address"))
-        self.streams = read_streams(given)
+        path: str = declare(node, "streams", OURS, descriptor("YAML file of the streams, or a server's address"))
+        self.streams = read_streams(path)
         self.sources = Sources(self.case, self.streams)
         self.received: SimpleQueue[tuple[int, float, Any]] = SimpleQueue()
-        by = signing(self.case, self.options.start_timeout)
-        self.frames, self.truth = FramesMessage(self.case, seal(by, "pmu/frames")), PlantStateMessage(self.case)
         self.unknown = (
             _unknown(len(self.case.system.machines), MACHINE_TRUTH),
             _unknown(len(self.case.run.devices), DEVICE_TRUTH),
         )
-        self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", PUBLISHER_QOS)
-        self.to_all = node.create_publisher(PlantState, "plant/state", PUBLISHER_QOS)
-        self.to_events = node.create_publisher(GridEvent, "plant/events", PUBLISHER_QOS)
-        self.clock = SimulatedClock(node)
-        self.member = Member(node, self.case, self.options, PLANT, hardware=", ".join(self.streams.servers))
-        self.to_state = node.create_publisher(RunState, STATE, LATCHED)
+        self.source = FrameSource(node, self.case, self.options, ", ".join(self.streams.servers))
+        self.clock, self.member = SimulatedClock(node), self.source.member
+        self.log, self.ticks = self.member.message_filter.log, self.source.ticks
         self.tick, self.misses = -1, 0
         self.tasks: list[Future[None]] = []  # tasks of the clients, which end only by an error
-        links = link_addresses(self.case)
-        self.answered = [-1 for _ in links]
-        for i, link in enumerate(links):
-            topic = link.topic("setpoints/delivered")
-            setpoints = SetpointsMessage(self.case, of=served(self.case, i), seal=seal(by, topic))
-            use = partial(self.on_setpoints, i)
-            self.member.message_filter.subscribe(DeviceSetpoints, topic, use, setpoints.read, lambda: self.tick)
-        endless = self.options.free and self.case.run.duration is None
-        self.ticks = sys.maxsize if endless else self.case.ticks
+        self.source.subscribe_links(self.on_setpoints, lambda: self.tick)
         self.spinner = self.member.spin()
 
     def ready(self) -> None:
         """Wait for the links, supervisors, and the recorder."""
-        extra = int(self.options.recorder)
-        expected = {self.to_links: len(self.answered) + extra, self.to_events: extra, self.to_state: extra}
-        self.member.wait(expected | {self.to_all: len(supervisor_names(self.case)) + extra}, self.spinner)
+        self.source.wait(self.spinner, len(self.source.answered))
 
-    def on_setpoints(self, link: int, tick: int, _rows: NDArray[Any]) -> None:
+    def on_setpoints(self, link: str, tick: int, _rows: NDArray[Any]) -> None:
         """Note that a link has answered; its setpoints have no effect."""
-        self.answered[link] = tick
+        self.source.answered[link] = tick
 
     def run(self) -> None:
         """Follow the streams to the end of the run or until stopped; publish which of both as the run's state."""
@@ -109,15 +84,15 @@ class C37118Client:
         try:
             self.follow()
         except Stopped:
-            self.publish_state(RunState.ENDED, run_stopped(self.tick, self.ticks, self.case.run.frame_rate))
+            self.source.stop(self.tick)
             raise
         finally:
             asyncio_thread.close()
-            self.member.message_filter.log.info(self.health().message)
+            self.log.info(self.health().message)
 
     def follow(self) -> None:
         """Publish all ticks, each when it is over."""
-        reported_s, began = -PROGRESS_S, time.monotonic()
+        began = time.monotonic()
         while self.tick + 1 < self.ticks:
             check_wanted()
             for ended in (task for task in self.tasks if task.done()):
@@ -129,16 +104,12 @@ class C37118Client:
             for tick in self.sources.following.take(time.monotonic()):
                 if self.tick + 1 < self.ticks:
                     self.publish(tick)
-            if time.monotonic() - reported_s > PROGRESS_S or self.tick + 1 == self.ticks:
-                reported_s = time.monotonic()
-                self.member.message_filter.log.line(f"tick {self.tick + 1} {self.ticks} {self.misses}")
+            self.source.progress(self.tick + 1, self.misses, now=self.tick + 1 == self.ticks)
         until = time.monotonic() + LAST_S
-        while min(self.answered, default=self.tick) < self.tick and time.monotonic() < until:
+        while min(self.source.answered.values(), default=self.tick) < self.tick and time.monotonic() < until:
             self.spinner.spin_once(SPIN_S)
-        text = run_done(self.tick, self.case.run.frame_rate)
-        self.publish_state(RunState.ENDED, text)
-        self.member.message_filter.log.info(text)
-        finish([self.to_links, self.to_all, self.to_events, self.to_state], self.options.timeout)
+        self.log.info(self.source.end(self.tick))
+        self.source.finish()
 
     def check_known(self) -> None:
         """Raise `RunError` if no server has sent its configuration, unless the graph runs free."""
@@ -160,9 +131,7 @@ class C37118Client:
             if text and self.tick < 0 and self.sources.wrong:
                 raise InputError(text)
             if text:
-                (self.member.message_filter.log.warning if self.sources.wrong else self.member.message_filter.log.info)(
-                    text
-                )
+                (self.log.warning if self.sources.wrong else self.log.info)(text)
 
     def publish(self, tick: Tick) -> None:
         """Publish a tick with the stream data that came for it; the frame may be empty."""
@@ -171,10 +140,8 @@ class C37118Client:
         if k == 0:
             self.begin()
         self.member.begin(k)
-        self.misses += any(newest < k - 1 for newest in self.answered)
-        rows = self.sources.rows(tick, start)
-        self.to_links.publish(self.frames.fill(k, start, rows, len(rows)))
-        self.to_all.publish(self.truth.fill(k, start, sound=True, machines=self.unknown[0], devices=self.unknown[1]))
+        self.misses += any(newest < k - 1 for newest in self.source.answered.values())
+        self.source.publish(k, self.sources.rows(tick, start), True, *self.unknown)
         self.clock.publish(start)
         self.member.report_health(self.health, last=k + 1 == self.ticks)
 
@@ -185,12 +152,7 @@ class C37118Client:
         if self.stamp == "wall" and off_s * NANOSECONDS > stamps.DAY_NS:
             raise InputError(f"stamp: wall given with a stream that is {off_s:.0f} s off; allowed: simulated")
         stamps.begin(first_ns if self.stamp == "wall" else 0)
-        self.publish_state(RunState.RUNNING, "begins")
-
-    def publish_state(self, state: int, reason: str) -> None:
-        """Publish the state of the run."""
-        at = max(self.tick, 0)
-        self.to_state.publish(state_message(state, at, tick_ns(at, self.case.run.frame_rate), reason))
+        self.source.publish_state(RunState.RUNNING, self.tick, "begins")
 
     def health(self) -> Health:
         """State of the streams: flaws, counts and deadline misses."""
@@ -207,12 +169,9 @@ def _unknown(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
     return rows
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping c37118_client`."""
-    run_node(
-        "c37118_client", C37118Client, "Streams of IEEE C37.118.2 in the place of the plant, for controllers in shadow."
-    )
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node,
+    "c37118_client",
+    C37118Client,
+    "Streams of IEEE C37.118.2 in the place of the plant, for controllers in shadow.",
+)

@@ -16,6 +16,7 @@ from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import Options, declare, descriptor, read_case
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
+from facts_damping.nodes.base.topics import FRAMES
 from facts_damping.nodes.transport import stamps
 from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
     from facts_damping.nodes.base.managed import ManagedNode
 
-FRAMES = "pmu/frames"
 LISTENS = Options("free", 5.0, 30.0, recorder=False, view=False)  # whatever the graph's mode: no node waits for it
 REPORT_S = 1.0  # wall time between two reports of changes
 
@@ -41,8 +41,9 @@ class C37118Server:
     activation = AlwaysActive()
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, subscribe to the plant or to a link."""
-        self.case, self.asked, link = read_case(node), read_serving(node), read_link(node)
+        self.case, self.asked = read_case(node), read_serving(node)
+        text = "as this link of the run has delivered it, time-aligned; -1: as PMUs report it"
+        link = int(declare(node, "behind", -1, descriptor(text, "", -1, 15)))
         links = link_addresses(self.case)
         if link >= len(links):
             raise InputError(f"behind: {link} given; allowed: -1 to {len(links) - 1}")
@@ -66,8 +67,7 @@ class C37118Server:
             self.end()
             raise
         for line in lines:
-            self.message_filter.log.line(line)
-            self.message_filter.log.info(line)
+            self.message_filter.log.report(line)
 
     def on_frames(self, tick: int, rows: NDArray[Any]) -> None:
         """Send the frames of a tick to the clients; the first frame gives the time of tick 0."""
@@ -93,8 +93,7 @@ class C37118Server:
                     self.report_changes()
         finally:
             for row in serving.counted(self.servers):
-                self.message_filter.log.line(serving.told(row))
-                self.message_filter.log.info(serving.told(row))
+                self.message_filter.log.report(serving.told(row))
             self.end()
 
     def report_changes(self) -> None:
@@ -102,8 +101,7 @@ class C37118Server:
         before, self.counted = self.counted, serving.counted(self.servers)
         for old, new in zip(before, self.counted, strict=True):
             if {**old, "frames": 0} != {**new, "frames": 0}:
-                self.message_filter.log.line(serving.told(new))
-                self.message_filter.log.info(serving.told(new))
+                self.message_filter.log.report(serving.told(new))
 
     def end(self) -> None:
         """Close the servers and the event loop."""
@@ -117,7 +115,7 @@ def read_serving(node: ManagedNode) -> Serving:
     host: str = declare(node, "host", "127.0.0.1", descriptor("address of this computer at which clients connect"))
     port: int = declare(node, "port", 4712, descriptor("TCP and UDP port; 0: a free one", "", 0, 60000))
     text = "HOST:PORT that data also go to by UDP, perhaps a multicast group; an empty one is none"
-    to = [one for one in declare(node, "to", [""], descriptor(text)) if one]
+    to = [address for address in declare(node, "to", [""], descriptor(text)) if address]
     idcode: int = declare(node, "idcode", 1, descriptor("number of the stream, or of the first", "", 1, 65534))
     text = "what is polar, what are floats: polar, float_phasors, float_analogs, float_frequency, or none; empty: all"
     formats: str = declare(node, "format", "", descriptor(text))
@@ -126,16 +124,6 @@ def read_serving(node: ManagedNode) -> Serving:
     return Serving(host, port, to, idcode, formats or None, each=each)
 
 
-def read_link(node: ManagedNode) -> int:
-    """Declare and read the link behind which the stream is taken; -1: none."""
-    text = "as this link of the run has delivered it, time-aligned; -1: as PMUs report it"
-    return int(declare(node, "behind", -1, descriptor(text, "", -1, 15)))
-
-
-def main() -> None:
-    """Entry point of `ros2 run facts_damping c37118_server`."""
-    run_node("c37118_server", C37118Server, "Serves the PMUs of a graph as streams of IEEE C37.118.2; it only listens.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "c37118_server", C37118Server, "Serves the PMUs of a graph as streams of IEEE C37.118.2; it only listens."
+)

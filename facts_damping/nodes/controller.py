@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import ControllerState, DeviceSetpoints, JacobianEstimate, PmuDataFrame
+from facts_damping_msgs.msg import ControllerState, DeviceSetpoints, JacobianEstimate
 
-from facts_damping.case.names import (
-    controller_addresses,
-    identifier_addresses,
-    link_addresses,
-    supervisor_addresses,
-)
+from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses, supervisor_addresses
 from facts_damping.control.bank import act, set_estimate
 from facts_damping.control.table import kind_of
 from facts_damping.nodes.admission.member import CONTROLLER, Member
@@ -20,12 +16,10 @@ from facts_damping.nodes.base.live_parameters import declare_settings
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node
-from facts_damping.nodes.base.topics import graph_prefix
 from facts_damping.nodes.base.weights_file import WeightsFile
+from facts_damping.nodes.input_collector import UnitDelay
 from facts_damping.nodes.transport.messages import ControllerStateMessage, Estimate, Estimates, Health
-from facts_damping.nodes.transport.signing import seal, signing
-from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
-from facts_damping.nodes.unit_delay import UnitDelay
+from facts_damping.nodes.transport.tables import SetpointsMessage
 from facts_damping.simulation.adapted_weights import adapted
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.loop import setpoint_buffer
@@ -44,7 +38,6 @@ class ControllerNode:
     """One controller of the run."""
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, build the controller, set up the topics."""
         self.case, self.options, self.weights = read_case(node), read_options(node), WeightsFile(node)
         self.index = read_index(node, range(len(self.case.controllers)))
         self.case = self.weights.start(self.case, self.index)
@@ -53,31 +46,27 @@ class ControllerNode:
         self.restarts = Restarts(self.bank, self.state)
         self.programs, self.late = connect(self.case, self.state, only=self.index), 0
         address, hardware = controller_addresses(self.case)[self.index], ", ".join(self.controller.devices)
-        self.name, graph = address.name, graph_prefix(node, address)
-        self.member = Member(node, self.case, self.options, CONTROLLER, self.index, graph=graph, hardware=hardware)
+        self.member = member = Member(
+            node, self.case, self.options, CONTROLLER, self.index, address=address, hardware=hardware
+        )
         if self.weights.resumed:
-            self.member.change_weights(self.controller)
+            member.change_weights(self.controller)
         names = [name for name in kind_of(self.controller).parameters if not name.startswith("identifier_")]
         rows, swing = self.bank.settings[self.index], self.bank.mode_shape[self.index]
-        declare_settings(node, self.controller, names, rows, swing, self.member.change)
+        declare_settings(node, self.controller, names, rows, swing, member.change)
         link = link_addresses(self.case)[self.case.used_links[self.index]]
         identifier = str(identifier_addresses(self.case).get(self.index, ""))
-        by = signing(self.case, self.options.start_timeout)
-        self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/setpoints"))
-        self.inner = ControllerStateMessage(self.case, self.index)
+        self.name, self.state_message = address.name, ControllerStateMessage(self.case, self.index)
+        self.setpoints = SetpointsMessage(self.case, seal=member.seal(f"{address}/setpoints"))
         self.ticks = UnitDelay(self.options, self.case.run.frame_rate, identifier, self.act)
         self.to_link = node.create_publisher(DeviceSetpoints, f"{self.name}/setpoints", PUBLISHER_QOS)
         self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", PUBLISHER_QOS)
-        message_filter, delivered = self.member.message_filter, link.topic("pmu/delivered")
-        frames = FramesMessage(self.case, seal(by, delivered))
-        message_filter.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
+        member.subscribe_frames(link.topic("pmu/delivered"), self.ticks.frames)
         if identifier:
-            estimates = Estimates(self.case, self.index)
-            message_filter.subscribe(
-                JacobianEstimate, f"{graph}{identifier}/estimate", self.ticks.receive, estimates.read
-            )
-        message_filter.subscribe_run_state()
-        self.spinner, self.activation = self.member.spin(), self.member.joining
+            topic, estimates = f"{member.graph}{identifier}/estimate", Estimates(self.case, self.index)
+            member.message_filter.subscribe(JacobianEstimate, topic, self.ticks.receive, estimates.read)
+        member.message_filter.subscribe_run_state()
+        self.spinner, self.activation = member.spin(), member.joining
         extra = int(self.options.recorder)
         guarded = len(supervisor_addresses(self.case)) > 0  # then only the supervisor subscribes to the setpoints
         state_too = guarded and self.controller.fallback_of is None  # the supervisor also subscribes to the state
@@ -94,8 +83,8 @@ class ControllerNode:
             self.ticks.spin(self.spinner)
         finally:
             self.weights.keep(self.learnt, last=True)
-            for took in step_times(self.programs).values():
-                self.member.message_filter.log.line(f"steps {' '.join(map(repr, took))}")
+            for times in step_times(self.programs).values():
+                self.member.message_filter.log.line(f"steps {' '.join(map(repr, times))}")
 
     def learnt(self) -> Weights | None:
         """The adapted weights; None if there are none."""
@@ -103,17 +92,14 @@ class ControllerNode:
 
     def health(self) -> Health:
         """Whether frames arrive; for a user's own program also its step times."""
-        took = {
-            name: f"{value:.6g}"
-            for times in step_times(self.programs).values()
-            for name, value in times._asdict().items()
-        }
-        own = self.ticks.health("controls", controller=self.controller.name, **took)
+        rows = [times._asdict() for times in step_times(self.programs).values()]
+        step_s = {name: f"{value:.6g}" for row in rows for name, value in row.items()}
+        health = self.ticks.health("controls", controller=self.controller.name, **step_s)
         late, self.late = self.late, sum(program.late for program in self.programs)
         if not (self.options.paced and self.late > late):
-            return own
+            return health
         text = f"{self.late - late} steps of {self.controller.name} took longer than a frame"
-        return Health(DiagnosticStatus.WARN, text, own.values | {"late_steps": self.late})
+        return Health(DiagnosticStatus.WARN, text, health.values | {"late_steps": self.late})
 
     def act(self, tick: int, delivered: NDArray[Any], estimates: list[Estimate]) -> None:
         """Process one tick: publish setpoints and state, also without frames; while disarmed, no setpoints."""
@@ -128,15 +114,11 @@ class ControllerNode:
         check(self.programs)
         sent = count if self.member.joining.acts else 0
         self.to_link.publish(self.setpoints.fill(tick, start, issued[:sent], self.name))
-        self.to_recorder.publish(self.inner.fill(tick, start, len(delivered) > 0, self.state, self.ticks.heard))
+        self.to_recorder.publish(self.state_message.fill(tick, start, len(delivered) > 0, self.state, self.ticks.heard))
         self.member.report_health(self.health)
         self.weights.keep(self.learnt)
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping controller`."""
-    run_node("controller", ControllerNode, "One controller of the run: hears PMU frames as delivered, gives setpoints.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "controller", ControllerNode, "One controller of the run: hears PMU frames as delivered, gives setpoints."
+)

@@ -5,8 +5,12 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+from typing import TYPE_CHECKING
 
 from facts_damping.terminal import INTERRUPTIONS, heeded
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 def _start(node: str, *, computes: bool = True) -> None:
@@ -19,46 +23,16 @@ def _start(node: str, *, computes: bool = True) -> None:
     importlib.import_module(f"facts_damping.nodes.{node}").main()
 
 
-def plant_sim() -> None:
-    """Entry point of `ros2 run facts_damping plant_sim`."""
-    _start("plant_sim")
+def _entry_point(node: str, *, computes: bool = True) -> Callable[[], None]:
+    return lambda: _start(node, computes=computes)
 
 
-def wan_link() -> None:
-    """Entry point of `ros2 run facts_damping wan_link`."""
-    _start("wan_link")
-
-
-def controller() -> None:
-    """Entry point of `ros2 run facts_damping controller`."""
-    _start("controller")
-
-
-def identifier() -> None:
-    """Entry point of `ros2 run facts_damping identifier`."""
-    _start("identifier")
-
-
-def supervisor() -> None:
-    """Entry point of `ros2 run facts_damping supervisor`."""
-    _start("supervisor")
-
-
-def recorder() -> None:
-    """Entry point of `ros2 run facts_damping recorder`."""
-    _start("recorder", computes=False)
-
-
-def live_view() -> None:
-    """Entry point of `ros2 run facts_damping live_view`."""
-    _start("live_view", computes=False)
-
-
-def c37118_server() -> None:
-    """Entry point of `ros2 run facts_damping c37118_server`."""
-    _start("c37118_server")
-
-
-def c37118_client() -> None:
-    """Entry point of `ros2 run facts_damping c37118_client`."""
-    _start("c37118_client")
+plant_sim = _entry_point("plant_sim")
+wan_link = _entry_point("wan_link")
+controller = _entry_point("controller")
+identifier = _entry_point("identifier")
+supervisor = _entry_point("supervisor")
+c37118_server = _entry_point("c37118_server")
+c37118_client = _entry_point("c37118_client")
+recorder = _entry_point("recorder", computes=False)
+live_view = _entry_point("live_view", computes=False)

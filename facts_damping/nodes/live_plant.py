@@ -29,10 +29,9 @@ DRAWS = 36_000  # frames after which measurement noise repeats in an endless gra
 
 
 class LivePlant:
-    """State of a plant, its latest measurement, and its events."""
+    """State of a plant, which starts at equilibrium, its latest measurement, and its events."""
 
     def __init__(self, case: Case) -> None:
-        """Build the plant at its equilibrium."""
         self._begun = self._case = case  # case at the start; case with the changes made during the run
         self.tick = -1  # current tick
         built = build_plant(case)
@@ -44,13 +43,10 @@ class LivePlant:
         self.machines = np.zeros(len(self._plant.machines), MACHINE_TRUTH)
         self.devices = np.zeros(len(self._plant.devices), DEVICE_TRUTH)
         self.events, self.sound = grid_events(case), True
-        self._heard = initial_clock_state(len(self.devices))
+        self._accepted = initial_clock_state(len(self.devices))
 
     def _parts(self) -> tuple[Any, ...]:
         return self._plant, self.state, self._pmus, self._pmu_state
-
-    def _measured(self) -> tuple[Any, ...]:
-        return self.frame, self.measured_ns, self.status, self.machines, self.devices, self._work
 
     def start(self, tick: int) -> int:
         """Start of a tick, ns."""
@@ -59,7 +55,8 @@ class LivePlant:
     def measure(self, tick: int) -> None:
         """Begin a tick: compute PMU reports and truth; `sound` is false once synchronism is lost."""
         self.tick = tick
-        self.sound = bool(measure_with_pmus(*self._parts(), tick, *self._measured()))
+        results = self.frame, self.measured_ns, self.status, self.machines, self.devices
+        self.sound = bool(measure_with_pmus(*self._parts(), tick, *results, self._work))
 
     def entries(self) -> NDArray[Any]:
         """PMU reports of the current tick (DELIVERY)."""
@@ -68,13 +65,13 @@ class LivePlant:
     def due(self) -> list[GridEvent]:
         """Grid events that have happened and were not returned before."""
         count = sum(event.time_ns <= self.start(self.tick) for event in self.events)
-        told, self.events = self.events[:count], self.events[count:]
-        return told
+        due, self.events = self.events[:count], self.events[count:]
+        return due
 
-    def advance(self, come: Sequence[NDArray[Any]]) -> None:
+    def advance(self, received: Sequence[NDArray[Any]]) -> None:
         """Advance to the next tick with the received setpoints (SETPOINT), whatever the order of the links."""
-        table, count = np.zeros(sum(map(len, come)), SETPOINT), 0
-        for rows in come:
+        table, count = np.zeros(sum(map(len, received)), SETPOINT), 0
+        for rows in received:
             count = merge(table, count, rows, len(rows))
         advance_with_pmus(*self._parts(), self.tick, table, count, self._work)
 
@@ -95,23 +92,23 @@ class LivePlant:
 
         Raises `InputError` if the event cannot happen then.
         """
-        asked = with_event(self._case, text, self.start(self.tick + 1))
-        plant, self._case = build_plant(asked).plant, asked
+        changed = with_event(self._case, text, self.start(self.tick + 1))
+        plant, self._case = build_plant(changed).plant, changed
 
         def act(tick: int) -> None:
-            self._plant, self.events = plant, pending(asked, self.events, self.start(tick))
+            self._plant, self.events = plant, pending(changed, self.events, self.start(tick))
 
         return act
 
     def ask_reset(self) -> Callable[[int], None]:
         """Prepare a reset at the next tick: equilibrium, and the scenario from its start. Returns what applies it."""
-        built, asked = reset_plant(self._begun, self.start(self.tick + 1))
-        self._case = replace(self._case, scenario=asked.scenario)
+        built, changed = reset_plant(self._begun, self.start(self.tick + 1))
+        self._case = replace(self._case, scenario=changed.scenario)
 
         def act(tick: int) -> None:
             self._plant, self.state = built.plant, built.state
-            self.events = pending(asked, self.events, self.start(tick))
-            self._heard = initial_clock_state(len(self.devices))
+            self.events = pending(changed, self.events, self.start(tick))
+            self._accepted = initial_clock_state(len(self.devices))
 
         return act
 
@@ -128,7 +125,7 @@ class LivePlant:
         watchdog = self._case.run.watchdog
         if watchdog is None:
             return []
-        found = late_by_clock(self.state.watch, self._heard, time.monotonic(), watchdog.timeout)
+        found = late_by_clock(self.state.watch, self._accepted, time.monotonic(), watchdog.timeout)
         return [(self._case.run.devices[d], partial(self._let_go, d)) for d in found]
 
     def _let_go(self, device: int, _tick: int) -> None:
@@ -136,4 +133,4 @@ class LivePlant:
 
     def excuse(self, seconds: float) -> None:
         """Exclude the wall time of a pause from the time-outs."""
-        self._heard["at_s"] += seconds
+        self._accepted["at_s"] += seconds

@@ -13,6 +13,7 @@ from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
+from facts_damping.nodes.base.topics import PLANT_STATE
 from facts_damping.nodes.recorder import message_type, topics
 from facts_damping.recording.columns import stamp_ns
 from facts_damping.recording.schemas import schema_text
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 # Best effort: publishers do not wait for such a reader, so a slow view misses messages but delays no node.
 LISTENING = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.BEST_EFFORT, depth=1000)
 
-CLOCK = "plant/state"  # topic whose stamps give the time broadcast to clients
 HOST, PORT = "127.0.0.1", 8765
 
 
@@ -33,13 +33,12 @@ class LiveView:
     activation = AlwaysActive()
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, advertise the topics, subscribe."""
         case = read_case(node)
         self.host: str = declare(node, "host", HOST, descriptor("address that the server listens at"))
         self.port: int = declare(node, "port", PORT, descriptor("its port; 0: a free one", "", 0, 65535))
         self.sdk = sdk = library()
         schemas: dict[Any, Any] = {}
-        clock = node.resolve_topic_name(CLOCK)
+        clock = node.resolve_topic_name(PLANT_STATE)
         for topic, kind in topics(case).items():
             name, of = node.resolve_topic_name(topic), message_type(kind)
             if of not in schemas:
@@ -85,10 +84,4 @@ def library() -> Any:
     return foxglove
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping live_view`."""
-    run_node("live_view", LiveView, "A running graph in Foxglove, by WebSocket; it only listens.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(run_node, "live_view", LiveView, "A running graph in Foxglove, by WebSocket; it only listens.")

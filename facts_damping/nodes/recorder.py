@@ -19,14 +19,12 @@ from facts_damping.case.names import (
 )
 from facts_damping.control.table import kind_of
 from facts_damping.nodes.admission.member import RECORDER, Member
-from facts_damping.nodes.admission.publishers import PLANT
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import HEARD_S, BeginAgain, stop_requested
-from facts_damping.nodes.base.topics import CHANGES, STATE
-from facts_damping.nodes.base.topics import TOPIC as REFUSED
+from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_STATE, REFUSALS, RUN_STATE
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import Health, run_state
 from facts_damping.parameters.yaml_text import dump
@@ -45,28 +43,18 @@ REPORT_S = 1.0  # wall time between two diagnostics
 POLL_S = 0.01  # wall time between two polls of the queues
 
 TOPICS = {
-    "pmu/frames": messages.PmuDataFrame,
-    "plant/state": messages.PlantState,
+    FRAMES: messages.PmuDataFrame,
+    PLANT_STATE: messages.PlantState,
     "plant/events": messages.GridEvent,
-    "/diagnostics": DiagnosticArray,
-    REFUSED: messages.RefusedMessages,
+    DIAGNOSTICS: DiagnosticArray,
+    REFUSALS: messages.RefusedMessages,
     CHANGES: messages.RunChange,
-    STATE: messages.RunState,
+    RUN_STATE: messages.RunState,
 }
-OF_A_LINK = {
-    "pmu/delivered": messages.PmuDataFrame,
-    "setpoints/delivered": messages.DeviceSetpoints,
-    "link/statistics": messages.LinkStatistics,
-}
-SETPOINTS = "setpoints"
-OF_A_CONTROLLER = {SETPOINTS: messages.DeviceSetpoints, "state": messages.ControllerState}
-OF_A_SUPERVISOR = {SUPERVISED: messages.DeviceSetpoints, "state": messages.SupervisorState}
-
-
 STAMP_END, TICK_END = 12, 20  # byte offsets: end of the header's stamp; end of its empty frame_id
 NO_FRAME = b"\1\0\0\0\0"  # followed by three bytes of padding with any value
-UNTICKED = ("plant/events", "link/statistics", "/diagnostics", REFUSED, CHANGES, STATE)  # not begun at tick 0
-LATE = (CHANGES, STATE)  # earlier messages are received, too
+UNTICKED = ("plant/events", "link/statistics", DIAGNOSTICS, REFUSALS, CHANGES, RUN_STATE)  # not begun at tick 0
+LATE = (CHANGES, RUN_STATE)  # earlier messages are received, too
 
 
 def begins_a_run(data: bytes) -> bool:
@@ -76,17 +64,21 @@ def begins_a_run(data: bytes) -> bool:
 
 def topics(case: Case) -> dict[str, Any]:
     """Topics of a case and their message classes."""
-    own = {link.topic(name): kind for link in link_addresses(case) for name, kind in OF_A_LINK.items()}
+    found: dict[str, Any] = {}
+    for link in link_addresses(case):
+        found[link.topic("pmu/delivered")] = messages.PmuDataFrame
+        found[link.topic("setpoints/delivered")] = messages.DeviceSetpoints
+        found[link.topic("link/statistics")] = messages.LinkStatistics
     for controller, address in zip(case.controllers, controller_addresses(case), strict=True):
-        own |= {
-            f"{address}/{name}": kind
-            for name, kind in OF_A_CONTROLLER.items()
-            if name == SETPOINTS or not kind_of(controller).node  # a user's own node need not publish its state
-        }
-    own |= {f"{one}/estimate": messages.JacobianEstimate for one in identifier_addresses(case).values()}
-    supervisors = supervisor_addresses(case).values()
-    own |= {f"{one}/{name}": kind for one in supervisors for name, kind in OF_A_SUPERVISOR.items()}
-    return {**TOPICS, **own}
+        found[f"{address}/setpoints"] = messages.DeviceSetpoints
+        if not kind_of(controller).node:  # a user's own node need not publish its state
+            found[f"{address}/state"] = messages.ControllerState
+    for address in identifier_addresses(case).values():
+        found[f"{address}/estimate"] = messages.JacobianEstimate
+    for address in supervisor_addresses(case).values():
+        found[f"{address}/{SUPERVISED}"] = messages.DeviceSetpoints
+        found[f"{address}/state"] = messages.SupervisorState
+    return TOPICS | found
 
 
 def message_type(kind: Any) -> str:
@@ -101,15 +93,13 @@ class Recorder:
     activation = AlwaysActive()
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, subscribe."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
         self.folder: str = declare(node, "output", "recording", descriptor("folder of the new recording"))
-        self.taken: list[tuple[int, int, str, bytes]] = []  # source timestamp in ns, sequence number, topic, data
-        self.refused, self.run_state = (node.resolve_topic_name(name) for name in (REFUSED, STATE))
-        self.member = Member(
-            node, self.case, self.options, RECORDER, hardware=self.folder, send_refusals=self.on_refused
-        )
-        self.message_filter, self.clock = self.member.message_filter, node.resolve_topic_name(PLANT)
+        self.received: list[tuple[int, int, str, bytes]] = []  # source timestamp in ns, sequence number, topic, data
+        self.refused, self.run_state = (node.resolve_topic_name(name) for name in (REFUSALS, RUN_STATE))
+        send = self.on_refused
+        self.member = Member(node, self.case, self.options, RECORDER, hardware=self.folder, send_refusals=send)
+        self.message_filter, self.clock = self.member.message_filter, node.resolve_topic_name(PLANT_STATE)
         waited = self.options.recorder and not self.options.free  # others wait for it: it gets all first messages
         self.topics: dict[str, str] = {}
         for topic, kind in topics(self.case).items():
@@ -117,9 +107,8 @@ class Recorder:
             self.topics[name] = message_type(kind)
             begins = begins_a_run if waited and not unticked else None
             qos = LATCHED_SUBSCRIBER_QOS if topic in LATE else SUBSCRIBER_QOS
-            self.message_filter.subscribe(
-                kind, topic, partial(self.on_message, name), begins=begins, common=unticked, qos=qos
-            )
+            use = partial(self.on_message, name)
+            self.message_filter.subscribe(kind, topic, use, begins=begins, common=unticked, qos=qos)
         self.message_filter.senders.know_plant()
         self.written = 0
         self.spinner = self.member.spin()
@@ -134,12 +123,12 @@ class Recorder:
 
     def on_refused(self, data: bytes) -> None:
         """Keep the recorder's own report of refusals for the recording."""
-        self.taken.append((time.time_ns(), 0, self.refused, data))
+        self.received.append((time.time_ns(), 0, self.refused, data))
 
     def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
         """Keep one message for the recording."""
         sequence = information["publication_sequence_number"] or 0  # not every middleware numbers messages
-        self.taken.append((information["source_timestamp"], sequence, topic, data))
+        self.received.append((information["source_timestamp"], sequence, topic, data))
         if topic == self.clock and len(data) >= STAMP_END:
             self.member.at_ns = stamp_ns(data)
         if topic == self.run_state and self.message_filter.senders.is_plant(information["publisher_gid"]["data"]):
@@ -154,10 +143,10 @@ class Recorder:
 
     def write(self) -> None:
         """Write the taken messages in the order of their publication."""
-        for source_ns, sequence, topic, data in sorted(self.taken):
+        for source_ns, sequence, topic, data in sorted(self.received):
             self.writer.write(topic, data, time.time_ns(), source_ns, sequence)
-        self.written += len(self.taken)
-        self.taken.clear()
+        self.written += len(self.received)
+        self.received.clear()
 
     def health(self) -> Health:
         """Numbers of messages written and lost."""
@@ -202,10 +191,6 @@ class Recorder:
                 time.sleep(POLL_S)
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping recorder`."""
-    run_node("recorder", Recorder, "The recorder: writes every topic of the graph as it is, raw CDR, to MCAP.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "recorder", Recorder, "The recorder: writes every topic of the graph as it is, raw CDR, to MCAP."
+)

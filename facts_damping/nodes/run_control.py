@@ -12,9 +12,6 @@ from std_srvs.srv import Trigger
 
 from facts_damping.errors import InputError, one_line
 from facts_damping.nodes.base.parameters import declare, descriptor
-from facts_damping.nodes.base.qos import LATCHED
-from facts_damping.nodes.base.topics import STATE
-from facts_damping.nodes.transport.messages import state_message
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -23,8 +20,8 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.parameter import Parameter
 
-    from facts_damping.nodes.admission.member import Member
     from facts_damping.nodes.base.spinner import Spinner
+    from facts_damping.nodes.frame_source import FrameSource
     from facts_damping.nodes.live_plant import LivePlant
 
 REMIND_S = 0.4  # wall time between two reports of a pause: shorter than the time after which nodes report silence
@@ -35,19 +32,13 @@ class RunControl:
 
     waits, takes_part = False, True
 
-    def __init__(self, node: Node, member: Member, plant: LivePlant, progress: Callable[[], None]) -> None:
+    def __init__(self, node: Node, source: FrameSource, plant: LivePlant, progress: Callable[[], None]) -> None:
         """Create the services; during a pause, `progress` tells the calling program that the run is alive."""
-        self._member, self._plant, self._progress = member, plant, progress
+        self._source, self._member, self._plant, self._progress = source, source.member, plant, progress
         self._paused: bool = False
         self._steps = 0
-        self._publisher = node.create_publisher(RunState, STATE, LATCHED)
-        for name, answer in (
-            ("pause", self.on_pause),
-            ("resume", self.on_resume),
-            ("reset", self.on_reset),
-            ("rearm", self.on_rearm),
-        ):
-            node.create_service(Trigger, f"~/{name}", answer)
+        for answer in (self.on_pause, self.on_resume, self.on_reset, self.on_rearm):
+            node.create_service(Trigger, f"~/{answer.__name__.removeprefix('on_')}", answer)
         node.create_service(Step, "~/step", self.on_step)
         node.create_service(Apply, "~/apply", self.on_apply)
         text = "an event, as in a scenario, without its time: it happens now, or where it is given at the start, then"
@@ -55,44 +46,36 @@ class RunControl:
             self._ask_event(event)
         node.add_on_set_parameters_callback(self.on_set)
 
-    def activate(self) -> None:
-        """Resume a paused run."""
-        self._resume()
-
-    def deactivate(self) -> None:
-        """Pause the run."""
-        self._pause()
-
-    def _pause(self) -> bool:
-        """Pause the run. Returns whether it went on."""
-        went, self._paused = not self._paused, True
-        if went:
+    def deactivate(self) -> bool:
+        """Pause the run. Returns false if it is paused already."""
+        was_running, self._paused = not self._paused, True
+        if was_running:
             self._member.change("pause")
-        return went
+        return was_running
 
-    def _resume(self) -> bool:
-        """Resume the run. Returns whether it was paused."""
-        paused, self._paused, self._steps = self._paused, False, 0
-        if paused:
+    def activate(self) -> bool:
+        """Resume the run. Returns false if it is not paused."""
+        was_paused, self._paused, self._steps = self._paused, False, 0
+        if was_paused:
             self._member.change("resume")
-            self.publish_state(RunState.RUNNING, self._plant.tick, "goes on")
-        return paused
+            self._source.publish_state(RunState.RUNNING, self._plant.tick, "goes on")
+        return was_paused
 
     def _next(self) -> str:
-        """Text that tells from which tick and time a change acts."""
+        """From which tick and time a change acts."""
         tick = self._plant.tick + 1
         return f"from tick {tick} on, {self._plant.start(tick) / NANOSECONDS:.3f} s"
 
     def on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Pause: no tick begins until the run is resumed or stepped."""
-        there = f"the run is paused after tick {self._plant.tick}, {self._steps} to be stepped"
-        response.success = self._pause()
-        response.message = f"paused {self._next()}" if response.success else there
+        paused = f"the run is paused after tick {self._plant.tick}, {self._steps} to be stepped"
+        response.success = self.deactivate()
+        response.message = f"paused {self._next()}" if response.success else paused
         return response
 
     def on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Resume a paused run."""
-        response.success = self._resume()
+        response.success = self.activate()
         response.message = f"goes on {self._next()}" if response.success else "the run is not paused"
         return response
 
@@ -131,9 +114,9 @@ class RunControl:
     def on_set(self, parameters: list[Parameter[Any]]) -> SetParametersResult:
         """Queue an event that is set by the parameter `event`."""
         try:
-            for one in parameters:
-                if one.name == "event" and one.value:
-                    self._ask_event(one.value)
+            for parameter in parameters:
+                if parameter.name == "event" and parameter.value:
+                    self._ask_event(parameter.value)
         except InputError as error:
             return SetParametersResult(successful=False, reason=one_line(error))
         return SetParametersResult(successful=True)
@@ -156,7 +139,7 @@ class RunControl:
         while self._held():
             if time.monotonic() - reported_s > REMIND_S:
                 reported_s = time.monotonic()
-                self.publish_state(RunState.PAUSED, tick - 1, "paused")
+                self._source.publish_state(RunState.PAUSED, tick - 1, "paused")
                 self._progress()
             spinner.spin_once(0.05)
         self._steps = max(0, self._steps - 1)
@@ -164,13 +147,3 @@ class RunControl:
 
     def _held(self) -> bool:
         return self._paused and self._steps == 0
-
-    def publish_state(self, state: int, tick: int, reason: str, sound: bool = True) -> None:
-        """Publish the state of the run at a tick."""
-        at = max(tick, 0)
-        self._publisher.publish(state_message(state, at, self._plant.start(at), reason, sound))
-
-    @property
-    def publisher(self) -> Any:
-        """Publisher of the state of the run."""
-        return self._publisher

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from facts_damping_msgs.msg import ControllerState, DeviceSetpoints, PlantState, PmuDataFrame, SupervisorState
+from facts_damping_msgs.msg import ControllerState, DeviceSetpoints, PlantState, SupervisorState
 from std_srvs.srv import Trigger
 
 from facts_damping.case.names import (
@@ -37,11 +37,10 @@ from facts_damping.monitor_table import (
     reason_of,
 )
 from facts_damping.nodes.admission.member import SUPERVISOR, Member
-from facts_damping.nodes.admission.publishers import PLANT as PLANT_STATE
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node
-from facts_damping.nodes.base.topics import graph_prefix
+from facts_damping.nodes.base.topics import PLANT_STATE
 from facts_damping.nodes.input_collector import InputCollector
 from facts_damping.nodes.transport.messages import (
     ControllerStateMessage,
@@ -49,8 +48,7 @@ from facts_damping.nodes.transport.messages import (
     PlantStateMessage,
     SupervisorStateMessage,
 )
-from facts_damping.nodes.transport.signing import seal, signing
-from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
+from facts_damping.nodes.transport.tables import SetpointsMessage
 from facts_damping.signals import DEVICE_TRUTH, NANOSECONDS, SETPOINT, SUPERVISION
 from facts_damping.simulation.build import build_supervisors
 from facts_damping.simulation.loop import setpoint_buffer
@@ -62,7 +60,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from facts_damping.nodes.base.managed import ManagedNode
-    from facts_damping.nodes.transport.signing import Signing
 
 LEVELS = {ARMED: DiagnosticStatus.OK, TRIPPED: DiagnosticStatus.ERROR}  # all other states: WARN
 FROM = {ARM: (SHADOW,), DISARM: (SHADOW, ARMED, FALLBACK, TRIPPED), RESET: (DISARMED, TRIPPED), PROBE: (SHADOW,)}
@@ -72,58 +69,53 @@ class SupervisorNode:
     """The supervisor of one controller of the run."""
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, build the supervisor, set up the topics."""
         self.case, self.options = read_case(node), read_options(node)
         addresses = supervisor_addresses(self.case)
         self.index = read_index(node, addresses, "supervised controllers")
-        self.own = list(addresses).index(self.index)
-        self.made, self.state = build_supervisors(self.case)
-        address, controller = addresses[self.index], self.case.controllers[self.index]
-        graph, hardware = graph_prefix(node, address), ", ".join(controller.devices)
-        self.member = Member(node, self.case, self.options, SUPERVISOR, self.index, graph=graph, hardware=hardware)
+        self.s = list(addresses).index(self.index)  # row of this supervisor in arrays
+        self.supervisors, self.state = build_supervisors(self.case)
+        self.row, self.thresholds = self.state.rows[self.s], self.supervisors.thresholds[self.s]
+        address, self.devices_of = addresses[self.index], self.case.controllers[self.index].devices
+        hardware = ", ".join(self.devices_of)
+        self.member = Member(node, self.case, self.options, SUPERVISOR, self.index, address=address, hardware=hardware)
         self.name, self.status, self.before = address.name, np.zeros(1, SUPERVISION), -1
-        own_reserves, by = reserves(self.case.run), signing(self.case, self.options.start_timeout)
-        self.sources = [c for c in (self.index, own_reserves.get(self.index)) if c is not None]
+        self.sources = [c for c in (self.index, reserves(self.case.run).get(self.index)) if c is not None]
         self.controllers = [controller_names(self.case)[c] for c in self.sources]
-        self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/{SUPERVISED}"))
+        self.setpoints = SetpointsMessage(self.case, seal=self.member.seal(f"{address}/{SUPERVISED}"))
         self.to_link = node.create_publisher(DeviceSetpoints, f"{self.name}/{SUPERVISED}", PUBLISHER_QOS)
         self.to_recorder = node.create_publisher(SupervisorState, f"{self.name}/state", PUBLISHER_QOS)
         self.devices = np.zeros(len(self.case.run.devices), DEVICE_TRUTH)
-        self.inputs, self.publishers = self.wire(node, graph, by)
-        thresholds = self.made.thresholds[self.own]
-        self.state_message = SupervisorStateMessage(self.controllers[0], thresholds, list(self.inputs.heard))
+        self.inputs, self.publishers = self.subscribe(node)
+        self.state_message = SupervisorStateMessage(self.controllers[0], self.thresholds, list(self.inputs.heard))
         for name in COMMANDS:
             node.create_service(Trigger, f"~/{name}", partial(self.on_command, name))
         self.member.message_filter.subscribe_run_state()
         self.waits, self.takes_part = False, self.options.paced
         self.spinner, self.activation = self.member.spin(), self
 
-    def wire(
-        self, node: ManagedNode, graph: str, by: Signing | None
-    ) -> tuple[InputCollector, dict[str, Callable[[], int]]]:
+    def subscribe(self, node: ManagedNode) -> tuple[InputCollector, dict[str, Callable[[], int]]]:
         """Subscribe to the link, the plant, the controller and its fallback.
 
         Returns the collector of their messages, and a function by part that counts its publishers.
         """
-        case, message_filter, heard = self.case, self.member.message_filter, self.sources
+        case, member = self.case, self.member
         places, names = controller_addresses(case), controller_names(case)
-        senders = {names[c]: str(places[c]) for c in heard} | {"plant": "plant_sim"}
-        topics = {names[c]: f"{graph}{places[c]}/setpoints" for c in heard}
-        topics["plant"] = f"{graph}{PLANT_STATE}"
+        senders = {names[c]: str(places[c]) for c in self.sources} | {"plant": "plant_sim"}
+        topics = {names[c]: f"{places[c]}/setpoints" for c in self.sources} | {"plant": PLANT_STATE}
+        readers: dict[str, tuple[Any, Callable[[bytes], tuple[Any, ...]]]] = {
+            "plant": (PlantState, PlantStateMessage(case).read)
+        }
         if not kind_of(case.controllers[self.index]).node:  # a user's own node need not publish its state
-            senders["state"], topics["state"] = str(places[self.index]), f"{graph}{places[self.index]}/state"
+            senders["state"], topics["state"] = str(places[self.index]), f"{places[self.index]}/state"
+            readers["state"] = ControllerState, ControllerStateMessage(case, self.index).read
         inputs = InputCollector(self.options, senders, self.act)
-        for c in heard:
-            setpoints = SetpointsMessage(case, names[c], [c], seal(by, f"{places[c]}/setpoints"))
-            message_filter.subscribe(DeviceSetpoints, topics[names[c]], inputs.store(names[c]), setpoints.read)
-        if "state" in senders:
-            inner = ControllerStateMessage(case, self.index)
-            message_filter.subscribe(ControllerState, topics["state"], inputs.store("state"), inner.read)
-        message_filter.subscribe(PlantState, topics["plant"], inputs.store("plant"), PlantStateMessage(case).read)
-        link = link_addresses(case)[case.used_links[self.index]].topic("pmu/delivered")
-        frames = FramesMessage(case, seal(by, link))
-        message_filter.subscribe(PmuDataFrame, f"{graph}{link}", inputs.frames, frames.read, leads=True)
-        return inputs, {part: partial(node.count_publishers, topic) for part, topic in topics.items()}
+        for c in self.sources:
+            member.subscribe_setpoints(topics[names[c]], inputs.store(names[c]), names[c], [c])
+        for part, (kind, read) in readers.items():
+            member.message_filter.subscribe(kind, f"{member.graph}{topics[part]}", inputs.store(part), read)
+        link = link_addresses(case)[case.used_links[self.index]]
+        member.subscribe_frames(link.topic("pmu/delivered"), inputs.frames)
+        return inputs, {part: partial(node.count_publishers, member.graph + topic) for part, topic in topics.items()}
 
     def ready(self) -> None:
         """Wait for its link, its controller and fallback, the identifier, and the recorder."""
@@ -138,22 +130,21 @@ class SupervisorNode:
     def act(self, tick: int, parts: dict[str, Any]) -> None:
         """Process one tick: publish the permitted setpoints, also if there are none, and the state when it is due."""
         self.member.begin(tick)
-        row, s = self.state.rows[self.own], self.own
-        for inner in parts.get("state", [])[-1:]:
-            row["finite"], row["norm"], row["lyapunov"], row["fall"] = inner
+        row = self.row
+        for health in parts.get("state", [])[-1:]:
+            row["finite"], row["norm"], row["lyapunov"], row["fall"] = health
         for devices in parts["plant"][-1:]:
             self.devices[:] = devices
         issued_parts = [rows for name in self.controllers for rows in parts[name]]
         issued = np.concatenate([*issued_parts, np.zeros(0, SETPOINT)])
         start, end = (tick_ns(k, self.case.run.frame_rate) for k in (tick, tick + 1))
-        out = setpoint_buffer(len(self.case.controllers[self.index].devices), len(issued))
-        frames, own = parts["frames"], (self.made, self.state, s)
-        count = supervise(*own, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0)
+        out, frames = setpoint_buffer(len(self.devices_of), len(issued)), parts["frames"]
+        this = self.supervisors, self.state, self.s
+        count = supervise(*this, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0)
         self.to_link.publish(self.setpoints.fill(tick, start, out[:count], self.name))
-        if write_status(*own, tick, self.status, 0):
-            self.to_recorder.publish(
-                self.state_message.fill(tick, start, self.status[0], list(self.inputs.heard.values()))
-            )
+        if write_status(*this, tick, self.status, 0):
+            inputs = list(self.inputs.heard.values())
+            self.to_recorder.publish(self.state_message.fill(tick, start, self.status[0], inputs))
             self.report(start)
         self.member.report_health(self.health)
 
@@ -161,67 +152,57 @@ class SupervisorNode:
         """Log a change of state; shadow is not logged."""
         state = int(self.status["state"][0])
         if state not in (self.before, SHADOW):
-            reason = reason_of(self.status[0], self.made.thresholds[self.own])
+            log, reason = self.member.message_filter.log, reason_of(self.status[0], self.thresholds)
             text = f"{STATES[state]} at {start_ns / NANOSECONDS:.3f} s: {reason}"
-            (
-                self.member.message_filter.log.warning
-                if state in (FALLBACK, TRIPPED)
-                else self.member.message_filter.log.info
-            )(text)
+            (log.warning if state in (FALLBACK, TRIPPED) else log.info)(text)
         self.before = state
 
     def health(self) -> Health:
         """State of the supervisor and its reason."""
         state = int(self.status["state"][0])
-        reason = reason_of(self.status[0], self.made.thresholds[self.own])
+        reason = reason_of(self.status[0], self.thresholds)
         level = LEVELS.get(state, DiagnosticStatus.WARN)
         values = {"mode": self.options.mode, "state": STATES[state], "cause": cause_name(int(self.status["cause"][0]))}
         return Health(level, f"{STATES[state]}: {reason}" if reason else STATES[state], values)
 
     def activate(self) -> None:
         """Return to shadow if the supervisor is disarmed."""
-        if self.state.rows["state"][self.own] == DISARMED:
+        if self.row["state"] == DISARMED:
             self._ask("reset")
 
     def deactivate(self) -> None:
         """Disarm: the controller no longer acts."""
-        if self.state.rows["state"][self.own] != DISARMED:
+        if self.row["state"] != DISARMED:
             self._ask("disarm")
 
     def _ask(self, name: str) -> None:
         """Queue a command for the next tick."""
-        row = self.state.rows[self.own]
 
         def act(_tick: int) -> None:
-            row["asked"] = COMMANDS[name]
+            self.row["asked"] = COMMANDS[name]
 
         self.member.change(name, act=act)
 
     def on_command(self, name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Queue an operator's command for the next tick, or answer why it is refused."""
-        code, row = COMMANDS[name], self.state.rows[self.own]
-        state = int(row["state"])
+        code, state = COMMANDS[name], int(self.row["state"])
         if state not in FROM[code]:
             allowed = ", ".join(STATES[one] for one in FROM[code])
             response.message = f"{STATES[state]}; allowed: {name} while {allowed}"
             return response
-        if code == PROBE and not self.made.settings["omega"][self.own] > 0.0:
+        if code == PROBE and not self.supervisors.settings["omega"][self.s] > 0.0:
             response.message = "not probed: the plant has no electromechanical mode"
             return response
-        cause = refusal(self.made, self.state, self.own) if code == ARM else NO_CAUSE
+        cause = refusal(self.supervisors, self.state, self.s) if code == ARM else NO_CAUSE
         if cause != NO_CAUSE:
             self.status["refused"] = cause
-            response.message = f"not armed: {reason_of(self.status[0], self.made.thresholds[self.own], refused=True)}"
+            response.message = f"not armed: {reason_of(self.status[0], self.thresholds, refused=True)}"
             return response
         self._ask(name)
-        response.success, response.message = True, f"from tick {int(row['tick']) + 1} on"
+        response.success, response.message = True, f"from tick {int(self.row['tick']) + 1} on"
         return response
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping supervisor`."""
-    run_node("supervisor", SupervisorNode, "The supervisor of a controller of the run: passes on what may act.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "supervisor", SupervisorNode, "The supervisor of a controller of the run: passes on what may act."
+)

@@ -20,9 +20,8 @@ from facts_damping.nodes.base.live_parameters import StageParameters
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node
-from facts_damping.nodes.base.topics import graph_prefix
+from facts_damping.nodes.base.topics import FRAMES
 from facts_damping.nodes.transport.messages import Health, link_statistics
-from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import CHANNELS, LOST, SETPOINT
 from facts_damping.simulation.build import build_links
@@ -42,43 +41,37 @@ class WanLink:
     """One link of the run, both directions, and the messages of the current tick."""
 
     def __init__(self, node: ManagedNode) -> None:
-        """Read parameters, build the link, set up the topics."""
         self.case, self.options = read_case(node), read_options(node)
         self.index = read_index(node, range(len(self.case.links)), "links")
-        by, address = signing(self.case, self.options.start_timeout), link_addresses(self.case)[self.index]
-        graph = graph_prefix(node, address)
-        self.member = Member(node, self.case, self.options, LINK, self.index, graph=graph, hardware=str(address))
+        address = link_addresses(self.case)[self.index]
+        self.member = member = Member(
+            node, self.case, self.options, LINK, self.index, address=address, hardware=str(address)
+        )
         self.links, self.now = build_links(self.case), self.case  # `now`: case as changed during the run
         self.stages = StageParameters(node, self.case.links[self.index], self.change_number)
         node.create_service(Apply, "~/apply", self.on_apply)
-        self.frames = FramesMessage(self.case, seal(by, address.topic("pmu/delivered")))
-        self.setpoints = SetpointsMessage(self.case, seal=seal(by, address.topic("setpoints/delivered")))
-        heard = {c: one for c, one in speakers(self.case).items() if c in served(self.case, self.index)}
-        self.places = {one.name: one.place for one in heard.values()}
+        self.frames = FramesMessage(self.case, member.seal(address.topic("pmu/delivered")))
+        self.setpoints = SetpointsMessage(self.case, seal=member.seal(address.topic("setpoints/delivered")))
+        senders = {c: sender for c, sender in speakers(self.case).items() if c in served(self.case, self.index)}
+        self.places = {sender.name: sender.place for sender in senders.values()}
         self.frame = np.full((len(self.case.system.pmus), len(CHANNELS)), np.nan)
         self.measured_ns = np.full(len(self.frame), LOST)  # LOST: the PMU is absent from the frame
         self.status = np.zeros(len(self.frame), np.int64)
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", PUBLISHER_QOS)
         self.to_plant = node.create_publisher(DeviceSetpoints, "setpoints/delivered", PUBLISHER_QOS)
         self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", PUBLISHER_QOS)
-        message_filter, frames = self.member.message_filter, FramesMessage(self.case, seal(by, "pmu/frames"))
-        message_filter.subscribe(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, frames.read, leads=True)
-        for c, (name, _, topic) in heard.items():
-            setpoints, use = SetpointsMessage(self.case, name, [c], seal(by, topic)), partial(self.on_setpoints, name)
-            message_filter.subscribe(DeviceSetpoints, f"{graph}{topic}", use, setpoints.read, lambda: self.tick)
+        member.subscribe_frames(FRAMES, self.on_frame)
+        for c, (name, _, topic) in senders.items():
+            member.subscribe_setpoints(topic, partial(self.on_setpoints, name), name, [c], lambda: self.tick)
         self.tick = -1
         self.missing: set[str] = set()
         self.answered = dict.fromkeys(self.places, 0)  # newest answered tick, by controller
         self.behind: Counter[str] = Counter()  # late answers since the last report, by controller
-        self.publishers = {one.name: partial(node.count_publishers, f"{graph}{one.topic}") for one in heard.values()}
-        self.given: dict[str, list[Any]] = {name: [] for name in self.places}
-        message_filter.subscribe_run_state("pmu/frames")
-        self.spinner, self.activation = self.member.spin(), self.member.joining
-
-    @property
-    def measured(self) -> tuple[Any, ...]:
-        """Measurements of the PMUs: values, times and status."""
-        return self.frame, self.measured_ns, self.status
+        self.topics = {sender.name: f"{member.graph}{sender.topic}" for sender in senders.values()}
+        self.count_publishers = node.count_publishers
+        self.received: dict[str, list[NDArray[Any]]] = {name: [] for name in self.places}
+        member.message_filter.subscribe_run_state(FRAMES)
+        self.spinner, self.activation = member.spin(), member.joining
 
     def ready(self) -> None:
         """Wait for the plant, the subscribers of delivered frames, and the recorder."""
@@ -98,17 +91,16 @@ class WanLink:
     def on_apply(self, request: Apply.Request, response: Apply.Response) -> Apply.Response:
         """Replace the link by another one from the next tick on."""
         try:
-            asked = with_link(self.now, self.index, request.change)
+            changed = with_link(self.now, self.index, request.change)
         except InputError as error:
             response.message = one_line(error)
             return response
 
         def act(_tick: int) -> None:
-            self.now = asked
-            self.links = relinked(self.links, asked, self.index)
+            self.now, self.links = changed, relinked(self.links, changed, self.index)
 
-        self.stages.replace(asked.links[self.index])
-        self.member.change("link", "", asked.links[self.index].model_dump(), act)  # in full, not by name
+        self.stages.replace(changed.links[self.index])
+        self.member.change("link", "", changed.links[self.index].model_dump(), act)  # in full, not by name
         response.success, response.message = True, f"from tick {self.tick + 1} on"
         return response
 
@@ -141,7 +133,8 @@ class WanLink:
         self.measured_ns[:] = LOST
         self.frame[rows["pmu"]], self.measured_ns[rows["pmu"]] = rows["values"], rows["measured_ns"]
         self.status[rows["pmu"]] = rows["status"]
-        count = uplink(self.links, self.index, self.tick, start, end, *self.measured)
+        measured = self.frame, self.measured_ns, self.status
+        count = uplink(self.links, self.index, self.tick, start, end, *measured)
         self.to_controllers.publish(self.frames.fill(self.tick, start, self.links.up.out[self.index], count))
         self.missing = {name for name in self.places if not self.gone(name)}
         if not self.missing:
@@ -153,7 +146,7 @@ class WanLink:
 
     def on_setpoints(self, controller: str, tick: int, rows: NDArray[Any]) -> None:
         """Keep a controller's setpoints; when the last controller has answered, answer the plant."""
-        self.given[controller].append(rows)
+        self.received[controller].append(rows)
         self.answered[controller] = tick
         if tick < self.tick:
             self.behind[controller] += 1
@@ -165,11 +158,10 @@ class WanLink:
     def answer(self) -> None:
         """Put the setpoints into the downlink, in order of controllers; publish those that arrive, none if disarmed."""
         start, end = self.span(self.tick)
-        rows = [row for kept in self.given.values() for row in kept]
-        given = np.concatenate(rows) if rows else np.zeros(0, SETPOINT)
-        for kept in self.given.values():
+        received = np.concatenate([np.zeros(0, SETPOINT), *(rows for kept in self.received.values() for rows in kept)])
+        for kept in self.received.values():
             kept.clear()
-        count = downlink(self.links, self.index, self.tick, end, given, len(given))
+        count = downlink(self.links, self.index, self.tick, end, received, len(received))
         sent = count if self.member.joining.acts else 0
         self.to_plant.publish(self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :sent], ""))
         self.missing = set()
@@ -194,7 +186,7 @@ class WanLink:
                 continue
             patience = self.options.patience(self.tick) + (0.0 if self.missing else PATIENCE_S)
             if self.owed() and time.monotonic() - self.member.message_filter.admitted_at > patience:
-                left = [name for name in self.missing if self.publishers[name]() == 0]
+                left = [name for name in self.missing if self.count_publishers(self.topics[name]) == 0]
                 names = ", ".join(sorted(self.places[name] for name in left or self.missing)) or "plant_sim"
                 what = "has left" if left else "is silent"
                 raise RunError(f"{names} {what}: nothing after tick {self.tick} within {patience:g} s")
@@ -206,10 +198,6 @@ class WanLink:
         return bool(self.missing) or self.tick + 1 < self.case.ticks
 
 
-def main() -> None:
-    """Entry point of `ros2 run facts_damping wan_link`."""
-    run_node("wan_link", WanLink, "A wide-area link: delivers PMU frames to controllers and setpoints to the plant.")
-
-
-if __name__ == "__main__":
-    main()
+main = partial(
+    run_node, "wan_link", WanLink, "A wide-area link: delivers PMU frames to controllers and setpoints to the plant."
+)

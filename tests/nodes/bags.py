@@ -1,4 +1,4 @@
-"""Recordings made of others: as `ros2 bag record` would have made them, and in chunks of known content."""
+"""Copies of recordings: as `ros2 bag record` writes them, and in chunks of known content."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def copy(recording: Path, out: Path, storage: str, late: int = 0, end: int | Non
 
 
 def in_chunks(recording: Path, out: Path, sizes: Iterable[int]) -> list[list[tuple[str, int]]]:
-    """A recording in `out` of the same messages in chunks of so many each: topic and tick of what is in each chunk.
+    """Copy a recording to `out` in chunks of `sizes` messages. Returns topic and tick of the messages of each chunk.
 
-    A recorder's chunks end by wall time, and the messages of a tick come to it in any order. Here they come, and are
-    received, in the order of ticks, then of topics; before them, in a chunk of their own, those that are of no tick.
+    Messages are ordered by tick, then by topic; those without a tick come first, in a chunk of their own. (A recorder's
+    chunks end by wall time, and the messages of a tick come in any order.)
     """
     content = scan(recording)
     ordered = []

@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import pytest
 
-from facts_damping.nodes import plant_sim
+from facts_damping.nodes import frame_source
 from facts_damping.nodes.launching import forked, graph
 from facts_damping.testing import loopback
 from tests.nodes.graphs import PATIENCE_S, somebody
@@ -23,16 +23,13 @@ from tests.nodes.graphs import PATIENCE_S, somebody
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.node import Node
-
 
 __all__ = ["loopback"]  # a fixture
 
 
 @pytest.fixture
 def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """The processes that a graph starts, by name; on the loopback the plant tells of every few ticks."""
+    """The processes that a graph starts, by name; on the loopback the plant reports every few ticks."""
     found: dict[str, Any] = {}
     original = graph.start
 
@@ -41,13 +38,13 @@ def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         return found[name]
 
     monkeypatch.setattr(graph, "start", spy)
-    monkeypatch.setattr(plant_sim, "PROGRESS_S", 0.02)
+    monkeypatch.setattr(frame_source, "PROGRESS_S", 0.02)
     return found
 
 
 @dataclass
 class Started:
-    """A node that runs, and the files that take what it says."""
+    """A node that was started, and its output files."""
 
     name: str
     pid: int
@@ -56,7 +53,6 @@ class Started:
     errors: IO[str]
 
     def wait(self, until: Callable[[], bool], timeout: float) -> None:
-        """Wait until something holds."""
         deadline = time.monotonic() + timeout
         while not until():
             if time.monotonic() > deadline:
@@ -64,32 +60,38 @@ class Started:
             time.sleep(0.01)
 
     def communicate(self, timeout: float) -> tuple[str, str]:
-        """Wait until it has ended; all that it said."""
+        """Wait until it has ended. Returns `texts`."""
         self.wait(lambda: self.poll() is not None, timeout)
-        return self.said()
+        return self.texts()
 
-    def said(self) -> tuple[str, str]:
-        """What it said so far, on standard output and error."""
+    def texts(self) -> tuple[str, str]:
+        """Standard output and standard error so far."""
         return Path(self.output.name).read_text(), Path(self.errors.name).read_text()
 
     @property
     def returncode(self) -> int | None:
-        """Its exit status."""
         return self.poll()
 
+    def finish(self) -> None:
+        """Wait until it has ended with status 0 and without an error."""
+        assert (self.communicate(PATIENCE_S)[1], self.returncode) == ("", 0)
+
+    def stop(self, number: int = signal.SIGTERM) -> None:
+        """Send a signal and wait until it has ended."""
+        self.send_signal(number)
+        self.communicate(PATIENCE_S)
+
     def send_signal(self, number: int) -> None:
-        """A signal, if it runs."""
         if self.poll() is None:
             os.kill(self.pid, number)
 
     def terminate(self) -> None:
-        """Tell it to stop."""
         self.send_signal(signal.SIGTERM)
 
 
 @pytest.fixture
 def start(domain: int) -> Iterator[Callable[..., Started]]:
-    """Starts executables by name with parameters; whatever still runs at the end is stopped, and told by a failure.
+    """Starts executables by name with parameters; those that still run at the end are stopped and printed.
 
     `cold`: as `ros2 run` does, not forked from a process that has everything loaded. In lockstep and with lines for
     this process, unless parameters say otherwise.
@@ -129,21 +131,14 @@ def start(domain: int) -> Iterator[Callable[..., Started]]:
 def client(domain: int) -> Iterator[Callable[[Any, str, Any], Any]]:
     """Calls a service of another node and returns the answer."""
     with somebody("tester") as (node, executor):
-        yield _caller(node, executor)
+        known: dict[str, Any] = {}
 
+        def call(kind: Any, name: str, request: Any) -> Any:
+            service = known[name] = known.get(name) or node.create_client(kind, name)
+            assert service.wait_for_service(PATIENCE_S), name
+            future = service.call_async(request)
+            executor.spin_until_future_complete(future, PATIENCE_S)
+            assert future.done(), f"no answer from {name}"
+            return future.result()
 
-def _caller(node: Node, executor: SingleThreadedExecutor) -> Callable[[Any, str, Any], Any]:
-    """What calls a service by a node."""
-    known: dict[str, Any] = {}
-
-    def call(kind: Any, name: str, request: Any) -> Any:
-        if name not in known:
-            known[name] = node.create_client(kind, name)
-        service = known[name]
-        assert service.wait_for_service(PATIENCE_S), name
-        future = service.call_async(request)
-        executor.spin_until_future_complete(future, PATIENCE_S)
-        assert future.done(), f"no answer from {name}"
-        return future.result()
-
-    return call
+        yield call

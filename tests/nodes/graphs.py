@@ -5,23 +5,32 @@ from __future__ import annotations
 import os
 import time
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 import rclpy
+from facts_damping_msgs.srv import Step
 from mcap.reader import make_reader
-from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
+from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.digest import digest
 from facts_damping.errors import RunError
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
-from facts_damping.simulation import loop
+from facts_damping.signals import NANOSECONDS
+from facts_damping.simulation import loop, replay
+from facts_damping.studies.campaigns.invariants import late_ticks
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -41,7 +50,7 @@ SILENCE_S = 3.0  # a node that lives answers within it, on a loaded machine, too
 
 
 def quiet(_done: int, _of: int) -> None:
-    """No progress."""
+    """Show no progress."""
 
 
 def run_graph(folder: Path, sets: list[str], mode: str = "lockstep", timeout: float = LOADED_S) -> Record:
@@ -72,7 +81,7 @@ def as_in_process(folder: Path, case: Case) -> Record:
 
 @contextmanager
 def somebody(name: str, **options: Any) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
-    """A node of somebody else's, with a context of its own, and what spins it."""
+    """A foreign node with its own context, and its executor."""
     context = Context()
     rclpy.init(context=context)
     node = rclpy.create_node(name, context=context, **options)
@@ -87,14 +96,15 @@ def somebody(name: str, **options: Any) -> Iterator[tuple[Node, SingleThreadedEx
 
 
 def ticks(plant: Any) -> int:
-    """How many ticks a plant has told so far."""
-    lines = [line.split() for line in plant.said()[0].splitlines() if line.startswith("tick ")]
+    """Number of ticks that a plant has reported so far."""
+    lines = [line.split() for line in plant.texts()[0].splitlines() if line.startswith("tick ")]
     return int(lines[-1][1]) if lines else 0
 
 
-def payloads(folder: Path, until_ns: int | None = None) -> dict[str, list[bytes]]:
+def payloads(folder: Path, until_ns: int | None = None, name: str = "recording") -> dict[str, list[bytes]]:
+    """Messages of the recording `folder / name`, by topic."""
     found: dict[str, list[bytes]] = {}
-    with next((folder / "recording").glob("*.mcap")).open("rb") as stream:
+    with next((folder / name).glob("*.mcap")).open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages(ending_before=until_ns, log_time_order=False):
             found.setdefault(channel.topic, []).append(message.data)
     return found
@@ -103,8 +113,7 @@ def payloads(folder: Path, until_ns: int | None = None) -> dict[str, list[bytes]
 def assert_kept_apart(sets: list[str], folder: Path) -> None:
     """A graph that runs beside another in its domain is refused at the start.
 
-    Or, where its nodes had found each other before they saw the other's, it takes nothing of it and says what it
-    refused.
+    If its nodes had found each other before, it uses no message of the other graph and reports what it refused.
     """
     case = load_case(None, sets)
     try:
@@ -125,12 +134,33 @@ def recorded_bytes(folder: Path) -> int:
     return max((file.stat().st_size for file in folder.rglob("*.mcap")), default=0)
 
 
-def wait_until(what: Callable[[], bool], otherwise: str = "") -> None:
-    """Wait for something, not for ever."""
+def wait_until(condition: Callable[[], bool], otherwise: str = "", meanwhile: Callable[[], Any] | None = None) -> None:
+    """Wait for a condition, at most for PATIENCE_S; `meanwhile` is called again and again, else this sleeps."""
     deadline = time.monotonic() + PATIENCE_S
-    while not what():
+    while not condition():
         assert time.monotonic() < deadline, otherwise
-        time.sleep(0.01)
+        (meanwhile or partial(time.sleep, 0.01))()
+
+
+def set_parameter(client: Any, node: str, name: str, value: Any) -> Any:
+    """Set a parameter of a node by its service. Returns the result."""
+    request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+    return client(SetParameters, f"/{node}/set_parameters", request).results[0]
+
+
+def step(client: Any, count: int) -> None:
+    """Let a paused run go on for so many ticks, and wait until they are done."""
+    assert client(Step, "/plant_sim/step", Step.Request(ticks=count)).success
+    pause = partial(client, Trigger, "/plant_sim/pause", Trigger.Request())
+    wait_until(lambda: ", 0 to be stepped" in pause().message)
+
+
+def assert_replayed(record: Record) -> None:
+    """A replay in process gives the recorded setpoints."""
+    case = replay.case_of(record, "it", None, [])
+    part = replay.fitted(record, case)
+    assert len(part.time_ns) == len(record.time_ns)
+    assert replay.first_difference(part, replay.play(case, part).issued) is None
 
 
 def wait_until_recording(folder: Path, size: int = 100_000) -> None:
@@ -150,25 +180,51 @@ def nodes_left(folder: Path) -> list[str]:
     return found
 
 
-def assert_named(sets: Sequence[str], folder: Path, started: dict[str, Any], node: str, number: int, said: str) -> None:
-    """A graph whose node gets a signal ends soon, says so by the node's name, and leaves no process."""
+def assert_named(
+    sets: Sequence[str], folder: Path, started: dict[str, Any], node: str, number: int, expected: str
+) -> None:
+    """A graph whose node gets a signal ends soon with an error that names it, and leaves no process."""
 
     def strike(done: int, _of: int) -> None:
         if done > 1 and node in started:
             os.kill(started.pop(node).process.pid, number)
 
     began = time.monotonic()
-    with pytest.raises(RunError, match=said):
+    with pytest.raises(RunError, match=expected):
         graph.run(load_case(None, [*sets, "duration=1000"]), "lockstep", folder, strike, SILENCE_S)
     assert time.monotonic() - began < PATIENCE_S
     assert nodes_left(folder) == []
 
 
 def odd_requests(node: Any, names: Iterable[str]) -> None:
-    """Requests that make no sense, to every node; nobody waits for their answers."""
+    """Send invalid requests to every node; their answers are not awaited."""
     for name in names:
         for kind, end in ((SetParameters, "set_parameters"), (SetParametersAtomically, "set_parameters_atomically")):
             client: Any = node.create_client(kind, f"/{name}/{end}")
             if client.wait_for_service(0.5):
-                odd = Parameter(name="gain", value=ParameterValue(type=99))
+                odd = ParameterMessage(name="gain", value=ParameterValue(type=99))
                 client.call_async(kind.Request(parameters=[odd]))
+
+
+SLACK = 3  # ticks: a release by the wall clock is noticed once a tick, and recorded at the next
+
+
+def assert_let_go(case: Case, record: Record, deadline_misses: int) -> None:
+    """Each device is released to the end, and at zero within time-out and ramp after the last setpoint that acted.
+
+    On a loaded machine a setpoint may have acted later, by as many ticks as the plant had deadline misses.
+    """
+    watchdog = case.run.watchdog
+    assert watchdog is not None
+    released = record.devices["released"] == 1.0
+    slack = (SLACK + late_ticks(record, deadline_misses)) * NANOSECONDS // case.run.frame_rate
+    for d, name in enumerate(case.run.devices):
+        assert released[-1, d]
+        first = int(np.flatnonzero(~released[:, d]).max()) + 1
+        acted = record.applied[(record.applied["device"] == d) & (record.applied["tick"] < first)]
+        last = int(np.maximum(acted["effective_ns"], record.time_ns[acted["tick"]]).max(initial=0))
+        assert record.time_ns[first] <= last + int(watchdog.timeout * NANOSECONDS) + slack
+        ramp = case.system.device(name).setpoint_max / watchdog.release_rate
+        rest = record.time_ns > record.time_ns[first] + int(ramp * NANOSECONDS) + slack
+        assert not record.devices["reference"][rest, d].any()
+    assert [row["rearmed_s"] for row in summarise(record)["releases"]] == [None] * len(case.run.devices)

@@ -1,4 +1,4 @@
-"""Messages of somebody else's: forged ones that would act, bytes of every kind, odd values in every field."""
+"""Foreign messages: forged ones that would have an effect, random bytes, odd values in every field."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ MAXIMUM = 12  # entries of a sequence
 
 
 def value(rng: Generator, kind: Any, field: str) -> Any:
-    """An odd value of a type of a field."""
+    """An odd value for a field of a type."""
     if isinstance(kind, BasicType):
         if kind.typename == "boolean":
             return bool(rng.integers(2))
@@ -74,9 +74,9 @@ def message(rng: Generator, kind: Any) -> Any:
 
 
 def hostile(rng: Generator, kind: Any, genuine: Sequence[bytes] = ()) -> bytes:
-    """Bytes to be sent as a message of a kind: some are one, some were one (or a genuine one), some never were.
+    """Bytes to be sent as a message of a kind: an odd message, a mutated odd or genuine one, or random bytes.
 
-    None is empty: the middleware would not deliver that, nor what its publisher sends later.
+    Never empty: the middleware would deliver neither that nor later messages of its publisher.
     """
     if rng.integers(RAW) == 0:
         return rng.bytes(int(rng.integers(1, 400)))
@@ -91,7 +91,7 @@ def hostile(rng: Generator, kind: Any, genuine: Sequence[bytes] = ()) -> bytes:
 
 
 def forgeries(case: Case) -> list[tuple[str, Callable[[int], bytes]]]:
-    """Messages that would act, or once lost a run: topic, and the bytes at a tick."""
+    """Messages that would have an effect: topic, and function of the tick that returns the bytes."""
     frames, setpoints = FramesMessage(case), SetpointsMessage(case)
 
     def start(tick: int) -> int:

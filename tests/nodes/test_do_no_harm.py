@@ -1,8 +1,7 @@
-"""Nothing of somebody else's acts: what lost the grid, or the run, before devices let go and messages were checked.
+"""Foreign messages have no effect on a graph.
 
-Elsewhere: what a message filter lets in, and odd messages in the name of a known publisher
-(`test_message_filter.py`), nodes that are killed (`test_kills.py`) and started again (`test_joining.py`), a controller
-that stands still (`test_watchdog.py`), readers and recorders that stop reading (`test_outsiders.py`), a foreign message
+Elsewhere: message filters (`test_message_filter.py`), nodes that are killed (`test_kills.py`), started again
+(`test_joining.py`) or stopped (`test_watchdog.py`), readers that stop reading (`test_outsiders.py`), foreign messages
 in a recording (`tests/recording/test_validation.py`).
 """
 
@@ -36,7 +35,6 @@ from tests.nodes.graphs import LOADED_S, assert_same, odd_requests, quiet, someb
 from tests.nodes.hostile import HEARD, IDENTIFIER, SETS, forgeries, hostile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from rclpy.node import Node
@@ -50,7 +48,7 @@ BEGUN = 10  # tick by which a graph is complete: who is there before would be re
 
 
 class Attacker:
-    """Somebody who says what would act, and odd things, on every topic of a graph."""
+    """A foreign node that publishes forged and odd messages on every topic of a graph."""
 
     def __init__(self, node: Node, case: Case) -> None:
         self.node, self.rng, self.forged = node, np.random.default_rng(7), forgeries(case)
@@ -64,28 +62,26 @@ class Attacker:
         self.sent: Counter[str] = Counter()
 
     def missing(self) -> list[str]:
-        """Topics that some of their listeners have not found here."""
+        """Topics whose publisher here some subscribers have not found."""
         found = {topic: publisher.get_subscription_count() for topic, publisher in self.publishers.items()}
         return [topic for topic, count in found.items() if count <= len(HEARD.get(topic, ()))]
 
-    def say(self, topic: str, data: bytes) -> None:
-        """Publish something."""
+    def publish(self, topic: str, data: bytes) -> None:
         self.publishers[topic].publish(data)
         self.sent[topic] += 1
 
     def forge(self, tick: int) -> None:
-        """All that would act at a tick."""
         for topic, make in self.forged:
-            self.say(topic, make(tick))
+            self.publish(topic, make(tick))
 
     def hostile(self) -> tuple[str, bytes]:
-        """A topic, and a message for it that nobody means."""
+        """A topic and an odd message for it."""
         topic, kind = self.kinds[self.rng.integers(len(self.kinds))]
         return topic, hostile(self.rng, kind)
 
 
 def assert_all_refused(sent: Counter[str], outcome: Outcome, recorded: Any) -> None:
-    """Each message is counted by all who heard it, and the recording has these counts."""
+    """Each message is counted by all that received it, and the recording has these counts."""
     refused: Counter[tuple[str, str]] = Counter()
     for (listener, cause, topic, _), count in outcome.messages_refused.items():
         refused[listener, topic] += count * (cause != "request")
@@ -93,18 +89,16 @@ def assert_all_refused(sent: Counter[str], outcome: Outcome, recorded: Any) -> N
         for listener in {"recorder"} | HEARD.get(topic, set()):
             assert refused[listener, topic if topic.startswith("/") else f"/{topic}"] == count, (listener, topic)
     for row in recorded.refused:
-        assert (
-            row["count"] == outcome.messages_refused[row["node"].strip("/"), row["cause"], row["topic"], row["source"]]
-        )
+        key = row["node"].strip("/"), row["cause"], row["topic"], row["source"]
+        assert row["count"] == outcome.messages_refused[key]
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_nothing_that_is_forged_or_odd_acts(loopback: Any, tmp_path: Path, started: dict[str, Any], mode: str) -> None:
-    """At each tick, on every topic: in lockstep, and by the clock."""
     case = load_case(None, [*SETS, "duration=4"])
     ends = case.ticks - case.run.frame_rate  # later, nodes may be leaving
     each = -(-HOSTILE // (ends - BEGUN))
-    said: Counter[str] = Counter()
+    sent: Counter[str] = Counter()
 
     def attack() -> None:
         rclpy.init()
@@ -128,8 +122,8 @@ def test_nothing_that_is_forged_or_odd_acts(loopback: Any, tmp_path: Path, start
             if BEGUN <= tick < ends:
                 attackers[0].forge(tick)
                 for _ in range(each):
-                    attackers[0].say(*attackers[0].hostile())
-                said.update(attackers[0].sent)
+                    attackers[0].publish(*attackers[0].hostile())
+                sent.update(attackers[0].sent)
                 attackers[0].sent.clear()
 
         node.create_subscription(PmuDataFrame, "pmu/frames", on_frame, SUBSCRIBER_QOS, raw=True)
@@ -138,26 +132,21 @@ def test_nothing_that_is_forged_or_odd_acts(loopback: Any, tmp_path: Path, start
     loopback.start("attacker", attack)
     outcome = graph.run(case, mode, tmp_path, quiet, LOADED_S)
     recorded = load(outcome.recording)
-    assert said.total() >= HOSTILE
-    assert set(said) == set(recorder.topics(case))
+    assert sent.total() >= HOSTILE
+    assert set(sent) == set(recorder.topics(case))
     assert outcome.deadline_misses == 0
     assert_same(recorded, loop.run(case))
     assert {how[1] for how in outcome.messages_refused} <= {"publisher", "request"}  # as of nobody of the graph
-    assert_all_refused(said, outcome, recorded)
+    assert_all_refused(sent, outcome, recorded)
 
 
 def pause(started: dict[str, Any], number: int) -> None:
-    """A run waits for its identifier."""
+    """Send a signal to the identifier, for which the run waits."""
     os.kill(started[IDENTIFIER].process.pid, number)
 
 
-def test_nothing_of_another_participant_acts(
-    domain: int, tmp_path: Path, started: dict[str, Any], client: Callable[[Any, str, Any], Any]
-) -> None:
-    """As above on DDS, whose identities, counts and queues they are; the run pauses until the other one is found.
-
-    Who has not yet seen all of its graph refuses odd messages on a topic of all for what they are.
-    """
+def test_nothing_of_another_participant_acts(domain: int, tmp_path: Path, started: dict[str, Any], client: Any) -> None:
+    """As above over DDS; the run pauses until the other participant is found."""
     case = load_case(None, [*SETS, "duration=2"])
     attackers: list[Attacker] = []
     asked: list[bool] = []
@@ -175,7 +164,7 @@ def test_nothing_of_another_participant_acts(
         odd_requests(node, started)
         for ahead in range(30):
             attackers[0].forge(tick + ahead)
-            attackers[0].say(*attackers[0].hostile())
+            attackers[0].publish(*attackers[0].hostile())
         for publisher in attackers[0].publishers.values():  # who leaves takes no more than what is there
             assert publisher.wait_for_all_acked(Duration(seconds=LOADED_S)), publisher.topic_name
         asked.append(client(Trigger, "/plant_sim/resume", Trigger.Request()).success)
@@ -190,10 +179,7 @@ def test_nothing_of_another_participant_acts(
 
 
 def test_a_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: Path) -> None:
-    """In real time, of one who sends as fast as he can to all.
-
-    How much time it costs is the machine's: a device may let go, and a recorder may lack something. Both are told.
-    """
+    """In real time. On a slow machine a device may be released, and a recorder may lose messages; both are reported."""
     case = load_case(None, [*SETS, "duration=5"])
     with somebody("attacker") as (node, _):
         attackers: list[Attacker] = []
@@ -207,7 +193,7 @@ def test_a_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: 
             odd = [one.hostile() for _ in range(100)] + [(topic, make(done)) for topic, make in one.forged] * 10
             for topic, data in itertools.islice(itertools.cycle(odd), FLOOD):
                 with suppress(rclpy_implementation.RCLError):  # too many at once
-                    one.say(topic, data)
+                    one.publish(topic, data)
 
         outcome = graph.run(case, "realtime", tmp_path, flood, LOADED_S)
     record, computed, sent = load(outcome.recording), loop.run(case), attackers[0].sent.total()

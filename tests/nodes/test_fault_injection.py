@@ -1,7 +1,6 @@
-"""Faults done to graphs: what a campaign does to nodes, and what it finds then.
+"""Faults of campaigns in graphs, on the loopback.
 
-On the loopback, as DDS has no part in it: that processes are killed on DDS is shown by `test_kills.py`, and draws of a
-campaign on DDS by `tests/cli/test_campaign_graphs.py`.
+Over DDS: killed processes in `test_kills.py`, cases of a campaign in `tests/cli/test_campaign_graphs.py`.
 """
 
 from __future__ import annotations
@@ -19,8 +18,7 @@ from facts_damping.nodes.launching.fault_injection import LOCKSTEP, REALTIME, Gr
 from facts_damping.parameters.security import add_key
 from facts_damping.simulation import loop
 from facts_damping.studies.campaigns.invariants import alone, late_ticks
-from tests.nodes.graphs import PATIENCE_S, nodes_left
-from tests.nodes.letting_go import assert_let_go
+from tests.nodes.graphs import PATIENCE_S, assert_let_go, nodes_left
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,40 +29,39 @@ NOTHING = GraphFault("", 0.0, None)
 
 def test_a_simulated_fault_gives_the_bits_of_the_in_process_run(loopback: Any, tmp_path: Path) -> None:
     case = load_case(RUN, ["duration=3", "controllers.0.faults=[{kind: wrong_sign, start: 1.5}]"])
-    struck = run_with_fault(case, LOCKSTEP, tmp_path, NOTHING, 0)
+    faulted = run_with_fault(case, LOCKSTEP, tmp_path, NOTHING, 0)
     computed = loop.run(case)
-    assert campaign_graphs.as_computed(case, struck, computed, False, "")
-    assert campaign_graphs.recorded(case, struck, computed, False, "")
-    assert (struck.begun_s, struck.forged) == (None, {})
+    assert campaign_graphs.as_computed(case, faulted, computed, False, "")
+    assert campaign_graphs.recorded(case, faulted, computed, False, "")
+    assert (faulted.begun_s, faulted.forged) == (None, {})
 
 
 def test_without_its_supervisor_the_device_lets_go(loopback: Any, tmp_path: Path) -> None:
     case = load_case(RUN, ["duration=3"])
-    struck = run_with_fault(case, REALTIME, tmp_path, GraphFault("kill supervisor", 1.5, None), 0)
-    assert struck.outcome.fallen == ["supervisor_0_LLC was killed by SIGKILL"]
-    assert struck.begun_s == pytest.approx(1.5, abs=0.3)
-    misses = struck.outcome.deadline_misses
-    assert_let_go(case, struck.record, misses)
-    assert all(alone(case, struck.record, late_ticks(struck.record, misses)).values())
-    assert campaign_graphs.recorded(case, struck, struck.record, True, "kill")
-    assert not campaign_graphs.recorded(case, struck, struck.record, True, "")
+    faulted = run_with_fault(case, REALTIME, tmp_path, GraphFault("kill supervisor", 1.5, None), 0)
+    assert faulted.outcome.fallen == ["supervisor_0_LLC was killed by SIGKILL"]
+    assert faulted.begun_s == pytest.approx(1.5, abs=0.3)
+    misses = faulted.outcome.deadline_misses
+    assert_let_go(case, faulted.record, misses)
+    assert all(alone(case, faulted.record, late_ticks(faulted.record, misses)).values())
+    assert campaign_graphs.recorded(case, faulted, faulted.record, True, "kill")
+    assert not campaign_graphs.recorded(case, faulted, faulted.record, True, "")
 
 
 def test_what_is_forged_with_the_graphs_key_changes_no_bit(loopback: Any, tmp_path: Path) -> None:
     keys = tmp_path / "keys.yaml"
     add_key(keys)
     case = load_case(RUN, ["duration=3", f"security.keys={keys}", "controllers.0.name=ANFLeC"])
-    struck = run_with_fault(case, LOCKSTEP, tmp_path / "out", GraphFault("forge signed", 1.5, None), 0)
+    faulted = run_with_fault(case, LOCKSTEP, tmp_path / "out", GraphFault("forge signed", 1.5, None), 0)
     computed = loop.run(case)
-    assert campaign_graphs.as_computed(case, struck, computed, False, "forge")
-    assert campaign_graphs.nothing_forged_acts(case, struck, computed, False, "forge")
-    assert struck.forged["supervisor_0_ANFLeC/supervised"] == struck.forged["pmu/frames"] == 30
+    assert campaign_graphs.as_computed(case, faulted, computed, False, "forge")
+    assert campaign_graphs.nothing_forged_acts(case, faulted, computed, False, "forge")
+    assert faulted.forged["supervisor_0_ANFLeC/supervised"] == faulted.forged["pmu/frames"] == 30
 
 
 def test_a_graph_ends_when_it_is_not_wanted_any_more(
     domain: int, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its nodes are only just starting, and obey; they need not be killed, however slow the machine is."""
     monkeypatch.setattr(graph, "STOP_S", PATIENCE_S)
     with pytest.raises(RunError, match="interrupted"):
         run_with_fault(load_case(RUN, ["duration=1000"]), LOCKSTEP, tmp_path, NOTHING, domain, lambda: False)
@@ -73,7 +70,7 @@ def test_a_graph_ends_when_it_is_not_wanted_any_more(
 
 
 def test_each_graph_has_a_domain_of_its_own() -> None:
-    with ExitStack() as taken:
-        found = [taken.enter_context(fault_injection.own_domain()) for _ in range(2)]
+    with ExitStack() as reserved:
+        found = [reserved.enter_context(fault_injection.own_domain()) for _ in range(2)]
         assert len(set(found)) == 2
         assert set(found) <= set(fault_injection.DOMAINS)

@@ -1,7 +1,4 @@
-"""Nodes that are started one by one and run free: nobody waits, everybody comes, goes and comes again.
-
-On the loopback, and one of them on DDS, too: nodes that begin again make all that they have there anew.
-"""
+"""Nodes in mode free, started one by one: no node waits, and each may leave and come again."""
 
 from __future__ import annotations
 
@@ -12,23 +9,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterType, ParameterValue
-from rcl_interfaces.srv import ListParameters, SetParameters
+from rcl_interfaces.srv import ListParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.recording.reader import load
-from facts_damping.simulation import loop, replay
-from tests.nodes.graphs import BEGUN, PATIENCE_S, payloads, somebody, ticks, wait_until_recording
+from facts_damping.simulation import loop
+from tests.nodes.graphs import (
+    BEGUN,
+    PATIENCE_S,
+    assert_replayed,
+    payloads,
+    set_parameter,
+    somebody,
+    ticks,
+    wait_until,
+    wait_until_recording,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
-
-    from facts_damping.signals import Record
 
 # Of 60 s: the recorder comes at 5 s, link and controller at 10 s, leave at 30 s, come again at 40 s.
 WHOLE_S = float(os.environ.get("FREE_RUN_S", "12"))
@@ -45,19 +47,12 @@ def stop(*nodes: Any) -> None:
         node.send_signal(signal.SIGINT)
     for node in nodes:
         node.communicate(timeout=PATIENCE_S)
-        assert node.returncode == 0, node.said()
-
-
-def replayed(record: Record) -> replay.Difference | None:
-    case = replay.case_of(record, "it", None, [])
-    part = replay.fitted(record, case)
-    return replay.first_difference(part, replay.play(case, part)[0])
+        assert node.returncode == 0, node.texts()
 
 
 def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
-    loopback: Any, start: Callable[..., Any], client: Any, tmp_path: Path
+    loopback: Any, start: Any, client: Any, tmp_path: Path
 ) -> None:
-    """All of it is in a recording that began under way, which is replayed to the bit."""
     common = {**FREE, "duration": WHOLE_S, "scenario": "large"}
     part = WHOLE_S / 60.0
     plant = start("plant_sim", **common)
@@ -79,8 +74,7 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     until(plant, 47 * part)
     rearmed = client(Trigger, "/plant_sim/rearm", Trigger.Request())
     assert (rearmed.success, rearmed.message) == (True, "re-armed: sssc")
-    _, errors = plant.communicate(timeout=PATIENCE_S)
-    assert (plant.returncode, errors) == (0, "")
+    plant.finish()
     stop(*nodes, recorder)
 
     record = load(tmp_path / "bag")
@@ -90,35 +84,32 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     assert record.ticks.tolist() == list(range(first, last + 1))  # frames without a gap
     kinds = sorted((one.role, one.kind) for one in record.changes)
     assert kinds == [*[("controller", "start")] * 2, *[("link", "start")] * 2, ("plant", "rearm")]
-    came = [one.tick / RATE for one in record.changes if one.role == "controller"]
-    assert first / RATE < came[0]
+    joined = [one.tick / RATE for one in record.changes if one.role == "controller"]
+    assert first / RATE < joined[0]
     reference = record.devices["reference"][:, 0]
-    assert np.all(reference[record.time_s < came[0]] == 0.0)
+    assert np.all(reference[record.time_s < joined[0]] == 0.0)
     (release,) = summarise(record)["releases"]
-    assert 30 * part < release["time_s"] < came[1]
-    assert came[1] < release["rearmed_s"]
-    between = (record.time_s > came[0] + 1.0) & (record.time_s < release["time_s"])
+    assert 30 * part < release["time_s"] < joined[1]
+    assert joined[1] < release["rearmed_s"]
+    between = (record.time_s > joined[0] + 1.0) & (record.time_s < release["time_s"])
     assert np.any(reference[between] != 0.0)
     at_rest = (record.time_s > release["time_s"] + 0.6) & (record.time_s < release["rearmed_s"])
     assert np.all(reference[at_rest] == 0.0)
-    assert np.any(record.issued["tick"] / RATE > came[1])
+    assert np.any(record.issued["tick"] / RATE > joined[1])
     assert record.gap_tick is None
-    assert replayed(record) is None
+    assert_replayed(record)
     assert "/plant_sim" in record.publishers.values()
 
 
 def test_the_default_run_stands_at_rest_until_an_event_is_called_for(
-    loopback: Any, start: Callable[..., Any], client: Any, tmp_path: Path
+    loopback: Any, start: Any, client: Any, tmp_path: Path
 ) -> None:
-    """By a parameter; one that cannot be is refused with its reason."""
     recorder = start("recorder", output=tmp_path / "bag", **FREE)
     plant = start("plant_sim", **FREE)
     until(plant, 1.0)
     step = "{kind: load_step, load: load_2, change: -0.1}"
     for text, allowed in ((step.replace("load_2", "load_9"), False), (step, True)):
-        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
-        asked = SetParameters.Request(parameters=[ParameterMessage(name="event", value=value)])
-        (result,) = client(SetParameters, "/plant_sim/set_parameters", asked).results
+        result = set_parameter(client, "plant_sim", "event", text)
         assert result.successful == allowed
         assert ("load_9" in result.reason) != allowed
     until(plant, ticks(plant) / RATE + 1.0)
@@ -143,17 +134,15 @@ def test_an_hour_at_rest_and_a_swing_that_settles() -> None:
 
 
 @pytest.mark.parametrize("stamp", ["simulated", "wall"])
-def test_another_plant_is_followed_and_ends_a_recording(
-    loopback: Any, start: Callable[..., Any], tmp_path: Path, stamp: str
-) -> None:
+def test_another_plant_is_followed_and_ends_a_recording(loopback: Any, start: Any, tmp_path: Path, stamp: str) -> None:
     assert_followed(start, tmp_path, stamp)
 
 
-def test_another_plant_is_followed_on_dds(start: Callable[..., Any], tmp_path: Path) -> None:
+def test_another_plant_is_followed_on_dds(start: Any, tmp_path: Path) -> None:
     assert_followed(start, tmp_path, "simulated")
 
 
-def assert_followed(start: Callable[..., Any], tmp_path: Path, stamp: str) -> None:
+def assert_followed(start: Any, tmp_path: Path, stamp: str) -> None:
     """By link, controller and identifier, who begin again; a recording is of one run."""
     common = {**FREE, "set": str(["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])}
     recorder = start("recorder", output=tmp_path / "bag", **common)
@@ -174,25 +163,20 @@ def assert_followed(start: Callable[..., Any], tmp_path: Path, stamp: str) -> No
     assert len(record.estimates) > 0
 
 
-def test_the_clock_is_the_simulated_time(loopback: Any, start: Callable[..., Any]) -> None:
-    """Of a node of anybody's with `use_sim_time`; ours take it, too."""
+def test_the_clock_is_the_simulated_time(loopback: Any, start: Any) -> None:
     plant = start("plant_sim", use_sim_time="true", **FREE)
     controller = start("controller", use_sim_time="true", **FREE)
     link = start("wan_link", use_sim_time="true", **FREE)
     simulated = [Parameter("use_sim_time", value=True)]
     with somebody("listener", parameter_overrides=simulated) as (node, executor):
-        deadline = time.monotonic() + PATIENCE_S
-        while (now := node.get_clock().now().nanoseconds) < 2 * 10**9:
-            assert time.monotonic() < deadline
-            executor.spin_once(0.1)
-        assert abs(now * 1e-9 - ticks(plant) / RATE) < 1.0
+        clock = node.get_clock()
+        wait_until(lambda: clock.now().nanoseconds > 2 * 10**9, meanwhile=lambda: executor.spin_once(0.1))
+        assert abs(clock.now().nanoseconds * 1e-9 - ticks(plant) / RATE) < 1.0
     stop(plant, link, controller)
 
 
 @pytest.mark.parametrize("executable", ["plant_sim", "wan_link", "controller"])
-def test_a_killed_plant_or_peer_leaves_the_others_running(
-    loopback: Any, start: Callable[..., Any], executable: str
-) -> None:
+def test_a_killed_plant_or_peer_leaves_the_others_running(loopback: Any, start: Any, executable: str) -> None:
     nodes = {name: start(name, **FREE) for name in ("plant_sim", "wan_link", "controller")}
     until(nodes["plant_sim"], 1.5)
     nodes.pop(executable).send_signal(signal.SIGKILL)
@@ -201,15 +185,10 @@ def test_a_killed_plant_or_peer_leaves_the_others_running(
     stop(*nodes.values())
 
 
-def test_stamps_may_be_wall_time(loopback: Any, start: Callable[..., Any], tmp_path: Path) -> None:
+def test_stamps_may_be_wall_time(loopback: Any, start: Any, tmp_path: Path) -> None:
     """On the wire, so that `ros2 topic delay` is sensible; what is read of the recording begins with 0."""
-    common = {
-        "mode": "realtime",
-        "recorder": "true",
-        "duration": 3.0,
-        "start_timeout": PATIENCE_S,
-        "set": str(["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "scenario=large"]),
-    }
+    sets = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "scenario=large"]
+    common = {"mode": "realtime", "recorder": "true", "duration": 3.0, "start_timeout": PATIENCE_S, "set": str(sets)}
     recorder = start("recorder", output=tmp_path / "recording", **common)
     for name in ("wan_link", "controller", "identifier"):
         start(name, **common)
@@ -220,7 +199,7 @@ def test_stamps_may_be_wall_time(loopback: Any, start: Callable[..., Any], tmp_p
     for topic, messages in payloads(tmp_path).items():
         for data in messages:
             if b"nothing has come" in data:
-                continue  # said while it waited for the plant, whose time it did not know
+                continue  # a node that waited for the plant did not know the time
             seconds = int.from_bytes(data[4:8], "little")
             assert now - PATIENCE_S < seconds <= now, topic
     record = load(tmp_path / "recording")
@@ -230,13 +209,10 @@ def test_stamps_may_be_wall_time(loopback: Any, start: Callable[..., Any], tmp_p
     assert record.events[0].time_ns == 10**9
     assert len(record.estimates) > 150
     assert record.estimates["measured_ns"].max() < 3 * 10**9
-    assert replayed(record) is None
+    assert_replayed(record)
 
 
-def test_stamps_in_lockstep_are_simulated(loopback: Any, start: Callable[..., Any]) -> None:
+def test_stamps_in_lockstep_are_simulated(loopback: Any, start: Any) -> None:
     plant = start("plant_sim", stamp="wall")
     errors = plant.communicate(timeout=PATIENCE_S)[1]
-    assert (plant.returncode, errors) == (
-        2,
-        "plant_sim: stamp: 'wall' given; allowed with mode lockstep: simulated\n",
-    )
+    assert (plant.returncode, errors) == (2, "plant_sim: stamp: 'wall' given; allowed with mode lockstep: simulated\n")

@@ -36,6 +36,7 @@ from tests.nodes.graphs import (
     payloads,
     quiet,
     recorded_bytes,
+    wait_until,
     wait_until_recording,
 )
 
@@ -144,11 +145,11 @@ def test_two_runs_give_identical_recordings_but_for_wall_clock_stamps(domain: in
     for name in ("a", "b"):
         as_in_process(tmp_path / name, load_case(None, sets))
     first, second = payloads(tmp_path / "a"), payloads(tmp_path / "b")
-    # Who of several nodes speaks first is chance, and the recorder speaks by the wall clock.
-    told = [sorted(one for one in bag.pop("/diagnostics") if b"recorder" not in one) for bag in (first, second)]
-    assert told[0] == told[1]
-    assert len(told[0]) == 3 * 2
-    # Its publisher keeps the newest for who comes late: on a busy machine the recorder may hear of the end alone.
+    # The order of several nodes is chance, and the recorder publishes by the wall clock.
+    health = [sorted(data for data in bag.pop("/diagnostics") if b"recorder" not in data) for bag in (first, second)]
+    assert health[0] == health[1]
+    assert len(health[0]) == 3 * 2
+    # Its publisher keeps only the newest: on a busy machine the recorder may receive only the end.
     assert first.pop("/run/state")[-1] == second.pop("/run/state")[-1]
     assert first == second
     assert len(first["/pmu/frames"]) == 120
@@ -179,7 +180,7 @@ def test_who_keeps_the_clock_gives_the_in_process_run(loopback: Any, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("node", "number", "said"),
+    ("node", "number", "expected"),
     [
         ("controller_0_LLC", signal.SIGKILL, "controller_0_LLC was killed by SIGKILL"),
         ("wan_link", signal.SIGKILL, "wan_link was killed by SIGKILL"),
@@ -191,13 +192,12 @@ def test_who_keeps_the_clock_gives_the_in_process_run(loopback: Any, tmp_path: P
     ],
 )
 def test_dead_or_silent_node_is_named(
-    loopback: Any, tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
+    loopback: Any, tmp_path: Path, started: dict[str, Any], node: str, number: int, expected: str
 ) -> None:
-    assert_named([], tmp_path, started, node, number, said)
+    assert_named([], tmp_path, started, node, number, expected)
 
 
 def test_a_silent_node_is_named_on_dds(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
-    """One that is killed: below, and test_kills.py."""
     assert_named([], tmp_path, started, "wan_link", signal.SIGSTOP, "wan_link is silent")
 
 
@@ -223,12 +223,12 @@ def test_nodes_share_no_memory_and_ask_nobody_for_types(domain: int, tmp_path: P
 
 
 def test_killed_recorder_leaves_what_it_had_flushed(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
-    def strike(_done: int, _of: int) -> None:
+    def kill_recorder(_done: int, _of: int) -> None:
         if recorded_bytes(tmp_path) > 200_000:
             started["recorder"].process.kill()
 
     with pytest.raises(RunError, match=r"^recorder was killed by SIGKILL"):
-        graph.run(load_case(None, ["duration=1000"]), "lockstep", tmp_path, strike)
+        graph.run(load_case(None, ["duration=1000"]), "lockstep", tmp_path, kill_recorder)
     assert nodes_left(tmp_path) == []
     recorded = load(tmp_path / "recording")
     assert len(recorded.time_ns) > 100
@@ -264,9 +264,8 @@ def command(domain: int, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_interrupted_command_leaves_no_process_and_a_sound_recording(
-    command: subprocess.Popen[str], tmp_path: Path, number: signal.Signals
+    command: Any, tmp_path: Path, number: signal.Signals
 ) -> None:
-    """Meanwhile another graph in its domain is kept apart."""
     wait_until_recording(tmp_path)
     if number == signal.SIGTERM:
         assert_kept_apart(["duration=5"], tmp_path / "second")
@@ -305,23 +304,17 @@ def test_a_command_that_is_interrupted_at_its_start_says_one_line(
         assert errors.count("\n") == 1, errors
     else:  # before Python itself had begun
         assert popen.returncode in (-signal.SIGKILL, -signal.SIGINT, 1)
-    deadline = time.monotonic() + PATIENCE_S
-    while left := [path for path in tmp_path.iterdir() if path.name.startswith(("pymp", "tmp"))]:
-        assert time.monotonic() < deadline, left
-        time.sleep(0.05)
+    wait_until(lambda: not [path for path in tmp_path.iterdir() if path.name.startswith(("pymp", "tmp"))])
 
 
-def test_killed_command_takes_its_nodes_along(command: subprocess.Popen[str], tmp_path: Path) -> None:
+def test_killed_command_takes_its_nodes_along(command: Any, tmp_path: Path) -> None:
     wait_until_recording(tmp_path)
     command.kill()
     command.wait()
-    deadline = time.monotonic() + PATIENCE_S
-    while nodes_left(tmp_path):
-        assert time.monotonic() < deadline, nodes_left(tmp_path)
-        time.sleep(0.1)
+    wait_until(lambda: not nodes_left(tmp_path))
 
 
-def test_json_of_run_and_simulate_agree(loopback: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_of_run_and_simulate_agree(loopback: Any, tmp_path: Path, capsys: Any) -> None:
     results = []
     for verb in (["run", "--out", str(tmp_path / "out")], ["simulate"]):
         assert main([*verb, "two_area_small", "--set", "duration=3", "--json", "-"]) == 0

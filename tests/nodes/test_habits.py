@@ -1,4 +1,4 @@
-"""What somebody with ROS in the fingers expects of a node that is started by itself."""
+"""What a ROS user expects of a node that is started by itself."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from facts_damping_msgs.msg import PmuDataFrame
-from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue
+from rcl_interfaces.msg import Log, Parameter, ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_rosout_default
@@ -27,7 +27,7 @@ from facts_damping.compiling.store import home
 from facts_damping.nodes import executables
 from facts_damping.nodes.base.warmup import compile_once
 from facts_damping.nodes.launching import forked
-from tests.nodes.graphs import PATIENCE_S, somebody, wait_until
+from tests.nodes.graphs import PATIENCE_S, set_parameter, somebody, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -45,7 +45,7 @@ INDIRECT = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
 
 @pytest.fixture(scope="module", autouse=True)
 def compiled() -> None:
-    """What the first node on a machine would say does not belong here."""
+    """Else the first node would report that it compiles."""
     compile_once()
 
 
@@ -56,27 +56,24 @@ def listener(domain: int) -> Iterator[tuple[Any, Any]]:
 
 
 @pytest.fixture
-def heard(listener: tuple[Any, Any]) -> Callable[..., list[Any]]:
-    return hearing(*listener)
+def receive(listener: tuple[Any, Any]) -> Callable[..., list[Any]]:
+    return receiver(*listener)
 
 
-def hearing(node: Any, executor: Any) -> Callable[..., list[Any]]:
-    """What waits for a message of a topic, and gives all that came by then."""
-    came: dict[str, list[Any]] = {}
+def receiver(node: Any, executor: Any) -> Callable[..., list[Any]]:
+    """A function that waits for messages of a topic and returns all received so far."""
+    received: dict[str, list[Any]] = {}
 
-    def hear(
-        kind: Any, topic: str, until: Callable[[list[Any]], bool] | None = None, qos: QoSProfile | int = 100
+    def receive(
+        kind: Any, topic: str, until: Callable[[list[Any]], bool] = lambda _: True, qos: QoSProfile | int = 100
     ) -> list[Any]:
-        if topic not in came:
-            came[topic] = []
-            node.create_subscription(kind, topic, came[topic].append, qos)
-        deadline = time.monotonic() + PATIENCE_S
-        while until is not None and not until(came[topic]):
-            assert time.monotonic() < deadline, came[topic]
-            executor.spin_once(0.1)
-        return came[topic]
+        if topic not in received:
+            received[topic] = []
+            node.create_subscription(kind, topic, received[topic].append, qos)
+        wait_until(lambda: until(received[topic]), meanwhile=lambda: executor.spin_once(0.1))
+        return received[topic]
 
-    return hear
+    return receive
 
 
 def on_loopback(loopback: Any, names: Iterable[str], **parameters: Any) -> dict[str, Any]:
@@ -114,7 +111,7 @@ def identifies(executable: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("executable", "arguments", "said"),
+    ("executable", "arguments", "expected"),
     [
         ("plant_sim", ["-p", "runn:=two_area_small"], "parameter runn: given; allowed: autostart, clock.drift, "),
         ("recorder", ["-p", "outptu:=here"], "parameter outptu: given; allowed: "),
@@ -124,12 +121,12 @@ def identifies(executable: str) -> list[str]:
     ],
 )
 def test_what_is_not_a_parameter_is_an_error_in_a_line(
-    executable: str, arguments: list[str], said: str, domain: int
+    executable: str, arguments: list[str], expected: str, domain: int
 ) -> None:
     done = run(executable, "--ros-args", *arguments, cold=executable == "recorder")
     assert done.returncode == 2
     assert done.stdout == ""
-    assert said in done.stderr
+    assert expected in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -158,45 +155,38 @@ def test_parameters_of_a_node_are_dumped_and_load_into_another(start: Any, clien
     described = client(DescribeParameters, "/second/describe_parameters", DescribeParameters.Request(names=names))
     live = [one.name for one in described.descriptors if not one.read_only and one.name != "use_sim_time"]
     assert "gain" in live
-    request = SetParameters.Request(
-        parameters=[
-            Parameter(name=name, value=value) for name, value in zip(names, values, strict=True) if name in live
-        ]
-    )
+    parameters = [Parameter(name=name, value=value) for name, value in zip(names, values, strict=True) if name in live]
+    request = SetParameters.Request(parameters=parameters)
     results = client(SetParameters, "/second/set_parameters", request).results
     assert all(result.successful for result in results)
 
 
 def test_services_answer_while_a_node_waits_for_others(start: Any, client: Any) -> None:
-    """From when it is there: also in lockstep, where it waits for half a minute."""
     link = start("wan_link", link="delay_100ms")
-    zero = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=0)
-    request = SetParameters.Request(parameters=[Parameter(name="up.0.delay", value=zero)])
-    assert client(SetParameters, "/wan_link/set_parameters", request).results[0].successful
+    assert set_parameter(client, "wan_link", "up.0.delay", 0).successful
     assert link.poll() is None
 
 
 IDLE = ["scenario=large", "controllers.0.name=LLC", "controllers.0.parameters.gain=0"]  # synchronism is lost
 
 
-def errors(came: list[Any]) -> set[str]:
-    """Who has logged that synchronism is lost; 40: rcl_interfaces/Log.ERROR."""
-    return {one.name for one in came if "synchronism lost" in one.msg and one.level == 40}
+def errors(logs: list[Any]) -> set[str]:
+    """Nodes that have logged a loss of synchronism; 40: rcl_interfaces/Log.ERROR."""
+    return {log.name for log in logs if "synchronism lost" in log.msg and log.level == 40}
 
 
-def test_logs_go_to_rosout_and_only_the_supervisor_gets_lines(start: Any, heard: Any, listener: Any) -> None:
-    """The run waits for a controller, which does nothing, until the listener has found the others. Who leaves does not
-    wait until its last words are heard: one is enough."""
-    heard(Log, "/rosout", qos=qos_profile_rosout_default)
+def test_logs_go_to_rosout_and_only_the_supervisor_gets_lines(start: Any, receive: Any, listener: Any) -> None:
+    """The controller, which has no effect, starts once the listener has found the others."""
+    receive(Log, "/rosout", qos=qos_profile_rosout_default)
     common = {"progress": "false", "set": str(IDLE), "start_timeout": PATIENCE_S}
     nodes = {name: start(name, **common) for name in ("plant_sim", "wan_link")}
 
-    def found(_came: list[Any]) -> bool:
+    def found(_logs: list[Any]) -> bool:
         return set(nodes) <= {one.node_name for one in listener[0].get_publishers_info_by_topic("/rosout")}
 
-    heard(Log, "/rosout", found)
+    receive(Log, "/rosout", found)
     controller = start("controller", **common)
-    heard(Log, "/rosout", errors)
+    receive(Log, "/rosout", errors)
     for node in (*nodes.values(), controller):
         assert node.communicate(timeout=PATIENCE_S) == ("", "")
         assert node.returncode == 0
@@ -204,10 +194,10 @@ def test_logs_go_to_rosout_and_only_the_supervisor_gets_lines(start: Any, heard:
 
 def test_all_log_that_synchronism_is_lost_and_end(loopback: Any) -> None:
     with somebody("listener") as listener:
-        heard = hearing(*listener)
-        heard(Log, "/rosout", qos=qos_profile_rosout_default)
+        receive = receiver(*listener)
+        receive(Log, "/rosout", qos=qos_profile_rosout_default)
         nodes = on_loopback(loopback, ("plant_sim", "wan_link", "controller"), mode="lockstep", set=IDLE)
-        heard(Log, "/rosout", lambda came: errors(came) == set(nodes))
+        receive(Log, "/rosout", lambda logs: errors(logs) == set(nodes))
         for node in nodes.values():
             node.join(PATIENCE_S)
             assert node.exitcode == 0
@@ -215,19 +205,19 @@ def test_all_log_that_synchronism_is_lost_and_end(loopback: Any) -> None:
 
 def test_nodes_say_who_comes_and_goes_and_what_is_released(loopback: Any) -> None:
     with somebody("listener") as listener:
-        heard = hearing(*listener)
-        heard(Log, "/rosout", qos=qos_profile_rosout_default)
+        receive = receiver(*listener)
+        receive(Log, "/rosout", qos=qos_profile_rosout_default)
         nodes = on_loopback(loopback, ("plant_sim", "wan_link", "controller"), mode="free")
 
-        def said(*texts: str) -> Callable[[list[Any]], bool]:
-            return lambda came: all(any(text in f"{one.name}: {one.msg}" for one in came) for text in texts)
+        def logged(*texts: str) -> Callable[[list[Any]], bool]:
+            return lambda logs: all(any(text in f"{log.name}: {log.msg}" for log in logs) for text in texts)
 
-        heard(Log, "/rosout", said("controller: started: facts_damping ", "wan_link: /controller has joined"))
+        receive(Log, "/rosout", logged("controller: started: facts_damping ", "wan_link: /controller has joined"))
         nodes["controller"].kill()
-        told = list(heard(Log, "/rosout", said("wan_link: /controller has left", "plant_sim: sssc released at")))
+        logs = list(receive(Log, "/rosout", logged("wan_link: /controller has left", "plant_sim: sssc released at")))
         again = on_loopback(loopback, ("controller",), mode="free")
-        heard(Log, "/rosout", lambda came: said("wan_link: /controller has joined")(came[len(told) :]))
-        assert sum("has joined" in one.msg for one in told if one.name == "plant_sim") == 1  # its link, not every tick
+        receive(Log, "/rosout", lambda later: logged("wan_link: /controller has joined")(later[len(logs) :]))
+        assert sum("has joined" in log.msg for log in logs if log.name == "plant_sim") == 1  # its link, not every tick
         again["controller"].kill()
 
 
@@ -238,32 +228,30 @@ def test_a_log_level_is_obeyed(domain: int) -> None:
 
 
 def test_every_node_tells_how_it_is(loopback: Any) -> None:
-    """By its full name, with what it stands for; by what is now, not by what once was."""
     names = {"plant_sim", "wan_link", "controller", "identifier"}
     nodes = on_loopback(loopback, sorted(names), mode="free", set=INDIRECT)
 
-    def newest(came: list[Any]) -> dict[str, Any]:
-        return {one.name: one for message in came for one in message.status}
+    def newest(messages: list[Any]) -> dict[str, Any]:
+        return {status.name: status for message in messages for status in message.status}
 
-    def warned(told: list[Any]) -> bool:
-        silent = "no answer from controller_0_HBsWC" in newest(told)["wan_link"].message
-        return silent and "released: sssc" in newest(told)["plant_sim"].message
+    def warned(messages: list[Any]) -> bool:
+        silent = "no answer from controller_0_HBsWC" in newest(messages)["wan_link"].message
+        return silent and "released: sssc" in newest(messages)["plant_sim"].message
 
     with somebody("listener") as listener:
-        heard = hearing(*listener)
-        came = heard(DiagnosticArray, "/diagnostics", lambda told: set(newest(told)) >= names)
-        assert {newest(came)[name].hardware_id for name in names} == {"two_area", "wan_link", "sssc"}
+        receive = receiver(*listener)
+        messages = receive(DiagnosticArray, "/diagnostics", lambda found: set(newest(found)) >= names)
+        assert {newest(messages)[name].hardware_id for name in names} == {"two_area", "wan_link", "sssc"}
         os.kill(nodes["controller"].pid, signal.SIGTERM)
-        heard(DiagnosticArray, "/diagnostics", warned)
+        receive(DiagnosticArray, "/diagnostics", warned)
         os.kill(nodes["plant_sim"].pid, signal.SIGTERM)
-        heard(DiagnosticArray, "/diagnostics", lambda told: "nothing has come" in newest(told)["wan_link"].message)
+        receive(DiagnosticArray, "/diagnostics", lambda found: "nothing has come" in newest(found)["wan_link"].message)
 
 
-def test_a_plant_alone_publishes_soon(start: Any, heard: Any) -> None:
-    """Of its ticks, the first are lost until it and the listener have found each other."""
-    heard(PmuDataFrame, "/pmu/frames")
+def test_a_plant_alone_publishes_soon(start: Any, receive: Any) -> None:
+    receive(PmuDataFrame, "/pmu/frames")
     start("plant_sim", mode="free")
-    frames = heard(PmuDataFrame, "/pmu/frames", lambda came: len(came) > 0)
+    frames = receive(PmuDataFrame, "/pmu/frames", bool)
     assert frames[0].tick < 60 * SOON_S
 
 
@@ -271,23 +259,21 @@ def test_a_plant_alone_publishes_soon(start: Any, heard: Any) -> None:
     ("executable", "after"), [("plant_sim", 0.0), ("controller", 0.6), ("plant_sim", 2.1), ("controller", 2.1)]
 )
 def test_ctrl_c_ends_a_node_soon_and_in_a_line_at_most(executable: str, after: float, domain: int) -> None:
-    """While it loads, while it waits, while it works: after so many seconds from when it has its first library."""
+    """While it loads, waits and works: `after` seconds from its first library on."""
     command = ["env", "--default-signal=INT", str(BIN / executable), "--ros-args", "--log-level", "warn"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as node:
-        begun = time.monotonic()
-        while "numpy" not in Path(f"/proc/{node.pid}/maps").read_text():  # Python alone answers before
-            assert time.monotonic() - begun < PATIENCE_S
-            time.sleep(0.01)
+        maps = Path(f"/proc/{node.pid}/maps")
+        wait_until(lambda: "numpy" in maps.read_text())  # Python alone answers before
         time.sleep(after)
         node.send_signal(signal.SIGINT)
-        told = time.monotonic()
+        stopped_at = time.monotonic()
         out, errors = node.communicate(timeout=PATIENCE_S)
-    assert time.monotonic() - told < SOON_S
+    assert time.monotonic() - stopped_at < SOON_S
     assert (node.returncode, out, errors) == (0, "", "")
 
 
 def test_a_first_node_says_that_it_compiles(tmp_path: Path) -> None:
-    """And does not when that has been done; here it is told of, and not done."""
+    """And not again; the compiler is replaced."""
     code = """
 import subprocess, sys
 from facts_damping.nodes.base import warmup
@@ -315,7 +301,6 @@ warmup.compile_once()
 
 
 def test_who_is_started_in_lockstep_by_hand_ends_with_the_run(start: Any, tmp_path: Path) -> None:
-    """With status 0 and no Ctrl-C, since the plant says that the run has ended; the recording is whole."""
     common = {"duration": 2.0, "progress": "false", "recorder": "true", "start_timeout": PATIENCE_S}
     recorder = start("recorder", output=tmp_path / "bag", **common)
     nodes = [recorder, *(start(name, **common) for name in ("wan_link", "controller", "plant_sim"))]
@@ -326,7 +311,6 @@ def test_who_is_started_in_lockstep_by_hand_ends_with_the_run(start: Any, tmp_pa
 
 
 def test_a_launch_may_be_interrupted_while_python_starts() -> None:
-    """The signal waits, as `run.launch.py` asks for, until the node takes it."""
     command = ["env", "--block-signal=INT", sys.executable, str(BIN / "wan_link")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as node:
         wait_until(lambda: Path(f"/proc/{node.pid}/exe").resolve() == Path(sys.executable).resolve())

@@ -12,7 +12,7 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -30,7 +30,7 @@ HOSTS, CABLE, NODES, AWAY = re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)
 
 
 def permitted() -> bool:
-    """Whether namespaces, bridges, cables and TAP interfaces may be made here: tried."""
+    """Whether namespaces, bridges, cables and TAP interfaces can be made here."""
     if shutil.which("ip") is None:
         return False
     probe = f"fd{os.getpid()}"  # other processes try at the same time
@@ -53,7 +53,7 @@ pytestmark = pytest.mark.skipif(not permitted(), reason="needs root, iproute2, n
 
 @pytest.fixture
 def alone() -> Iterator[None]:
-    """Nobody else's tests on this machine have these hosts at the same time."""
+    """Reserves the hosts on this machine."""
     with socket.socket(socket.AF_UNIX) as held:
         deadline = time.monotonic() + 5 * PATIENCE_S
         while time.monotonic() < deadline:
@@ -66,10 +66,7 @@ def alone() -> Iterator[None]:
 
 @pytest.fixture
 def shell(alone: None, domain: int, tmp_path: Path) -> Iterator[Callable[[str], subprocess.CompletedProcess[str]]]:
-    """Runs commands in a shell that ends with all that it started; the hosts are taken away at the end.
-
-    At the start, too: a run of the tests that was killed may have left some.
-    """
+    """Runs commands in a shell that ends with all that it started; hosts are deleted before and after."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     environment["PYTHONPATH"] = str(Path(__file__).parents[2])
 
@@ -95,19 +92,16 @@ def shell(alone: None, domain: int, tmp_path: Path) -> Iterator[Callable[[str], 
             errors.seek(0)
             return subprocess.CompletedProcess(commands, code, output.read(), errors.read())
 
-    def take_away() -> None:
+    def delete_hosts() -> None:
         for host in ("switch", "plant", "link", "control"):
             subprocess.run(["ip", "netns", "delete", f"fd_{host}"], capture_output=True, check=False)
 
-    take_away()
+    delete_hosts()
     yield run
-    take_away()
+    delete_hosts()
 
 
-def test_nodes_on_several_hosts_give_the_bits_of_the_in_process_run(
-    shell: Callable[[str], subprocess.CompletedProcess[str]], tmp_path: Path
-) -> None:
-    """In lockstep, whatever the real delay; and nothing of the recipe is left behind."""
+def test_nodes_on_several_hosts_give_the_bits_of_the_in_process_run(shell: Any, tmp_path: Path) -> None:
     done = shell(HOSTS + CABLE + NODES + AWAY)
     assert done.returncode == 0, done.stderr
     recorded = load(tmp_path / "recording")
@@ -115,7 +109,7 @@ def test_nodes_on_several_hosts_give_the_bits_of_the_in_process_run(
     assert "fd_" not in subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout
 
 
-def test_the_cable_delays_what_passes_it(shell: Callable[[str], subprocess.CompletedProcess[str]]) -> None:
+def test_the_cable_delays_what_passes_it(shell: Any) -> None:
     """A datagram there and back takes twice 15 to 25 ms at least, without the cable nothing like it."""
     echo = (
         "import socket; s = socket.socket(type=socket.SOCK_DGRAM); s.bind(('', 7007))\n"
@@ -138,7 +132,7 @@ def test_the_cable_delays_what_passes_it(shell: Callable[[str], subprocess.Compl
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         (["a", "b", "--delay", "-1"], "--delay: -1 given; allowed: 0 to 60"),
         (["a", "b", "--loss", "2"], "--loss: 2 given; allowed: 0 to 1"),
@@ -146,8 +140,8 @@ def test_the_cable_delays_what_passes_it(shell: Callable[[str], subprocess.Compl
         (["lo", "b"], "needed: root, Linux's /dev/net/tun, names that are not in use"),
     ],
 )
-def test_a_cable_that_cannot_be_is_refused(arguments: list[str], said: str) -> None:
+def test_a_cable_that_cannot_be_is_refused(arguments: list[str], expected: str) -> None:
     command = [sys.executable, "-m", "facts_damping.nodes.launching.tap_relay", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode != 0
-    assert said in done.stderr.splitlines()[-1]
+    assert expected in done.stderr.splitlines()[-1]

@@ -1,4 +1,4 @@
-"""What several others say of a tick, put together: when a tick is over."""
+"""When a tick is complete, of which several nodes send messages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from facts_damping.nodes.input_collector import AWAITED, InputCollector
 
 
 def gathering(mode: str) -> tuple[InputCollector, list[tuple[int, dict[str, Any]]]]:
-    """One of two senders, and the ticks that it has called for."""
+    """A collector of two senders, and the calls of its step."""
     done: list[tuple[int, dict[str, Any]]] = []
     options = Options(mode, 5.0, 30.0, recorder=False, view=False)
     return InputCollector(options, {"a": "node_a", "b": "node_b"}, lambda tick, parts: done.append((tick, parts))), done

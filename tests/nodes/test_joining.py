@@ -1,4 +1,4 @@
-"""Nodes that are started again in real time take the place of dead ones: disarmed, until an operator arms them."""
+"""Nodes that are started again in real time replace dead ones; they are disarmed until an operator arms them."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from facts_damping.parameters.files import read_table
 from facts_damping.parameters.security import add_key
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.reader import load
-from facts_damping.simulation import adapted_weights, loop, replay
-from tests.nodes.graphs import PATIENCE_S, ticks
+from facts_damping.simulation import adapted_weights, loop
+from tests.nodes.graphs import PATIENCE_S, assert_replayed, ticks
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,9 +28,9 @@ RATE = 60
 
 
 class Graph:
-    """A graph of nodes that are started one by one, in real time, until it is told to stop."""
+    """A graph in real time whose nodes are started one by one."""
 
-    def __init__(self, start: Callable[..., Any], folder: Path, **more: Any) -> None:
+    def __init__(self, start: Any, folder: Path, **more: Any) -> None:
         self.start, self.folder = start, folder
         self.common = {"scenario": "large", "duration": 60.0, "mode": "realtime", "recorder": "true", **more}
         self.common["start_timeout"] = PATIENCE_S
@@ -42,7 +42,6 @@ class Graph:
         return self.nodes[executable]
 
     def run_until(self, tick: int) -> None:
-        """Until the plant has told that tick."""
         plant = self.nodes["plant_sim"]
         plant.wait(lambda: plant.poll() is not None or ticks(plant) >= tick, PATIENCE_S)
 
@@ -50,32 +49,18 @@ class Graph:
         plant = self.nodes["plant_sim"]
         self.run_until(ticks(plant) + RATE // 2)
         plant.terminate()
-        _, errors = plant.communicate(timeout=PATIENCE_S)
-        assert (plant.returncode, errors) == (0, "")
-        self.recorder.send_signal(signal.SIGTERM)
-        self.recorder.communicate(timeout=PATIENCE_S)
+        plant.finish()
+        self.recorder.stop()
         return load(self.folder / "bag")
 
 
 @pytest.fixture
-def graph(start: Callable[..., Any], tmp_path: Path) -> Callable[..., Graph]:
+def graph(start: Any, tmp_path: Path) -> Callable[..., Graph]:
     return lambda **more: Graph(start, tmp_path, **more)
 
 
-def assert_replayed(record: Any) -> None:
-    """Both lives of whatever was started again: the replay commands what is recorded."""
-    case = replay.case_of(record, "it", None, [])
-    part = replay.fitted(record, case)
-    assert len(part.time_ns) == len(record.time_ns)
-    assert replay.first_difference(part, replay.play(case, part).issued) is None
-
-
-def say(node: Any) -> str:
-    return str(node.said()[0])
-
-
 def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client: Any) -> None:
-    """It is let in within 2 s, long before DDS has seen that the first one is gone."""
+    """It is admitted within 2 s, long before DDS notices that the first one was killed."""
     run = graph()
     run.add("wan_link", join="true")
     first = run.add("controller", join="true")
@@ -84,7 +69,7 @@ def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, clien
     assert not client(Trigger, "/controller/arm", Trigger.Request()).success  # and others know who will ask
     first.send_signal(signal.SIGKILL)
     second = run.add("controller", join="true")
-    second.wait(lambda: "joined at" in say(second), PATIENCE_S)
+    second.wait(lambda: "joined at" in second.texts()[0], PATIENCE_S)
     joined = ticks(run.nodes["plant_sim"])
     assert not client(Trigger, "/wan_link/arm", Trigger.Request()).success
     run.run_until(joined + 2 * RATE)
@@ -92,7 +77,7 @@ def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, clien
     assert (armed.success, armed.message) == (True, "armed")
     again = client(Trigger, "/controller/arm", Trigger.Request())
     assert (again.success, again.message) == (False, "it is armed")
-    second.wait(lambda: "armed at" in say(second), PATIENCE_S)
+    second.wait(lambda: "armed at" in second.texts()[0], PATIENCE_S)
     assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
     record = run.finish()
     summary = summarise(record)
@@ -123,48 +108,46 @@ def test_a_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, clie
     run.add("plant_sim")
     run.run_until(RATE)
     for one in (link, identifier):
-        one.terminate()
-        one.communicate(timeout=PATIENCE_S)
+        one.stop()
     learnt = read_table(weights)["identifier"]
     successors = [run.add("identifier", join="true", save=weights, resume="true"), run.add("wan_link", join="true")]
     for one in successors:
-        one.wait(lambda one=one: "joined at" in say(one), PATIENCE_S)
+        one.wait(lambda one=one: "joined at" in one.texts()[0], PATIENCE_S)
     run.run_until(ticks(run.nodes["plant_sim"]) + RATE)
     for name in ("wan_link", "identifier"):
         assert client(Trigger, f"/{name}/arm", Trigger.Request()).success
     for one in successors:
-        one.wait(lambda one=one: "armed at" in say(one), PATIENCE_S)
+        one.wait(lambda one=one: "armed at" in one.texts()[0], PATIENCE_S)
     assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
     record = run.finish()
     summary = summarise(record)
     at = {row["node"]: row for row in summary["joined"]}
     assert set(at) == {"wan_link", "identifier"}
-    applied, told = record.applied["tick"] / RATE, record.estimates["tick"] / RATE
+    applied, estimated = record.applied["tick"] / RATE, record.estimates["tick"] / RATE
     assert applied.max() > at["wan_link"]["armed_s"]
-    assert told.max() > at["identifier"]["armed_s"]
+    assert estimated.max() > at["identifier"]["armed_s"]
     assert not np.any((applied > summary["releases"][0]["time_s"]) & (applied < at["wan_link"]["armed_s"]))
-    assert not np.any((told > at["identifier"]["time_s"]) & (told < at["identifier"]["armed_s"]))
+    assert not np.any((estimated > at["identifier"]["time_s"]) & (estimated < at["identifier"]["armed_s"]))
     assert len(read_table(weights)["identifier"]) == len(learnt)
     assert_replayed(record)
 
 
 @pytest.mark.parametrize(
-    ("executable", "given", "said"),
+    ("executable", "given", "expected"),
     [
         ("controller", {"join": "true"}, "controller: join: true given; allowed: with mode free, realtime"),
         ("controller", {"resume": "true"}, "controller: resume: true given; allowed: with save"),
     ],
 )
 def test_what_cannot_be_joined_is_refused(
-    loopback: Any, start: Any, executable: str, given: dict[str, str], said: str
+    loopback: Any, start: Any, executable: str, given: dict[str, str], expected: str
 ) -> None:
     node = start(executable, **given)
-    assert node.communicate(timeout=PATIENCE_S) == ("", f"{said}\n")
+    assert node.communicate(timeout=PATIENCE_S) == ("", f"{expected}\n")
     assert node.returncode == 2
 
 
 def test_saved_weights_are_begun_with(tmp_path: Path) -> None:
-    """By a node whose `resume` is true; those of another controller are refused in a line."""
     case = load_case(None, ["controllers.0.name=HBsWC", "duration=1"])
     built = loop.build_loop(case)
     loop.finish(case, built)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import os
 import re
 import signal
+import subprocess
+import sys
 import tempfile
+from multiprocessing import util
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +19,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import RunError
 from facts_damping.nodes.launching import forked, graph
 from facts_damping.recording.reader import load
-from tests.nodes.graphs import nodes_left
-from tests.nodes.letting_go import assert_let_go
+from tests.nodes.graphs import assert_let_go, nodes_left
 
 KILLS = int(os.environ.get("KILLS", "1"))  # of each node
 LINK = "controller_1_LLC/wan_link"
@@ -52,30 +54,36 @@ def test_killed_nodes(
     passing.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(passing))
     monkeypatch.setenv("TMPDIR", str(passing))
-    shared, case, struck = middleware_files(domain), load_case(None, SETS), dict[str, int]()
+    shared, case, killed = middleware_files(domain), load_case(None, SETS), dict[str, int]()
 
-    def strike(done: int, _of: int) -> None:
-        for node in [node for node, tick in ticks.items() if done > tick and node not in struck]:
-            struck[node] = done
+    def kill(done: int, _of: int) -> None:
+        for node in [node for node, tick in ticks.items() if done > tick and node not in killed]:
+            killed[node] = done
             os.kill(started[node].process.pid, signal.SIGKILL)
 
     if len(ticks) == 1:
         (node,) = ticks
         with pytest.raises(RunError, match=f"^{node} was killed by SIGKILL"):
-            graph.run(case, "realtime", tmp_path / "out", strike, END_S)
+            graph.run(case, "realtime", tmp_path / "out", kill, END_S)
         record = load(tmp_path / "out" / "recording")
         assert 0 < len(record.time_ns) < case.ticks
         why = "the run has not ended properly" if node == "plant_sim" else "the end is missing"
         assert [note for note in record.notes if note.startswith(why)]
     else:
-        outcome = graph.run(case, "realtime", tmp_path / "out", strike, END_S)
+        outcome = graph.run(case, "realtime", tmp_path / "out", kill, END_S)
         assert sorted(outcome.fallen) == sorted(f"{node} was killed by SIGKILL" for node in ticks)
         record = load(outcome.recording)
         assert len(record.time_ns) == case.ticks
         assert_let_go(case, record, outcome.deadline_misses)
         if outcome.deadline_misses == 0:  # without its identifier a controller goes on
             for node, device in SERVED.items():
-                assert not record.devices["released"][: struck[node], device].any()
+                assert not record.devices["released"][: killed[node], device].any()
     assert nodes_left(tmp_path) == []
     assert list(passing.iterdir()) == []
     assert middleware_files(domain) == shared
+
+
+def test_a_process_that_imports_preload_keeps_the_folder_of_this_fork_server() -> None:
+    forked.load()
+    subprocess.run([sys.executable, "-c", "import facts_damping.nodes.launching.preload"], check=True)
+    assert Path(util.get_temp_dir()).is_dir()

@@ -1,4 +1,4 @@
-"""What the launch files start. ROS 2's `launch` is no wheel: here stand-ins take down what it is asked for."""
+"""What the launch file starts. There is no wheel of ROS 2's `launch`: stand-ins note what is requested."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FOLDER = Path(__file__).parents[2] / "launch"
 
 
 class Asked:
-    """Anything of `launch`: what it was made with."""
+    """Stand-in for any class of `launch`: keeps its arguments."""
 
     def __init__(self, *given: Any, **named: Any) -> None:
         self.given, self.named = given, named
@@ -57,7 +57,7 @@ MODULES = {
 
 @pytest.fixture
 def launched(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
-    """All that a launch file asks for in the end, given some arguments: nodes and event handlers."""
+    """Runs a launch file with arguments and returns the requested nodes and event handlers."""
     for name, content in MODULES.items():
         module = ModuleType(name)
         vars(module).update(content)
@@ -78,7 +78,6 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
 
 
 def nodes(actions: list[Any]) -> list[SimpleNamespace]:
-    """The nodes among what a launch file asks for."""
     found = [action for action in actions if type(action).__name__ == "Node"]
     assert {node.named["package"] for node in found} == {"facts_damping"}
     return [SimpleNamespace(**{**node.named, "parameters": node.named["parameters"][0]}) for node in found]
@@ -188,10 +187,9 @@ def test_the_end_of_the_plant_is_the_end_of_the_launch(launched: Any) -> None:
 
 
 def test_a_node_that_fails_has_the_launch_fail(launched: Any) -> None:
-    """Every node, if it is not started again; not one that ends well, nor while all are told to end."""
     watched = [one for one in handlers(launched("run.launch.py")) if not isinstance(one["on_exit"], list)]
     assert {one["target_action"].named["executable"] for one in watched} == {
-        *("plant_sim", "wan_link", "controller", "recorder"),
+        *("plant_sim", "wan_link", "controller", "recorder")
     }
     ended = watched[0]["on_exit"]
     running, over = SimpleNamespace(is_shutdown=False), SimpleNamespace(is_shutdown=True)
@@ -233,7 +231,7 @@ def test_arguments_that_are_not_there_are_refused(launched: Any, monkeypatch: py
 
 @pytest.mark.parametrize("name", ["centralised", "decentralised"])
 def test_what_is_launched_below_a_namespace_is_the_in_process_run(
-    capsys: pytest.CaptureFixture[str], launched: Any, loopback: Any, tmp_path: Path, name: str
+    capsys: Any, launched: Any, loopback: Any, tmp_path: Path, name: str
 ) -> None:
     """As `launch` would start it in a group with a namespace pushed."""
     run, short = f"two_area_{name}", "duration=4.0"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,8 +17,8 @@ from facts_damping.nodes.loopback.lifecycle import GRAPH, NUMBERS, STATES
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
-from tests.nodes.graphs import PATIENCE_S, assert_same, ticks
-from tests.nodes.test_joining import RATE, Graph, assert_replayed
+from tests.nodes.graphs import PATIENCE_S, assert_replayed, assert_same, ticks
+from tests.nodes.test_joining import RATE, Graph
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,7 +30,6 @@ LOCKSTEP = {"scenario": "large", "duration": 2.0, "recorder": "true", "autostart
 
 @pytest.fixture
 def change(client: Any) -> Callable[[str, str], bool]:
-    """Asks a node for a transition; whether it was done."""
 
     def ask(node: str, label: str) -> bool:
         request = ChangeState.Request(transition=Transition(label=label))
@@ -42,7 +40,6 @@ def change(client: Any) -> Callable[[str, str], bool]:
 
 @pytest.fixture
 def state(client: Any) -> Callable[[str], str]:
-    """State of a node."""
     return lambda node: str(client(GetState, f"/{node}/get_state", GetState.Request()).current_state.label)
 
 
@@ -57,12 +54,15 @@ def test_the_loopback_has_the_states_and_transitions_of_ros() -> None:
     context.try_shutdown()
 
 
+def start_all(start: Any, folder: Path, parameters: dict[str, Any]) -> dict[str, Any]:
+    more = {"recorder": {"output": folder / "bag"}}
+    return {name: start(name, **parameters, **more.get(name, {})) for name in NODES}
+
+
 def test_a_run_that_is_brought_up_in_order_has_the_same_bits(
-    loopback: Any, start: Callable[..., Any], change: Any, state: Any, tmp_path: Path
+    loopback: Any, start: Any, change: Any, state: Any, tmp_path: Path
 ) -> None:
-    running = {
-        name: start(name, **LOCKSTEP, **({"output": tmp_path / "bag"} if name == "recorder" else {})) for name in NODES
-    }
+    running = start_all(start, tmp_path, LOCKSTEP)
     assert {state(name) for name in NODES} == {"unconfigured"}
     assert not change("plant_sim", "activate")  # what is not configured cannot be
     assert all(change(name, "configure") for name in NODES)
@@ -74,18 +74,14 @@ def test_a_run_that_is_brought_up_in_order_has_the_same_bits(
     assert state("controller") == "active"
     running["plant_sim"].communicate(timeout=PATIENCE_S)
     for name in NODES[:-1]:
-        running[name].send_signal(signal.SIGTERM)
-        running[name].communicate(timeout=PATIENCE_S)
+        running[name].stop()
     assert_same(load(tmp_path / "bag"), loop.run(load_case(None, ["scenario=large", "duration=2"])))
 
 
 def test_the_plant_s_inactive_state_is_the_paused_run(
     loopback: Any, start: Any, change: Any, state: Any, tmp_path: Path
 ) -> None:
-    common = LOCKSTEP | {"autostart": "true", "duration": 10.0}
-    running = {
-        name: start(name, **common, **({"output": tmp_path / "bag"} if name == "recorder" else {})) for name in NODES
-    }
+    running = start_all(start, tmp_path, LOCKSTEP | {"autostart": "true", "duration": 10.0})
     plant = running["plant_sim"]
     plant.wait(lambda: ticks(plant) > RATE, PATIENCE_S)
     assert change("plant_sim", "deactivate")
@@ -93,15 +89,14 @@ def test_the_plant_s_inactive_state_is_the_paused_run(
     assert change("plant_sim", "activate")
     plant.communicate(timeout=PATIENCE_S)
     for name in NODES[:-1]:
-        running[name].send_signal(signal.SIGTERM)
-        running[name].communicate(timeout=PATIENCE_S)
+        running[name].stop()
     record = load(tmp_path / "bag")
     assert [one.kind for one in record.changes] == ["pause", "resume"]
     assert_same(record, rerun(load_case(None, ["scenario=large", "duration=10"]), record.changes))
 
 
 def test_an_inactive_controller_takes_part_and_has_no_effect(
-    loopback: Any, start: Callable[..., Any], change: Any, state: Any, client: Any, tmp_path: Path
+    loopback: Any, start: Any, change: Any, state: Any, client: Any, tmp_path: Path
 ) -> None:
     run = Graph(start, tmp_path)
     run.add("wan_link")
@@ -124,7 +119,7 @@ def test_an_inactive_controller_takes_part_and_has_no_effect(
     assert_replayed(record)
 
 
-def test_cleanup_begins_again(loopback: Any, start: Callable[..., Any], change: Any, state: Any) -> None:
+def test_cleanup_begins_again(loopback: Any, start: Any, change: Any, state: Any) -> None:
     start("wan_link", mode="free", autostart="false")
     assert change("wan_link", "configure")
     assert change("wan_link", "cleanup")
@@ -132,20 +127,18 @@ def test_cleanup_begins_again(loopback: Any, start: Callable[..., Any], change: 
     assert change("wan_link", "configure")
 
 
-def test_over_dds_too_until_shutdown(start: Callable[..., Any], change: Any, state: Any) -> None:
+def test_over_dds_too_until_shutdown(start: Any, change: Any, state: Any) -> None:
     link = start("wan_link", mode="free", autostart="false")
     assert change("wan_link", "configure")
     assert change("wan_link", "activate")
     assert state("wan_link") == "active"
     assert change("wan_link", "shutdown")
     link.communicate(timeout=PATIENCE_S)
-    assert (link.returncode, link.said()[1]) == (0, "")
+    assert (link.returncode, link.texts()[1]) == (0, "")
 
 
-def test_bad_input_leaves_a_node_unconfigured(
-    loopback: Any, start: Callable[..., Any], change: Any, state: Any
-) -> None:
+def test_bad_input_leaves_a_node_unconfigured(loopback: Any, start: Any, change: Any, state: Any) -> None:
     node = start("controller", autostart="false", index=7)
     assert not change("controller", "configure")
     assert state("controller") == "unconfigured"
-    assert "index: 7 given" in node.said()[0]
+    assert "index: 7 given" in node.texts()[0]

@@ -16,8 +16,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 
 from facts_damping.case.loading import load_case
 from facts_damping.control.compensation import COMPENSATIONS
@@ -35,6 +33,7 @@ from tests.nodes.graphs import (
     assert_same,
     payloads,
     quiet,
+    set_parameter,
 )
 
 if TYPE_CHECKING:
@@ -93,8 +92,7 @@ RUNS = {
         {"link": ROUGH}, {**HBSWC, "link": "plc", "namespace": "here"}, "seed=5"
     ),
     "compensation by a phasor of jitter, by lead of a constant delay": sets(
-        {"compensation": "lead", "link": link(0.1, 0.1)},
-        {**HBSWC, "compensation": "phasor", "link": "plc"},
+        {"compensation": "lead", "link": link(0.1, 0.1)}, {**HBSWC, "compensation": "phasor", "link": "plc"}
     ),
     "disturbed data, wrong stamps, order": sets({"link": WRONG}, {"link": "pdci"}, "seed=6"),
     "identifier in a namespace on the run's link": sets(
@@ -134,7 +132,6 @@ def test_a_graph_with_any_links_is_the_in_process_run_bit_for_bit(
     compensation: str,
     seed: int,
 ) -> None:
-    """It does not crash, does not wait for ever, and loses nothing but what the links lose."""
     seeded = [f"link={json.dumps(one)}", f"seed={seed}", "duration=2"]
     case = load_case(None, sets(scheme, {"signals": ["w13"], "compensation": compensation, "link": other}, *seeded))
     as_in_process(tmp_path_factory.mktemp("graph"), case)
@@ -166,7 +163,6 @@ def test_topics_stand_in_the_controllers_namespaces(tmp_path: Path) -> None:
 
 
 def test_links_that_are_late_by_turns_change_nothing(tmp_path: Path, started: dict[str, Any]) -> None:
-    """The order of messages is no input: one link or controller stands still for a while, then another."""
     turns = iter([f"{place}/wan_link" for place in ("tie", "substation")] * 2 + [TIE, SUBSTATION])
 
     def hold(_done: int, _of: int) -> None:
@@ -184,7 +180,6 @@ def test_links_that_are_late_by_turns_change_nothing(tmp_path: Path, started: di
 
 
 def test_real_time_with_own_links_loses_nothing_and_its_recording_may_be_cut(tmp_path: Path) -> None:
-    """What is left is the run's beginning."""
     case = load_case(None, [*APART, "duration=3"])
     outcome = graph.run(case, "realtime", tmp_path / "whole", quiet)
     assert (outcome.messages_lost, outcome.deadline_misses) == (0, 0)
@@ -206,7 +201,7 @@ def test_real_time_with_own_links_loses_nothing_and_its_recording_may_be_cut(tmp
 
 
 @pytest.mark.parametrize(
-    ("node", "number", "said"),
+    ("node", "number", "expected"),
     [
         ("tie/wan_link", signal.SIGKILL, "^tie/wan_link was killed by SIGKILL"),
         ("tie/wan_link", signal.SIGSTOP, "plant_sim: tie/wan_link is silent"),
@@ -215,23 +210,21 @@ def test_real_time_with_own_links_loses_nothing_and_its_recording_may_be_cut(tmp
     ],
 )
 def test_dead_or_silent_node_is_named_by_its_place(
-    tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
+    tmp_path: Path, started: dict[str, Any], node: str, number: int, expected: str
 ) -> None:
-    assert_named(APART, tmp_path, started, node, number, said)
+    assert_named(APART, tmp_path, started, node, number, expected)
 
 
 def test_a_second_graph_of_other_architecture_is_kept_apart(tmp_path: Path, start: Any) -> None:
-    """It shares the plant's topics alone."""
     common = {"scenario": "large", "start_timeout": PATIENCE_S}
     nodes = [start(name, **common) for name in ("wan_link", "controller")]
     plant = start("plant_sim", mode="realtime", duration=1000.0, **common)
-    plant.wait(lambda: "tick" in plant.said()[0], PATIENCE_S)
+    plant.wait(lambda: "tick" in plant.texts()[0], PATIENCE_S)
     assert_kept_apart([*APART, "duration=5"], tmp_path)
     assert all(node.poll() is None for node in (plant, *nodes))
 
 
 def test_a_graph_with_namespaces_moves_below_another(start: Any, tmp_path: Path) -> None:
-    """As `ros2 launch` would have it: each node by hand, one missing namespace is named."""
     run_file = tmp_path / "run.yaml"
     run_file.write_text(dump(load_case(None, [*APART, "duration=1"]).document()))
     common = {"run": run_file, "recorder": "true", "start_timeout": PATIENCE_S}
@@ -244,41 +237,26 @@ def test_a_graph_with_namespaces_moves_below_another(start: Any, tmp_path: Path)
         for executable in ("wan_link", "controller"):
             start(executable, "-r", f"__ns:=/grid/{place}", index=i, **common)
     plant = start("plant_sim", "-r", "__ns:=/grid", **common)
-    _, errors = plant.communicate(timeout=PATIENCE_S)
-    assert (plant.returncode, errors) == (0, "")
+    plant.finish()
     recorder.terminate()
     assert recorder.communicate(timeout=PATIENCE_S) == ("lost 0\n", "")
     assert_same(load(tmp_path / "bag"), loop.run(load_case(str(run_file))))
 
 
 def test_a_delay_may_be_changed_while_the_link_runs(start: Any, client: Any, tmp_path: Path) -> None:
-    """For what is sent from then on; the recording shows the step. What is not allowed is refused with the reason."""
-    common = {
-        "set": "[link.up.0.delay=0.02]",
-        "recorder": "true",
-        "start_timeout": PATIENCE_S,
-        "mode": "realtime",
-        "duration": 1000.0,
-    }
+    common = {"set": "[link.up.0.delay=0.02]", "mode": "realtime", "duration": 1000.0}
+    common |= {"recorder": "true", "start_timeout": PATIENCE_S}
     recorder = start("recorder", output=tmp_path / "bag", **common)
     for name in ("wan_link", "controller"):
         start(name, **common)
     plant = start("plant_sim", **common)
-    plant.wait(lambda: "tick" in plant.said()[0], PATIENCE_S)
-
-    def change(name: str, value: float) -> Any:
-        asked = Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
-        request = SetParameters.Request(parameters=[asked])
-        return client(SetParameters, "/wan_link/set_parameters", request).results[0]
-
+    plant.wait(lambda: "tick" in plant.texts()[0], PATIENCE_S)
     time.sleep(1.0)
-    assert change("up.0.delay", 0.15).successful
-    refused = change("up.0.delay", 61.0)
-    assert not refused.successful
+    assert set_parameter(client, "wan_link", "up.0.delay", 0.15).successful
+    assert not set_parameter(client, "wan_link", "up.0.delay", 61.0).successful
     time.sleep(1.0)
     for node in (plant, recorder):
-        node.terminate()
-        node.communicate(timeout=PATIENCE_S)
+        node.stop()
     delivered = load(tmp_path / "bag").delivered
     late = (delivered["arrival_ns"] - delivered["measured_ns"])[np.argsort(delivered["measured_ns"], kind="stable")]
     assert set(late.tolist()) == {20_000_000, 150_000_000}

@@ -27,15 +27,15 @@ from facts_damping.nodes import live_view
 from facts_damping.nodes.base.discovery import wait_for_peers
 from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
-from facts_damping.nodes.base.topics import TOPIC
+from facts_damping.nodes.base.topics import REFUSALS
 from facts_damping.nodes.launching import graph
 from facts_damping.nodes.live_view import LISTENING
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, nodes_left, payloads, quiet
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, nodes_left, payloads, quiet, wait_until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
     from websockets.sync.client import ClientConnection
@@ -76,18 +76,17 @@ class Client:
             except ConnectionClosed:
                 pass
 
-    def _text(self, connection: ClientConnection, said: dict[str, Any]) -> None:
-        if said["op"] == "serverInfo":
-            self.info = said
-        elif said["op"] == "advertise":
-            self.channels |= {channel["id"]: channel for channel in said["channels"]}
-            wanted = [{"id": channel["id"], "channelId": channel["id"]} for channel in said["channels"]]
+    def _text(self, connection: ClientConnection, message: dict[str, Any]) -> None:
+        if message["op"] == "serverInfo":
+            self.info = message
+        elif message["op"] == "advertise":
+            self.channels |= {channel["id"]: channel for channel in message["channels"]}
+            wanted = [{"id": channel["id"], "channelId": channel["id"]} for channel in message["channels"]]
             connection.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
             self.subscribed = connection.ping()  # it is answered in order
 
     def wait(self) -> None:
-        """Wait until the server knows what is wanted."""
-        _wait(lambda: self.subscribed is not None)
+        wait_until(lambda: self.subscribed is not None)
         assert self.subscribed is not None
         assert self.subscribed.wait(PATIENCE_S)
 
@@ -99,21 +98,20 @@ class Client:
             self.times.append(struct.unpack_from("<Q", data, 1)[0])
 
     def end(self) -> None:
-        """Wait until the server has closed the connection."""
         self.thread.join(PATIENCE_S)
         assert not self.thread.is_alive()
 
 
 @pytest.fixture
 def client(port: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Client]:
-    """One that graphs wait for, once their view serves."""
+    """A client that graphs wait for once their view serves."""
     made, serving = Client(port), graph._wait_for_view
 
-    def serving_it(view: graph.Process) -> None:
+    def serving_client(view: graph.Process) -> None:
         serving(view)
         made.wait()
 
-    monkeypatch.setattr(graph, "_wait_for_view", serving_it)
+    monkeypatch.setattr(graph, "_wait_for_view", serving_client)
     yield made
     if made.connection is not None:
         made.connection.close()
@@ -145,8 +143,9 @@ def test_client_gets_what_is_recorded_and_the_recording_keeps_its_bits(
     case = load_case(None, SETS)
     graph.run(case, "realtime", tmp_path, quiet, view_port=port)
     client.end()
-    told = {one["topic"]: (one["schemaName"], one["schemaEncoding"], one["schema"]) for one in client.channels.values()}
-    assert told == recorded_channels(tmp_path)
+    fields = ("schemaName", "schemaEncoding", "schema")
+    advertised = {row["topic"]: tuple(row[name] for name in fields) for row in client.channels.values()}
+    assert advertised == recorded_channels(tmp_path)
     assert {one["encoding"] for one in client.channels.values()} == {"cdr"}
     assert "time" in client.info["capabilities"]
     # Of what the recorder says itself it gets bytes without the padding at the end.
@@ -173,7 +172,7 @@ def test_client_gets_what_is_recorded_and_the_recording_keeps_its_bits(
 def test_neither_client_nor_view_holds_anybody_up(
     domain: int, tmp_path: Path, port: int, client: Client, started: dict[str, Any]
 ) -> None:
-    """In lockstep: one client reads, one does not, whose buffers are full long before the end; then the view dies."""
+    """In lockstep: one client reads, another does not; then the view is killed."""
     case = load_case(None, ["duration=20"])
     stalled: list[ClientConnection] = []
     with ExitStack() as opened:
@@ -202,38 +201,31 @@ def test_port_that_is_taken_is_named(domain: int, tmp_path: Path) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        said = rf"live_view: host, port: 127.0.0.1, {port} given.*allowed: ones that are free"
-        with pytest.raises(RunError, match=said):
+        text = rf"live_view: host, port: 127.0.0.1, {port} given.*allowed: ones that are free"
+        with pytest.raises(RunError, match=text):
             graph.run(load_case(None, ["duration=1"]), "lockstep", tmp_path, quiet, view_port=port)
     assert nodes_left(tmp_path) == []
 
 
-def _wait(what: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-
-
 def test_view_by_hand_serves_graph_after_graph_and_ends_quietly(
-    domain: int, tmp_path: Path, port: int, start: Callable[..., Any]
+    domain: int, tmp_path: Path, port: int, start: Any
 ) -> None:
     view = start("live_view", port=port)
     client = Client(port)
-    _wait(lambda: bool(client.channels))
+    wait_until(lambda: bool(client.channels))
 
     before: list[int] = []  # messages when a graph has begun, of those before it and its first
 
-    def heard(_done: int, _of: int) -> None:
-        came = len(client.messages.get("/plant/state", []))
+    def interrupt(_done: int, _of: int) -> None:
+        count = len(client.messages.get("/plant/state", []))
         if len(before) < len(list(tmp_path.iterdir())):
-            before.append(came)
-        elif came > before[-1]:
+            before.append(count)
+        elif count > before[-1]:
             raise KeyboardInterrupt
 
-    for name in ("first", "second"):  # each until the client has heard it
+    for name in ("first", "second"):  # each until the client has received it
         with pytest.raises(KeyboardInterrupt):
-            graph.run(load_case(None, ["duration=1000"]), "lockstep", tmp_path / name, heard, LOADED_S)
+            graph.run(load_case(None, ["duration=1000"]), "lockstep", tmp_path / name, interrupt, LOADED_S)
     view.terminate()
     out, errors = view.communicate(timeout=PATIENCE_S)
     assert (view.returncode, out, errors) == (0, f"ws://127.0.0.1:{port}\n", "")
@@ -254,15 +246,12 @@ def test_nodes_do_not_take_a_view_for_a_peer(loopback: Any) -> None:
 
     def wait(seconds: float, recorder: bool = False) -> None:
         own = Options("lockstep", 5.0, seconds, recorder=recorder, view=False)
-        wait_for_peers(node, {publisher: 1}, [], f"/{TOPIC}", own, lambda: None)
+        wait_for_peers(node, {publisher: 1}, [], f"/{REFUSALS}", own, lambda: None)
 
     try:
         publisher = node.create_publisher(GridEvent, "events", PUBLISHER_QOS)
         other.create_subscription(GridEvent, "events", lambda _: None, LISTENING)
-        deadline = time.monotonic() + PATIENCE_S
-        while publisher.get_subscription_count() < 1:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: publisher.get_subscription_count() > 0)
         with pytest.raises(RunError, match=r"missing after 0.5 s: a subscriber of /events"):
             wait(0.5)
         outsider = rclpy.create_node("outsider", context=elsewhere)
@@ -274,7 +263,7 @@ def test_nodes_do_not_take_a_view_for_a_peer(loopback: Any) -> None:
         wait(PATIENCE_S, recorder=True)
         with pytest.raises(RunError, match=r"missing after 0.5 s: a subscriber of /events"):
             wait(0.5)
-        outsider.create_publisher(RefusedMessages, TOPIC, PUBLISHER_QOS)  # as nodes of a graph have it
+        outsider.create_publisher(RefusedMessages, REFUSALS, PUBLISHER_QOS)  # as nodes of a graph have it
         wait(PATIENCE_S)
     finally:
         other.destroy_node()

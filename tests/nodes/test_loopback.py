@@ -1,4 +1,4 @@
-"""The loopback by itself: ends meet as with DDS, services and parameters answer, time is simulated, runs repeat."""
+"""The loopback: endpoints match as with DDS, services and parameters answer, time is simulated, runs repeat."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import rclpy
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import GetParameters
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from facts_damping.errors import RunError
-from facts_damping.nodes.loopback import arguments
+from facts_damping.nodes.loopback.domain import parse
 from facts_damping.nodes.loopback.opening import StandIn, opened
 from facts_damping.nodes.loopback.processes import World, never
-from tests.nodes.graphs import payloads, run_graph, somebody
+from tests.nodes.graphs import payloads, run_graph, set_parameter, somebody
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,7 +34,7 @@ def profile(reliability: Any = RELIABLE, durability: Any = VOLATILE, depth: int 
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, reliability=reliability, durability=durability, depth=depth)
 
 
-def heard(node: Any, executor: Any, topic: str, qos: QoSProfile) -> list[str]:
+def received(node: Any, executor: Any, topic: str, qos: QoSProfile) -> list[str]:
     found: list[str] = []
     node.create_subscription(String, topic, lambda message: found.append(message.data), qos)
     executor.spin_once(timeout_sec=0.1)
@@ -57,7 +56,7 @@ def test_ends_meet_where_no_more_is_wanted_than_is_offered(
 ) -> None:
     with somebody("a") as (node, executor):
         publisher = node.create_publisher(String, "topic", offered)
-        found = heard(node, executor, "topic", wanted)
+        found = received(node, executor, "topic", wanted)
         publisher.publish(String(data="one"))
         executor.spin_once(timeout_sec=1.0)
         assert found == (["one"] if meet else [])
@@ -99,12 +98,10 @@ def test_services_parameters_timers_and_time(loopback: Any) -> None:
                 asking.spin_once(timeout_sec=0.0)
             return future.result()
 
-        assert call(Trigger, "ask", Trigger.Request()).message == "yes"
-        value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=2.5)
-        asked = SetParameters.Request(parameters=[Parameter(name="gain", value=value)])
-        assert call(SetParameters, "server/set_parameters", asked).results[0].successful
-        told = call(GetParameters, "server/get_parameters", GetParameters.Request(names=["gain"])).values
-        assert told[0].double_value == 2.5
+        assert call(Trigger, "/ask", Trigger.Request()).message == "yes"
+        assert set_parameter(call, "server", "gain", 2.5).successful
+        values = call(GetParameters, "/server/get_parameters", GetParameters.Request(names=["gain"])).values
+        assert values[0].double_value == 2.5
         while time.monotonic() < began + 60.0:
             serving.spin_once(timeout_sec=0.1)
         assert calls == pytest.approx([0.5 * (k + 1) for k in range(len(calls))], abs=0.01)
@@ -125,7 +122,7 @@ def test_names_and_parameters_come_from_arguments_as_in_rclpy(loopback: Any, tmp
         }
         assert found == {"a": 1, "b.c": "x"}
     with pytest.raises(RuntimeError, match="Couldn't parse"):
-        arguments.parse(["--ros-args", "-p", "gain"])
+        parse(["--ros-args", "-p", "gain"])
 
 
 def test_a_node_that_fails_or_never_waits_is_named(loopback: Any, tmp_path: Path) -> None:

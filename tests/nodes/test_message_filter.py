@@ -1,4 +1,4 @@
-"""What is not this graph's, or not what it should be, acts on nothing, ends nobody, and is counted."""
+"""Foreign and faulty messages have no effect, end no node, and are counted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from facts_damping.nodes.admission.refusals import MAXIMUM, TELL_S
 from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import SUBSCRIBER_QOS
 from facts_damping.nodes.transport.cdr import Refused
-from facts_damping.nodes.transport.messages import Estimates, state_message
+from facts_damping.nodes.transport.messages import Estimates, stamped
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import DELIVERY, SETPOINT
 from tests.nodes.hostile import hostile
@@ -58,22 +58,24 @@ def options(realtime: bool, join: bool = False) -> Options:
 
 
 class Listener:
-    """A message filter with a topic whose publisher it knows, and what it let through."""
+    """A message filter with a topic whose publisher it knows, and the admitted messages."""
 
     def __init__(
         self, node: Node, read: Callable[[bytes], Any], realtime: bool = False, newest: Callable[[], int] | None = None
     ) -> None:
-        self.came: list[Any] = []
-        self.told: list[bytes] = []
-        self.message_filter = MessageFilter(node, CASE, options(realtime), send_refusals=self.told.append)
-        self.message_filter.subscribe(PmuDataFrame, "topic", lambda *message: self.came.append(message), read, newest)
-        (self.heard,) = self.message_filter.senders.topics
-        self.heard.publisher = OWN
+        self.admitted: list[Any] = []
+        self.reports: list[bytes] = []
+        self.message_filter = MessageFilter(node, CASE, options(realtime), send_refusals=self.reports.append)
+        self.message_filter.subscribe(
+            PmuDataFrame, "topic", lambda *message: self.admitted.append(message), read, newest
+        )
+        (self.state,) = self.message_filter.senders.topics
+        self.state.publisher = OWN
         self.sent = 0
 
     def send(self, data: bytes, publisher: bytes = OWN, sequence: int | None = None) -> bool:
         self.sent += 1
-        return self.message_filter.take(self.heard, data, information(publisher, sequence or self.sent))
+        return self.message_filter.take(self.state, data, information(publisher, sequence or self.sent))
 
     def causes(self) -> list[str]:
         return [cause for (_, cause, _), count in self.message_filter.refusals._refused.items() for _ in range(count)]
@@ -86,7 +88,7 @@ def ticks(data: bytes) -> tuple[int]:
 def test_ticks_come_one_after_the_other(node: Node) -> None:
     one = Listener(node, ticks)
     assert [one.send(str(tick).encode()) for tick in (0, 1, 1, 3, 2, 10**9, 3)] == [
-        *(True, True, False, False, True, False, True),
+        *(True, True, False, False, True, False, True)
     ]
     assert one.causes() == ["tick"] * 3
 
@@ -94,7 +96,7 @@ def test_ticks_come_one_after_the_other(node: Node) -> None:
 def test_who_does_not_begin_with_tick_0_is_of_another_graph(node: Node) -> None:
     one = Listener(node, ticks)
     assert [one.send(b"5", FOREIGN), one.send(b"5"), one.send(b"0"), one.send(b"1", FOREIGN), one.send(b"1")] == [
-        *(False, False, True, False, True),
+        *(False, False, True, False, True)
     ]
     assert one.causes() == ["publisher"] * 3
 
@@ -104,7 +106,7 @@ def test_in_real_time_ticks_may_be_missing_as_the_clock_allows(node: Node) -> No
     assert one.send(b"0")
     assert not one.send(b"1000")
     assert one.send(b"60")
-    one.heard.at -= 60.0
+    one.state.at -= 60.0
     assert one.send(b"1000")
     assert not one.send(b"1000")
 
@@ -161,16 +163,16 @@ def test_the_place_of_one_that_has_left_is_free_in_real_time(
 
 
 def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Node) -> None:
-    """As a disarmed identifier does, of which the recording must know."""
+    """As a disarmed identifier, which the recording must name."""
     one = Listener(node, ticks, realtime=True)
-    said: list[bytes] = []
-    one.message_filter.subscribe(DiagnosticArray, "/diagnostics", lambda data, _: said.append(data), common=True)
-    heard = one.message_filter.senders.topics[1]
+    admitted: list[bytes] = []
+    one.message_filter.subscribe(DiagnosticArray, "/diagnostics", lambda data, _: admitted.append(data), common=True)
+    state = one.message_filter.senders.topics[1]
     for there, data in (([OWN], b"a"), ([FOREIGN], b"b")):
         one.message_filter.senders.of = lambda _, there=there: there  # type: ignore[method-assign, misc]
-        one.message_filter.take(heard, data, information(FOREIGN[:12] + bytes(4), len(said) + 1))
+        one.message_filter.take(state, data, information(FOREIGN[:12] + bytes(4), len(admitted) + 1))
         time.sleep(2 * KNOW_S)
-    assert said == [b"b"]
+    assert admitted == [b"b"]
 
 
 def test_nobody_succeeds_the_plant(node: Node) -> None:
@@ -185,11 +187,12 @@ def test_nobody_succeeds_the_plant(node: Node) -> None:
 def test_what_others_than_the_plant_say_of_errors_is_passed_over(node: Node, capsys: Any) -> None:
     one = Listener(node, ticks)
     one.message_filter.subscribe_run_state()
-    _, plant, heard = one.message_filter.senders.topics
+    _, plant, state = one.message_filter.senders.topics
     plant.publisher = PLANT
-    said = serialize_message(state_message(RunState.ENDED, 300, 5 * 10**9, "synchronism lost at 5.000 s", False))
+    ended = RunState(state=RunState.ENDED, tick=300, reason="synchronism lost at 5.000 s", in_synchronism=False)
+    message = serialize_message(stamped(ended, 5 * 10**9))
     for publisher, let in ((FOREIGN, False), (PLANT[:12] + bytes(4), True)):
-        assert one.message_filter.take(heard, said, information(publisher, 1)) == let
+        assert one.message_filter.take(state, message, information(publisher, 1)) == let
         assert one.message_filter.over == let
     assert capsys.readouterr().out == "synchronism lost at 5.000 s\n"
     assert one.causes() == []
@@ -201,21 +204,20 @@ def test_reports_come_at_most_once_a_second(node: Node, capsys: Any) -> None:
     one.message_filter.report_refusals()
     one.send(b"9999999")
     one.message_filter.report_refusals()
-    assert one.told == []
+    assert one.reports == []
     one.message_filter.refusals._reported_at -= TELL_S
     for _ in range(3):
         one.message_filter.report_refusals()
     one.send(b"9999999")
     one.message_filter.report_refusals()
-    assert len(one.told) == 1
+    assert len(one.reports) == 1
     assert capsys.readouterr().out == f"refused 1 tick /topic {OWN.hex()}\n"
     one.message_filter.report_refusals(last=True)
-    assert len(one.told) == 2
+    assert len(one.reports) == 2
     assert capsys.readouterr().out == f"refused 2 tick /topic {OWN.hex()}\n"
 
 
 def test_odd_messages_of_the_known_publisher_are_refused_too(node: Node) -> None:
-    """Whatever a broken peer sends: what is let through has this graph's names and the next tick."""
     rng = np.random.default_rng(1)
     rows, given = np.zeros(1, DELIVERY), np.zeros(1, SETPOINT)
     readers: list[tuple[type[Any], Any, list[bytes]]] = [
@@ -227,10 +229,10 @@ def test_odd_messages_of_the_known_publisher_are_refused_too(node: Node) -> None
         one = Listener(node, reader.read)
         for _ in range(1000):
             one.send(hostile(rng, kind, genuine))
-        assert len(one.causes()) + len(one.came) == one.sent
+        assert len(one.causes()) + len(one.admitted) == one.sent
         assert {"format", "names"} <= set(one.causes())
-        assert len(one.came) <= 5
-        assert [message[0] for message in one.came] == list(range(len(one.came)))
+        assert len(one.admitted) <= 5
+        assert [message[0] for message in one.admitted] == list(range(len(one.admitted)))
 
 
 def test_a_forged_message_is_reported_at_the_end_of_a_command(loopback: Any, tmp_path: Path, capsys: Any) -> None:

@@ -6,13 +6,12 @@ On the loopback; test_graph.py has such a graph by the clock, and on DDS.
 from __future__ import annotations
 
 import signal
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from facts_damping_msgs.msg import ControllerState, JacobianEstimate
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from rclpy.serialization import deserialize_message
 
 from facts_damping.case.loading import load_case
@@ -21,7 +20,7 @@ from facts_damping.nodes.launching import graph
 from facts_damping.parameters.files import read_table
 from facts_damping.recording.reader import load
 from facts_damping.simulation import adapted_weights, loop
-from tests.nodes.graphs import LOADED_S, as_in_process, assert_named, assert_same, payloads, quiet
+from tests.nodes.graphs import LOADED_S, as_in_process, assert_named, assert_same, payloads, quiet, set_parameter
 from tests.two_devices import centralised
 
 if TYPE_CHECKING:
@@ -144,16 +143,16 @@ def test_inner_state_and_estimates_are_published_every_tick(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("node", "number", "said"),
+    ("node", "number", "expected"),
     [
         ("identifier_0_ANFGuMoI", signal.SIGKILL, "identifier_0_ANFGuMoI was killed by SIGKILL"),
         ("identifier_0_ANFGuMoI", signal.SIGSTOP, "identifier_0_ANFGuMoI is silent"),
     ],
 )
 def test_dead_or_silent_identifier_is_named(
-    tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
+    tmp_path: Path, started: dict[str, Any], node: str, number: int, expected: str
 ) -> None:
-    assert_named(HBSWC, tmp_path, started, node, number, said)
+    assert_named(HBSWC, tmp_path, started, node, number, expected)
 
 
 def test_parameters_that_are_safe_to_change_change_while_it_runs(start: Any, client: Any) -> None:
@@ -161,15 +160,7 @@ def test_parameters_that_are_safe_to_change_change_while_it_runs(start: Any, cli
     for name in ("controller", "identifier", "wan_link"):
         start(name, **common)
     start("plant_sim", mode="realtime", duration=1000.0, **common)
-
-    def change(node: str, name: str, value: float | str) -> Any:
-        if isinstance(value, str):
-            given = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
-        else:
-            given = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
-        request = SetParameters.Request(parameters=[Parameter(name=name, value=given)])
-        return client(SetParameters, f"/{node}/set_parameters", request).results[0]
-
+    change = partial(set_parameter, client)
     assert change("controller", "eta", 0.01).successful
     assert change("controller", "rate", "lyapunov").successful
     assert change("identifier", "identifier_eta", 0.01).successful
@@ -189,7 +180,6 @@ def test_an_unstable_run_with_identifier_ends_where_the_in_process_run_ends(tmp_
 
 @pytest.mark.parametrize("loss", ["", ", {model: bernoulli, loss: 0.1}"])
 def test_a_graph_with_prediction_is_the_in_process_run_bit_for_bit(tmp_path: Path, loss: str) -> None:
-    """With constant delays, and where frames are lost: what is predicted is recorded, too."""
     link = f"link.up=[{{delay: 0.1}}{loss}]"
     case = load_case(
         None, [*HBSWC, "controllers.0.compensation=prediction", link, "link.down=[{delay: 0.1}]", "duration=3"]

@@ -9,15 +9,15 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from std_srvs.srv import Trigger
 
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import wan_link
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
-from tests.nodes.graphs import PATIENCE_S
+from tests.nodes.graphs import PATIENCE_S, set_parameter
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,8 +30,7 @@ def test_nodes_started_one_by_one_give_the_in_process_run(start: Any, tmp_path: 
     plant = start("plant_sim", cold=True, **common)
     start("wan_link", **common)
     start("controller", "-r", "__node:=damper", **common)
-    _, errors = plant.communicate(timeout=PATIENCE_S)
-    assert (plant.returncode, errors) == (0, "")
+    plant.finish()
     recorder.terminate()
     output, errors = recorder.communicate(timeout=PATIENCE_S)
     assert (recorder.returncode, output, errors) == (0, "lost 0\n", "")
@@ -69,14 +68,8 @@ def test_parameters_have_description_unit_and_range(loopback: Any, start: Any, c
     assert all(
         d.description for d in described.descriptors if d.name not in ("use_sim_time", "start_type_description_service")
     )
-
-    def set_gain(value: float) -> Any:
-        wanted = Parameter(name="gain", value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
-        request = SetParameters.Request(parameters=[wanted])
-        return client(SetParameters, "/controller/set_parameters", request).results[0]
-
-    assert set_gain(30.0).successful
-    refused = set_gain(1e6)
+    assert set_parameter(client, "controller", "gain", 30.0).successful
+    refused = set_parameter(client, "controller", "gain", 1e6)
     assert not refused.successful
     assert refused.reason
     answer = client(GetParameters, "/controller/get_parameters", GetParameters.Request(names=["gain"]))
@@ -84,7 +77,7 @@ def test_parameters_have_description_unit_and_range(loopback: Any, start: Any, c
 
 
 @pytest.mark.parametrize(
-    ("executable", "parameters", "said"),
+    ("executable", "parameters", "expected"),
     [
         ("plant_sim", {"frame_rate": 0}, "frame_rate"),
         ("plant_sim", {"scenario": "huge"}, "allowed: large, multiple, small"),
@@ -102,14 +95,14 @@ def test_parameters_have_description_unit_and_range(loopback: Any, start: Any, c
     ],
 )
 def test_bad_parameter_is_exit_2_and_one_line(
-    loopback: Any, start: Any, executable: str, parameters: Any, said: str
+    loopback: Any, start: Any, executable: str, parameters: Any, expected: str
 ) -> None:
     node = start(executable, **parameters)
     output, errors = node.communicate(timeout=PATIENCE_S)
     assert node.returncode == 2
     assert output == ""
     assert errors.count("\n") == 1
-    assert said in errors
+    assert expected in errors
 
 
 def test_missing_peer_is_named(loopback: Any, start: Any) -> None:
@@ -122,38 +115,32 @@ def test_missing_peer_is_named(loopback: Any, start: Any) -> None:
 
 
 def test_first_answer_is_waited_for_as_long_as_the_start(loopback: Any, start: Any, client: Any) -> None:
-    """A node may be there, and known to the others, before it works."""
-
-    def wait_until_it_serves(name: str) -> None:
-        client(GetParameters, f"/{name}/get_parameters", GetParameters.Request(names=["duration"]))
-
+    request = GetParameters.Request(names=["duration"])
     common = {"duration": 0.1, "timeout": 2.0, "start_timeout": PATIENCE_S}
     link, controller = start("wan_link", **common), start("controller", **common)
-    wait_until_it_serves("controller")
+    client(GetParameters, "/controller/get_parameters", request)  # wait until it serves
     controller.send_signal(signal.SIGSTOP)
     plant = start("plant_sim", **common)
-    wait_until_it_serves("plant_sim")
+    client(GetParameters, "/plant_sim/get_parameters", request)
     time.sleep(2.0 * common["timeout"])
     assert (plant.poll(), link.poll()) == (None, None)
     controller.send_signal(signal.SIGCONT)
-    _, errors = plant.communicate(timeout=PATIENCE_S)
-    assert (plant.returncode, errors) == (0, "")
+    plant.finish()
 
 
 def test_a_loss_of_synchronism_is_said_by_every_node(loopback: Any, start: Any, tmp_path: Path) -> None:
-    """And nobody takes the end of the plant for silence."""
     sets = ["frame_rate=30", "link=satellite", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
     computed = loop.run(load_case(None, ["scenario=large", *sets]))
     common = {"scenario": "large", "set": str(sets), "timeout": 0.5, "start_timeout": PATIENCE_S, "recorder": "true"}
-    said = f"synchronism lost at {computed.time_s[-1]:.3f} s"
+    text = f"synchronism lost at {computed.time_s[-1]:.3f} s"
     recorder = start("recorder", output=tmp_path / "bag", **common)
     others = [recorder, *(start(name, **common) for name in ("wan_link", "controller", "identifier"))]
     plant = start("plant_sim", **common)
     output, errors = plant.communicate(timeout=PATIENCE_S)
     assert (plant.returncode, errors) == (0, "")
-    assert output.splitlines()[-1] == said
+    assert output.splitlines()[-1] == text
     for node in others:
-        node.wait(lambda node=node: said in node.said()[0].splitlines(), PATIENCE_S)
+        node.wait(lambda node=node: text in node.texts()[0].splitlines(), PATIENCE_S)
     time.sleep(0.5 + wan_link.PATIENCE_S + 1.0)
     assert [node.poll() for node in others] == [None] * 4
 

@@ -1,7 +1,4 @@
-"""Nobody outside the loop holds it up: not a reader that has stopped, not the recorder.
-
-Nodes publish by a profile with which DDS waits for nobody, and the recorder says what it has lost.
-"""
+"""Neither a stopped reader nor the recorder delays the loop; the recorder reports what it has lost."""
 
 from __future__ import annotations
 
@@ -45,7 +42,7 @@ print("found", flush=True)
 sys.stdin.readline()
 for k in range(int(sys.argv[1])):
     publisher.publish(String(data=f"{k} {'x' * 4000}"))
-print("said", flush=True)
+print("published", flush=True)
 sys.stdin.readline()
 """
 # As the recorder does, and `ros2 topic echo --qos-reliability reliable --qos-history keep_all`.
@@ -55,14 +52,14 @@ from std_msgs.msg import String
 from facts_damping.nodes.base import qos, run
 run._set_up_middleware()
 rclpy.init()
-own, came = rclpy.create_node("reader"), []
-def hear(message, information):
-    came.append((int(message.data.split()[0]), information["publication_sequence_number"]))
-own.create_subscription(String, "topic", hear, qos.SUBSCRIBER_QOS)
-while not came or came[-1][0] < int(sys.argv[1]) - 1:
+own, received = rclpy.create_node("reader"), []
+def receive(message, information):
+    received.append((int(message.data.split()[0]), information["publication_sequence_number"]))
+own.create_subscription(String, "topic", receive, qos.SUBSCRIBER_QOS)
+while not received or received[-1][0] < int(sys.argv[1]) - 1:
     rclpy.spin_once(own)
-print(*(k for k, _ in came))
-print(*(number for _, number in came))
+print(*(k for k, _ in received))
+print(*(number for _, number in received))
 """
 
 
@@ -84,19 +81,19 @@ def test_who_stops_reading_misses_what_a_publisher_does_not_keep_and_holds_nobod
         assert line(writer) == "found\n"
         reader.send_signal(signal.SIGSTOP)
         print("go", file=writer.stdin, flush=True)
-        said = line(writer)
+        text = line(writer)
         reader.send_signal(signal.SIGCONT)
         out, _ = reader.communicate(timeout=PATIENCE_S)
-        came, numbers = (list(map(int, text.split())) for text in out.splitlines())
+        received, numbers = (list(map(int, text.split())) for text in out.splitlines())
         writer.communicate(timeout=PATIENCE_S)
-    assert said == "said\n"
-    assert DEPTH <= len(came) < SENT
-    assert came == sorted(set(came))
-    assert numbers == [k + numbers[0] - came[0] for k in came]  # what is missing shows
+    assert text == "published\n"
+    assert DEPTH <= len(received) < SENT
+    assert received == sorted(set(received))
+    assert numbers == [k + numbers[0] - received[0] for k in received]  # what is missing shows
 
 
 def test_all_publishers_keep_so_much_and_a_recorder_says_what_it_lost(loopback: Any, tmp_path: Path) -> None:
-    """Here what comes for the recorder is thrown away for a while; the loop does not wait for it."""
+    """A foreign node discards the messages for the recorder for a while; the loop does not wait for it."""
     case = load_case(None, ["duration=3", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
     profiles: list[Any] = []
 
@@ -110,7 +107,7 @@ def test_all_publishers_keep_so_much_and_a_recorder_says_what_it_lost(loopback: 
                     profiles.extend(one.qos_profile for one in node.get_publishers_info_by_topic(topic))
             if 40 < int.from_bytes(data[20:28], "little") < 100:
                 for one in of_loopback().subscriptions:
-                    if one.node.get_node_name() == "recorder" and one.topic == "/pmu/frames":
+                    if one.node.get_node_name() == "recorder" and one.name == "/pmu/frames":
                         one.waiting.clear()
 
         node.create_subscription(PmuDataFrame, "pmu/frames", steal, SUBSCRIBER_QOS, raw=True)

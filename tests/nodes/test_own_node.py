@@ -1,7 +1,4 @@
-"""A node of a user's own in the graph: bit for bit its law in process; missing, late, silent, dying it is named.
-
-Its command is tested on DDS, with processes; what it does in a graph, on the loopback.
-"""
+"""A user's own node in the graph: same bits as its law in process; named if it is missing, late, silent or ends."""
 
 from __future__ import annotations
 
@@ -29,7 +26,7 @@ from facts_damping.parameters.files import read_table
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.commands import assert_one_line, changes
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, SILENCE_S, assert_same, quiet
+from tests.nodes.graphs import LOADED_S, SILENCE_S, assert_same, quiet, wait_until
 from tests.nodes.test_graph import EXAMPLES
 from tests.nodes.test_policies import diagnostics
 
@@ -88,7 +85,6 @@ def test_the_example_is_what_the_page_says_it_is() -> None:
 
 
 def test_started_by_the_graph_it_is_replayed_with_others(domain: int, tmp_path: Path) -> None:
-    """Behind a link of its own, in a namespace; by its command again, too."""
     placed: dict[str, Any] = {"link": "delay_100ms", "namespace": "area_1", "parameters": {"gain": 12}}
     outcome = run(tmp_path, by_command("duration=1.5", **placed))
     assert_same_law(load(outcome.recording), in_process("duration=1.5", **placed))
@@ -100,7 +96,6 @@ def test_started_by_the_graph_it_is_replayed_with_others(domain: int, tmp_path: 
 
 
 def test_started_by_hand_it_serves_one_run_after_the_other(by_hand: Any, tmp_path: Path) -> None:
-    """Also by the clock."""
     computed = in_process("duration=2")
     for mode in ("lockstep", "realtime"):
         outcome = run(tmp_path / mode, own("duration=2", external=True), mode)
@@ -131,12 +126,12 @@ def test_silent_or_gone_it_is_named_in_lockstep(
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_a_command_that_dies_is_named_with_what_it_said(domain: int, tmp_path: Path, mode: str) -> None:
     sets = by_command("duration=2", more=DYING)
-    said = f"{NAME} ended with exit status 7: out of ideas"
+    reason = f"{NAME} ended with exit status 7: out of ideas"
     if mode == "lockstep":
-        with pytest.raises(RunError, match=said):
+        with pytest.raises(RunError, match=reason):
             run(tmp_path, sets, mode)
     else:
-        assert run(tmp_path, sets, mode).fallen == [said]
+        assert run(tmp_path, sets, mode).fallen == [reason]
 
 
 def test_late_in_real_time_it_is_named(by_hand: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,28 +146,21 @@ def test_late_in_real_time_it_is_named(by_hand: Any, tmp_path: Path, monkeypatch
     monkeypatch.setattr(law, "step", slowly)
     outcome = run(tmp_path, own("duration=2", external=True), "realtime")
     assert outcome.deadline_misses > 0
-    told = diagnostics(outcome.recording, "wan_link")
-    assert any(f"of {NAME}" in text and "late answers" in text for text in told), told
+    texts = diagnostics(outcome.recording, "wan_link")
+    assert any(f"of {NAME}" in text and "late answers" in text for text in texts), texts
 
 
 def test_it_ends_with_a_command_that_is_killed(domain: int, tmp_path: Path) -> None:
     asked = [*changes(by_command("duration=1000")), "--out", str(tmp_path / "out")]
     command = [sys.executable, "-m", "facts_damping.cli.main", "run", *asked]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as popen:
-        deadline = time.monotonic() + PATIENCE_S
-        while not (mine := left()) and time.monotonic() < deadline:
-            time.sleep(0.1)
-        while not any((tmp_path / "out").glob("recording/*.mcap")) and time.monotonic() < deadline:
-            time.sleep(0.1)
+        wait_until(lambda: bool(left()))
+        wait_until(lambda: any((tmp_path / "out").glob("recording/*.mcap")))
         popen.kill()
-    assert mine
-    while left():
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    wait_until(lambda: not left())
 
 
 def left() -> list[str]:
-    """Example nodes of this domain that run."""
     found = []
     for entry in Path("/proc").iterdir():
         try:
@@ -186,7 +174,7 @@ def left() -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("fields", "said"),
+    ("fields", "expected"),
     [
         ({"external": True}, "controllers.0.external: a node of one's own given; allowed: in a graph"),
         ({"command": ["true"]}, "controllers.0.command: a node of one's own given; allowed: in a graph"),
@@ -195,12 +183,12 @@ def left() -> list[str]:
         ({"external": True, "compensation": "lead"}, "compensation: 'lead' given; allowed: none for mine"),
     ],
 )
-def test_in_process_it_is_refused(fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert_one_line(2, ["simulate", *changes(own(**fields))], said, capsys)
+def test_in_process_it_is_refused(fields: dict[str, Any], expected: str, capsys: Any) -> None:
+    assert_one_line(2, ["simulate", *changes(own(**fields))], expected, capsys)
 
 
-def test_a_command_that_is_not_there_starts_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_command_that_is_not_there_starts_nothing(tmp_path: Path, capsys: Any) -> None:
     command = ["run", *changes(own(command=["no_such_program"])), "--out", str(tmp_path / "out")]
-    said = "controllers.0.command: 'no_such_program' given; allowed: a program that is there"
-    assert_one_line(2, command, said, capsys)
+    text = "controllers.0.command: 'no_such_program' given; allowed: a program that is there"
+    assert_one_line(2, command, text, capsys)
     assert not (tmp_path / "out").exists()

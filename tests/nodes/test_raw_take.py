@@ -6,12 +6,11 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
-import rclpy
 from facts_damping_msgs.msg import GridEvent
 
 from facts_damping.nodes.base import qos, run
 from facts_damping.nodes.transport import raw_take
-from tests.nodes.graphs import PATIENCE_S
+from tests.nodes.graphs import somebody, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,32 +18,28 @@ if TYPE_CHECKING:
 
 @pytest.mark.parametrize("take", [raw_take.take, raw_take._Rcl().take], ids=["default", "rcl"])
 def test_a_message_comes_with_its_publisher_and_sequence(domain: int, take: Callable[[Any], Any]) -> None:
-    context = rclpy.context.Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node("both", context=context)
-    try:
+    with somebody("both") as (node, _):
         subscription = node.create_subscription(GridEvent, "events", print, qos.SUBSCRIBER_QOS, raw=True)
         publisher = node.create_publisher(GridEvent, "events", qos.PUBLISHER_QOS)
         assert take(subscription) is None
-        deadline = time.monotonic() + PATIENCE_S
-        while publisher.get_subscription_count() < 1 and time.monotonic() < deadline:
-            time.sleep(0.01)
+        wait_until(lambda: publisher.get_subscription_count() > 0)
         begun = time.time_ns()
         sent = [b"\x00\x01\x00\x00" + bytes([i]) * length for i, length in enumerate((12, 5000, 4))]
         for data in sent:
             publisher.publish(data)
-        taken: list[Any] = []
-        while len(taken) < len(sent) and time.monotonic() < deadline:
-            taken += [one for one in [take(subscription)] if one is not None]
-        assert [data for data, _ in taken] == sent
-        informations = [information for _, information in taken]
+        messages: list[Any] = []
+
+        def received() -> bool:
+            messages.extend(message for message in [take(subscription)] if message is not None)
+            return len(messages) == len(sent)
+
+        wait_until(received)
+        assert [data for data, _ in messages] == sent
+        informations = [information for _, information in messages]
         (there,) = node.get_publishers_info_by_topic("events")
         assert {bytes(one["publisher_gid"]["data"]) for one in informations} == {bytes(there.endpoint_gid)}
         assert [one["publication_sequence_number"] for one in informations] == [1, 2, 3]
         assert all(begun <= one["source_timestamp"] <= time.time_ns() for one in informations)
-    finally:
-        node.destroy_node()
-        rclpy.shutdown(context=context)
 
 
 @pytest.mark.parametrize("this_host", [False, True])

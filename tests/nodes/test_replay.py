@@ -14,10 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-import rclpy
 from facts_damping_msgs.msg import PmuDataFrame, RunState
 from mcap.reader import make_reader
-from rclpy.context import Context
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
@@ -34,7 +32,17 @@ from facts_damping.recording.reader import KINDS, UNTIMED, load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import replay
 from tests.nodes.bags import STORAGES, copy, in_chunks
-from tests.nodes.graphs import ARRAYS, LOADED_S, PATIENCE_S, SILENCE_S, nodes_left, payloads, quiet, wait_until
+from tests.nodes.graphs import (
+    ARRAYS,
+    LOADED_S,
+    PATIENCE_S,
+    SILENCE_S,
+    nodes_left,
+    payloads,
+    quiet,
+    somebody,
+    wait_until,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,10 +60,7 @@ LEAD_LAG = ["duration=1.5", "link=delay_100ms"]
 OF_A_TICK = tuple(suffix for kind, (_, suffix) in KINDS.items() if kind not in UNTIMED)
 BY_NODES = ["--nodes", "--timeout", str(LOADED_S)]
 CENTRALISED = [
-    "controllers.0.name=ANFTSC",
-    "controllers.0.scheme=indirect",
-    "controllers.0.parameters={}",
-    "duration=1.5",
+    *("controllers.0.name=ANFTSC", "controllers.0.scheme=indirect", "controllers.0.parameters={}", "duration=1.5"),
 ]
 
 
@@ -80,8 +85,7 @@ def in_order(graphs: dict[str, Path], tmp_path_factory: Any) -> tuple[Path, Chun
 
 def called(capsys: Any, *arguments: str) -> tuple[int, str, str]:
     status = main([str(argument) for argument in arguments])
-    said = capsys.readouterr()
-    return status, said.out, said.err
+    return status, *capsys.readouterr()
 
 
 @pytest.mark.parametrize("name", ["decentralised", "centralised"])
@@ -96,9 +100,8 @@ def test_in_process_it_is_identical_and_says_so(graphs: dict[str, Path], capsys:
 
 @pytest.mark.parametrize(("name", "place"), [("decentralised", "loopback"), ("centralised", "domain")])
 def test_nodes_in_lockstep_give_the_whole_recording_again(
-    request: pytest.FixtureRequest, graphs: dict[str, Path], tmp_path: Path, capsys: Any, name: str, place: str
+    request: Any, graphs: dict[str, Path], tmp_path: Path, capsys: Any, name: str, place: str
 ) -> None:
-    """On the loopback, and on DDS."""
     request.getfixturevalue(place)
     status, out, errors = called(capsys, "replay", str(graphs[name]), *BY_NODES, "--out", str(tmp_path / "out"))
     assert (status, errors) == (0, "")
@@ -109,8 +112,8 @@ def test_nodes_in_lockstep_give_the_whole_recording_again(
     assert second.notes == []
     assert second.configuration == first.configuration
     states = [payloads(folder) for folder in (graphs[name].parent, tmp_path / "out")]
-    said = [[deserialize_message(data, RunState) for data in topics.pop("/run/state")] for topics in states]
-    assert said[0] == said[1]  # their bytes have some that nobody sets
+    run_states = [[deserialize_message(data, RunState) for data in topics.pop("/run/state")] for topics in states]
+    assert run_states[0] == run_states[1]  # their bytes have padding that is not set
     for topic in [topic for topic in states[0] if topic.endswith(("/state", "/setpoints", "/estimate", "/delivered"))]:
         assert states[0][topic] == states[1][topic], topic
     assert nodes_left(tmp_path) == []
@@ -142,7 +145,6 @@ def test_a_shadow_is_the_same_by_nodes_and_in_process(
 def test_other_setpoints_without_set_are_a_failure(
     graphs: dict[str, Path], tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As of a run whose parameters were changed while it ran."""
     record = load(graphs["centralised"])
     changed = load(graphs["centralised"])
     changed.issued["value"][50] += 1e-9
@@ -158,11 +160,7 @@ def test_other_setpoints_without_set_are_a_failure(
 
 
 def test_a_silent_controller_is_named(
-    loopback: Any,
-    graphs: dict[str, Path],
-    tmp_path: Path,
-    started: dict[str, Any],
-    monkeypatch: pytest.MonkeyPatch,
+    loopback: Any, graphs: dict[str, Path], tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     act = ControllerNode.act
 
@@ -197,7 +195,6 @@ def test_bags_of_other_recorders_are_replayed(
 
 
 def count_before(chunks: Chunks, tick: int) -> int:
-    """Number of messages before those of a tick."""
     return sum(at < tick for chunk in chunks for _, at in chunk)
 
 
@@ -216,7 +213,6 @@ def test_a_recorder_that_came_late_is_said(
 
 
 def test_a_recorder_may_come_between_the_messages_of_a_tick(in_order: tuple[Path, Chunks], tmp_path: Path) -> None:
-    """Wherever in a tick the first message falls, from the first whole tick on all is there."""
     folder, chunks = in_order
     began, end = count_before(chunks, 90), count_before(chunks, 96)
     whole = load(copy(folder, tmp_path / "whole", "mcap", end=end))
@@ -245,12 +241,8 @@ def test_recordings_cut_short_are_replayed_as_far_as_they_go(
     with file.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
-    needed = {
-        topic
-        for chunk in chunks
-        for topic, tick in chunk
-        if tick >= 0 and topic.endswith(OF_A_TICK) and topic != "/run/state"
-    }
+    topics = {topic for chunk in chunks for topic, tick in chunk if tick >= 0}
+    needed = {topic for topic in topics if topic.endswith(OF_A_TICK) and topic != "/run/state"}
     assert len(needed) == 12
     left: Counter[str] = Counter()
     seen = []
@@ -281,9 +273,8 @@ def test_recordings_cut_short_are_replayed_as_far_as_they_go(
 
 
 def test_a_message_that_is_missing_ends_the_replay_there_whatever_it_is(
-    loopback: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    loopback: Any, tmp_path: Path, capsys: Any
 ) -> None:
-    """Of a supervised run: nobody else is blamed, the supervisor least of all."""
     case = load_case("two_area_supervised", ["duration=2", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
     content = scan(graph.run(case, "lockstep", tmp_path / "whole", quiet, LOADED_S).recording)
     count, ended = Counter(message.topic for message in content.messages), 0
@@ -297,9 +288,9 @@ def test_a_message_that_is_missing_ends_the_replay_there_whatever_it_is(
                     writer.write(one.topic, one.data, one.log_ns, one.publish_ns, one.sequence)
         capsys.readouterr()
         assert main(["replay", str(out)]) == 0, topic
-        told = capsys.readouterr()
-        assert "identical, bit for bit" in told.out
-        ended += "replayed up to tick 59 at 0.983 s: of tick 60 not all is there" in told.err
+        output, errors = capsys.readouterr()
+        assert "identical, bit for bit" in output
+        ended += "replayed up to tick 59 at 0.983 s: of tick 60 not all is there" in errors
     assert ended >= 10
 
 
@@ -322,7 +313,6 @@ def test_a_database_that_is_cut_is_read_up_to_there_or_refused(
 
 
 def test_messages_of_a_database_out_of_order(graphs: dict[str, Path], tmp_path: Path) -> None:
-    """Ticks tell the order, not the rows of the table."""
     bag = copy(graphs["decentralised"], tmp_path / "bag", "sqlite3")
     whole, (file,) = load(bag), bag.glob("*.db3")
     with sqlite3.connect(file) as base:
@@ -333,10 +323,8 @@ def test_messages_of_a_database_out_of_order(graphs: dict[str, Path], tmp_path: 
         assert getattr(turned, array).tobytes() == getattr(whole, array).tobytes(), array
 
 
-def test_tools_of_others_read_every_message_without_a_warning(
-    graphs: dict[str, Path], capfd: Any, caplog: pytest.LogCaptureFixture
-) -> None:
-    """Warnings are errors in all tests here; besides, nothing is printed or logged."""
+def test_tools_of_others_read_every_message_without_a_warning(graphs: dict[str, Path], capfd: Any, caplog: Any) -> None:
+    """Warnings are errors in all tests; besides, nothing is printed or logged."""
     kinds: set[str] = set()
     for folder in graphs.values():
         with AnyReader([folder]) as reader:
@@ -384,12 +372,8 @@ def test_a_player_at_recorded_times_drives_the_nodes(
     topics = [one for one in before if one.endswith(("/estimate", f"{nodes[0]}/setpoints"))]
     assert len(topics) == len(nodes)
     _play(topic, messages, 1 + len(nodes), lambda: _wait_for(tmp_path / "new", dict.fromkeys(topics, len(messages))))
-    recorder.send_signal(signal.SIGINT)
-    recorder.communicate(timeout=PATIENCE_S)
-    with next((tmp_path / "new").glob("*.mcap")).open("rb") as stream:
-        played: dict[str, list[bytes]] = {}
-        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
-            played.setdefault(channel.topic, []).append(message.data)
+    recorder.stop(signal.SIGINT)
+    played = payloads(tmp_path, name="new")
     assert [len(played[one]) for one in topics] == [len(messages)] * len(nodes)
     if name == "large":
         assert np.any(load(folder).issued["value"] != 0.0)
@@ -399,34 +383,27 @@ def test_a_player_at_recorded_times_drives_the_nodes(
 
 def _play(topic: str, messages: list[tuple[int, bytes]], listeners: int, then: Callable[[], None]) -> None:
     """Publish messages at their times, once all listen; then wait."""
-    context = Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node("player", context=context)
-    publisher = node.create_publisher(PmuDataFrame, topic, PUBLISHER_QOS)
-    try:
+    with somebody("player") as (node, _):
+        publisher = node.create_publisher(PmuDataFrame, topic, PUBLISHER_QOS)
         wait_until(lambda: publisher.get_subscription_count() >= listeners)
         began = time.monotonic()
         for log_ns, data in messages:
             time.sleep(max(0.0, began + (log_ns - messages[0][0]) * 1e-9 - time.monotonic()))
             publisher.publish(data)
         then()
-    finally:
-        node.destroy_node()
-        rclpy.shutdown(context=context)
 
 
 def _wait_for(folder: Path, counts: dict[str, int]) -> None:
-    """Until a recording that grows holds so many messages of each topic."""
-    deadline = time.monotonic() + PATIENCE_S
-    while True:
+    """Wait until a growing recording has so many messages of each topic."""
+
+    def complete() -> bool:
         try:
-            there = [message.topic for message in scan(folder).messages]
+            topics = Counter(message.topic for message in scan(folder).messages)
         except RecordingError:
-            there = []
-        if all(there.count(topic) >= count for topic, count in counts.items()):
-            return
-        assert time.monotonic() < deadline, {topic: there.count(topic) for topic in counts}
-        time.sleep(0.2)
+            return False
+        return all(topics[topic] >= count for topic, count in counts.items())
+
+    wait_until(complete, meanwhile=lambda: time.sleep(0.2))
 
 
 SLOW = '''
@@ -448,9 +425,7 @@ class Slow:
 
 
 @pytest.mark.parametrize("controller", ["indirect", "late"])
-def test_a_supervised_run_by_the_clock_is_replayed_to_the_bit(
-    controller: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_supervised_run_by_the_clock_is_replayed_to_the_bit(controller: str, tmp_path: Path, capsys: Any) -> None:
     """With an identifier; and with a controller that is late, so that deadlines are missed."""
     (tmp_path / "slow.py").write_text(SLOW)
     late = f"controllers=[{{name: slow, policy: {tmp_path / 'slow.py'}:Slow}}]"
@@ -465,7 +440,7 @@ def test_a_supervised_run_by_the_clock_is_replayed_to_the_bit(
     record = load(tmp_path / "run" / "recording")
     rows = record.heard["supervisor", 0, "controller 0"]
     assert np.any(rows[:, 1] < rows[:, 0]) == (controller == "late")
-    told = replace(record, heard={})
-    case = replay.case_of(told, "it", None, [], policy=True)
-    same = replay.first_supervised(told, replay.play(case, replay.fitted(told, case)))
-    assert (same is None) == (controller == "indirect")  # without what it had at hand one that was late is another
+    without = replace(record, heard={})
+    case = replay.case_of(without, "it", None, [], policy=True)
+    difference = replay.first_supervised(without, replay.play(case, replay.fitted(without, case)))
+    assert (difference is None) == (controller == "indirect")  # a late one needs the ticks of its inputs

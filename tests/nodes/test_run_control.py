@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from facts_damping_msgs.srv import Apply, Step
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from std_srvs.srv import Trigger
 
 from facts_damping.analysis.summary import summarise
@@ -18,10 +16,9 @@ from facts_damping.errors import InputError
 from facts_damping.recording.reader import load
 from facts_damping.simulation import replay
 from facts_damping.simulation.changes import rerun, with_event
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, payloads
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, payloads, set_parameter, step
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 pytestmark = pytest.mark.usefixtures("loopback")
@@ -33,32 +30,17 @@ SETS = [
 ]
 
 
-def number(name: str, value: float) -> SetParameters.Request:
-    kind = ParameterType.PARAMETER_INTEGER if isinstance(value, int) else ParameterType.PARAMETER_DOUBLE
-    given = {"integer_value": value} if isinstance(value, int) else {"double_value": value}
-    return SetParameters.Request(parameters=[Parameter(name=name, value=ParameterValue(type=kind, **given))])
-
-
-def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
-    start: Callable[..., Any], tmp_path: Path, client: Callable[..., Any]
-) -> None:
-    """Parameters, the link, an event, a reset, a release with re-arming, pauses: as told, and replayed as well."""
+def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(start: Any, tmp_path: Path, client: Any) -> None:
 
     def trigger(name: str) -> None:
         answer = client(Trigger, f"/plant_sim/{name}", Trigger.Request())
         assert answer.success, answer.message
 
-    def step(count: int) -> None:
-        assert client(Step, "/plant_sim/step", Step.Request(ticks=count)).success
-        deadline = time.monotonic() + PATIENCE_S
-        while ", 0 to be stepped" not in client(Trigger, "/plant_sim/pause", Trigger.Request()).message:
-            assert time.monotonic() < deadline
-
     def apply(node: str, text: str) -> bool:
         return bool(client(Apply, f"/{node}/apply", Apply.Request(change=text)).success)
 
     def set_to(node: str, name: str, value: float) -> bool:
-        return bool(client(SetParameters, f"/{node}/set_parameters", number(name, value)).results[0].successful)
+        return bool(set_parameter(client, node, name, value).successful)
 
     common = {"set": str(SETS), "recorder": "true", "start_timeout": PATIENCE_S, "timeout": LOADED_S}
     recorder = start("recorder", output=tmp_path / "recording", **common)
@@ -69,7 +51,7 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     assert not client(Step, "/plant_sim/step", Step.Request(ticks=0)).success
     assert set_to("controller", "leakage", 0.02)
     assert set_to("identifier", "identifier_eta", 1)  # a whole number is taken for a float
-    step(60)
+    step(client, 60)
     assert not apply("plant_sim", "{kind: line_out, line: nothing}")
     assert not apply("plant_sim", "[")
     assert not apply("wan_link", "{up: [{delay: -1}]}")
@@ -82,10 +64,10 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     assert not set_to("wan_link", "up.0.start", 1.0)
     assert set_to("plant_sim", "noise.angle", 0.002)
     assert not set_to("plant_sim", "noise.angle", -1.0)
-    step(60)
+    step(client, 60)
     delays = "{model: uniform, low: 0.01, high: 0.05}"
     assert apply("wan_link", f"{{up: [{delays}, {{model: duplicate, probability: 0.2}}], down: [{{delay: 0.5}}]}}")
-    step(120)
+    step(client, 120)
     trigger("reset")
     assert set_to("plant_sim", "noise.magnitude", 0.003)  # beside the one before the reset
     assert apply("wan_link", "ideal")
@@ -124,7 +106,6 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
 
 
 def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_path: Path) -> None:
-    """Also where it is longer than others' patience with a plant that is silent."""
     common = {"recorder": "true", "start_timeout": PATIENCE_S, "timeout": 1.5, "duration": 2}
     recorder = start("recorder", output=tmp_path / "recording", **common)
     plant = start("plant_sim", **common)
@@ -132,32 +113,31 @@ def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_pat
     nodes = [start(name, **common) for name in ("wan_link", "controller")]
     assert client(Step, "/plant_sim/step", Step.Request(ticks=60)).success
     time.sleep(4.0)
-    assert plant.said()[0].splitlines()[-1].split()[1] == "60"
+    assert plant.texts()[0].splitlines()[-1].split()[1] == "60"
     until_ns = time.time_ns()  # after the run nothing comes indeed
     assert client(Trigger, "/plant_sim/resume", Trigger.Request()).success
     assert plant.communicate(timeout=PATIENCE_S)[1] == ""
     assert [plant.returncode, *(node.poll() for node in nodes)] == [0, None, None]
-    recorder.terminate()
-    recorder.communicate(timeout=PATIENCE_S)
-    told = payloads(tmp_path, until_ns)["/diagnostics"]
-    assert not any(b"nothing has come" in one for one in told if b"wan_link" in one)
+    recorder.stop()
+    diagnostics = payloads(tmp_path, until_ns)["/diagnostics"]
+    assert not any(b"nothing has come" in data for data in diagnostics if b"wan_link" in data)
 
 
 def test_a_paused_run_answers_and_ends_when_told(start: Any, client: Any) -> None:
     plant = start("plant_sim", mode="free")
-    plant.wait(lambda: "tick" in plant.said()[0], PATIENCE_S)
+    plant.wait(lambda: "tick" in plant.texts()[0], PATIENCE_S)
     assert client(Trigger, "/plant_sim/pause", Trigger.Request()).success
     assert not client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
-    before = plant.said()[0].splitlines()[-1]
+    before = plant.texts()[0].splitlines()[-1]
     time.sleep(1.5)
-    assert plant.said()[0].splitlines()[-1].split()[1] == before.split()[1]
+    assert plant.texts()[0].splitlines()[-1].split()[1] == before.split()[1]
     plant.terminate()
     assert plant.communicate(timeout=PATIENCE_S)[1] == ""
     assert plant.returncode == 0
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("{kind: line_out}", "line: missing"),
         ("{kind: clear, bus: B7}", "where no fault burns"),
@@ -166,7 +146,7 @@ def test_a_paused_run_answers_and_ends_when_told(start: Any, client: Any) -> Non
         ("tie", "without time"),
     ],
 )
-def test_events_that_cannot_be_are_refused_in_a_line(text: str, said: str) -> None:
-    with pytest.raises(InputError, match=said) as refused:
+def test_events_that_cannot_be_are_refused_in_a_line(text: str, expected: str) -> None:
+    with pytest.raises(InputError, match=expected) as refused:
         with_event(load_case(None, []), text, 10**9)
     assert "\n" not in str(refused.value)

@@ -58,8 +58,8 @@ def test_the_code_is_that_of_hmac_over_topic_key_session_and_message() -> None:
     number, session, code = signature[:4], signature[4:12], signature[12:]
     assert (int.from_bytes(number, "little"), int.from_bytes(session, "little")) == (1, NOW)
     body = data[: data.index(signature)]
-    told = hmac.new(OLD, b"pmu/frames\0" + number + session + body, hashlib.sha256)
-    assert code == told.digest()
+    code_again = hmac.new(OLD, b"pmu/frames\0" + number + session + body, hashlib.sha256)
+    assert code == code_again.digest()
     assert data == body + signature
 
 
@@ -124,7 +124,7 @@ def test_a_signed_graph_gives_the_bits_of_the_in_process_run(domain: int, tmp_pa
     outcome = graph.run(case, "lockstep", tmp_path / "out", quiet, LOADED_S)
     assert outcome.messages_refused == {}
     assert_same(load(outcome.recording), loop.run(case))
-    said = payloads(tmp_path / "out")
+    messages = payloads(tmp_path / "out")
     for topic, kind in (("/pmu/frames", msg.PmuDataFrame), ("setpoints/delivered", msg.DeviceSetpoints)):
-        name = next(one for one in said if one.endswith(topic))
-        assert len(deserialize_message(said[name][-1], kind).signature) == 44
+        name = next(one for one in messages if one.endswith(topic))
+        assert len(deserialize_message(messages[name][-1], kind).signature) == 44

@@ -59,13 +59,13 @@ while True:
 
 @pytest.fixture
 def elsewhere(module_domain: int, domain: int) -> dict[str, str]:
-    """Nodes that do not hear those of the test's own domain."""
+    """Environment of nodes in another ROS domain."""
     return {**os.environ, "ROS_DOMAIN_ID": str(module_domain)}
 
 
 @pytest.fixture
 def streams(tmp_path: Path) -> Callable[..., str]:
-    """Writes a file of streams, that wait for a loaded machine."""
+    """Writes a file of streams with a wait for a loaded machine."""
 
     def write(*servers: str) -> str:
         path = tmp_path / "streams.yaml"
@@ -76,12 +76,12 @@ def streams(tmp_path: Path) -> Callable[..., str]:
 
 
 def clients(server: Any) -> int:
-    """How many a server has told of so far."""
-    return sum(int(count) for count in re.findall(r"0 frames, (\d+) clients", server.said()[0])[-1:])
+    """Number of clients that a server has reported last."""
+    return sum(int(count) for count in re.findall(r"0 frames, (\d+) clients", server.texts()[0])[-1:])
 
 
 def both(sets: list[str], folder: Path, file: str, other: dict[str, str], there: Callable[[], bool]) -> list[Record]:
-    """Records of a graph, and of one elsewhere that hears its stream; the first begins once somebody is `there`."""
+    """Records of a graph and of one in another domain that receives its streams; it begins once `there` is true."""
     case = load_case(RUN, sets)
     failed = threading.Event()
 
@@ -108,7 +108,7 @@ def both(sets: list[str], folder: Path, file: str, other: dict[str, str], there:
 
 
 def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
-    start: Callable[..., Any], elsewhere: dict[str, str], streams: Callable[..., str], tmp_path: Path, port: int
+    start: Any, elsewhere: dict[str, str], streams: Any, tmp_path: Path, port: int
 ) -> None:
     """Over a link with random delays, by its own seed; and another program's client gets the same values."""
     sets = [f"duration={SECONDS}", "link=pdci", "measurement=p_class", "controllers.0.signals=[frequency]"]
@@ -117,7 +117,7 @@ def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
         for number, formats in ((port, "''"), (port + 1, FLOATS))
     )
     for server in (own, for_others):
-        server.wait(lambda server=server: "serving" in server.said()[0], PATIENCE_S)
+        server.wait(lambda server=server: "serving" in server.texts()[0], PATIENCE_S)
     with (tmp_path / "theirs").open("w") as out:
         other = subprocess.Popen([sys.executable, "-u", "-c", THEIRS, str(port + 1)], stdout=out)
         try:
@@ -154,22 +154,16 @@ def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
 
 
 def test_each_station_alone_behind_a_link_by_datagrams(
-    start: Callable[..., Any], elsewhere: dict[str, str], streams: Callable[..., str], tmp_path: Path, port: int
+    start: Any, elsewhere: dict[str, str], streams: Any, tmp_path: Path, port: int
 ) -> None:
     """Five streams, put together again by their stamps: each PMU's frames as the link delivered them."""
     low = min(port, 60000)
     sets = ["duration=2.5", "link=pdci"]
     server = start("c37118_server", run=RUN, set=json.dumps(sets), port=low, behind=0, each="true", idcode=20)
-    server.wait(lambda: server.said()[0].count("serving") == 5, PATIENCE_S)
+    server.wait(lambda: server.texts()[0].count("serving") == 5, PATIENCE_S)
     file = streams(*(f"udp://{HERE}:{low + i}/{20 + i}" for i in range(5)))
     asked = re.compile(r"IDCODE (\d+): 0 frames, 1 clients")
-    there, shadow = both(
-        sets,
-        tmp_path,
-        file,
-        elsewhere,
-        lambda: len(set(asked.findall(server.said()[0]))) == 5,
-    )
+    there, shadow = both(sets, tmp_path, file, elsewhere, lambda: len(set(asked.findall(server.texts()[0]))) == 5)
     first = int(there.delivered["measured_ns"].min())
     found = 0
     for row in there.delivered:
@@ -199,7 +193,7 @@ class Played:
 
 @pytest.fixture
 def serve(port: int) -> Iterator[Callable[[int], Played]]:
-    """Begins to serve a run; whatever was begun ends with the test."""
+    """Serves a run until the end of the test."""
     begun: list[Played] = []
 
     def begin(epoch_s: int) -> Played:
@@ -211,24 +205,22 @@ def serve(port: int) -> Iterator[Callable[[int], Played]]:
         one.end()
 
 
-def test_a_server_that_leaves_and_comes_back(
-    domain: int, serve: Callable[[int], Played], tmp_path: Path, port: int
-) -> None:
-    """Ticks go on without frames, then with those of the server that came back, whose stamps are of another time."""
+def test_a_server_that_leaves_and_comes_back(domain: int, serve: Any, tmp_path: Path, port: int) -> None:
+    """Ticks go on without frames, then with those of the new server, whose stamps are of another time."""
     first = serve(1_700_000_000)
 
-    def strike() -> None:
+    def restart() -> None:
         wait_until(lambda: first.servers[0].counts.frames >= 60)
         first.end()
         time.sleep(1.5)
         serve(1_000_000_000)
 
     with ThreadPoolExecutor(1) as beside:
-        struck = beside.submit(strike)
+        restarted = beside.submit(restart)
         given = ["--run", "two_area_supervised", "--set", "duration=7", "--timeout", str(LOADED_S)]
         files = ["--out", str(tmp_path / "out"), "--json", str(tmp_path / "result.json")]
         status = main(["pmu-listen", f"tcp://{HERE}:{port}", *given, *files])
-        struck.result()
+        restarted.result()
     assert status in (0, 3)  # 3: a loaded machine was behind when the run ended
     record, result = load(tmp_path / "out" / "recording"), json.loads((tmp_path / "result.json").read_text())
     there = record.measured_ns[:, 0] != LOST
@@ -242,28 +234,26 @@ def test_a_server_that_leaves_and_comes_back(
 
 
 @pytest.mark.parametrize(
-    ("sets", "file", "said"),
+    ("sets", "file", "expected"),
     [
         (["frame_rate=30"], {}, "DATA_RATE: 60 frames/s given; allowed: 30, the run's frame_rate"),
-        (
-            [],
-            {"pmus": {"G1": {"voltage": "VA"}}},
-            "PMU G1: voltage: 'VA' given; allowed: what PMU G1 sends: V1",
-        ),
+        ([], {"pmus": {"G1": {"voltage": "VA"}}}, "PMU G1: voltage: 'VA' given; allowed: what PMU G1 sends: V1"),
     ],
 )
 def test_a_stream_that_does_not_fit_is_said(
     domain: int,
-    serve: Callable[[int], Played],
+    serve: Any,
     tmp_path: Path,
     port: int,
     sets: list[str],
     file: dict[str, Any],
-    said: str,
-    capsys: pytest.CaptureFixture[str],
+    expected: str,
+    capsys: Any,
 ) -> None:
     serve(1_700_000_000)
     path = tmp_path / "streams.yaml"
     path.write_text(json.dumps({"servers": [f"tcp://{HERE}:{port}"], **file}))
     given = [one for text in sets for one in ("--set", text)]
-    assert_one_line(1, ["pmu-listen", str(path), "--run", RUN, *given, "--out", str(tmp_path / "out")], said, capsys)
+    assert_one_line(
+        1, ["pmu-listen", str(path), "--run", RUN, *given, "--out", str(tmp_path / "out")], expected, capsys
+    )

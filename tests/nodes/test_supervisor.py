@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 import os
 import signal
-import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from facts_damping_msgs.msg import SupervisorState
-from facts_damping_msgs.srv import Step
 from rcl_interfaces.msg import Log
 from rclpy.qos import qos_profile_rosout_default
 from rclpy.serialization import deserialize_message
@@ -35,12 +33,13 @@ from tests.nodes.graphs import (
     quiet,
     run_graph,
     somebody,
+    step,
     ticks,
+    wait_until,
 )
-from tests.nodes.test_joining import Graph, say
+from tests.nodes.test_joining import Graph
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from facts_damping.signals import Record
@@ -51,6 +50,7 @@ OUTAGE = [{"delay": 0.02}, {"model": "bernoulli", "loss": 1.0, "start": 2.0, "du
 LOCAL = {"name": "LLC", "signals": ["power_rate"], "parameters": {"gain": 0.05}, "fallback_of": 0}
 ON = ["supervision=standard", "arm_at=0.5", "scenario=large", "duration=4"]
 FALLBACK = [f"controllers={json.dumps([{'name': 'LLC'}, {**LOCAL, 'link': 'csg'}])}", "supervision.arming.recovery=1"]
+FAULTS = [{"kind": "weights", "start": 1.5}, {"kind": "dead", "start": 2.0, "duration": 0.3}]
 NETWORKS: list[dict[str, object]] = [
     {
         "name": "HBsWC",
@@ -59,9 +59,8 @@ NETWORKS: list[dict[str, object]] = [
         "signals": ["speed", "power"],
         "namespace": "area_1",
     },
-    {"name": "ANFTSC", "scheme": "direct", "devices": ["sssc"], "link": "csg", "namespace": "tie"},
+    {"name": "ANFTSC", "scheme": "direct", "devices": ["sssc"], "link": "csg", "namespace": "tie", "faults": FAULTS},
 ]
-NETWORKS[1]["faults"] = [{"kind": "weights", "start": 1.5}, {"kind": "dead", "start": 2.0, "duration": 0.3}]
 GRAPHS = {
     "fallback by a link of its own": [
         *FALLBACK,
@@ -79,8 +78,8 @@ GRAPHS = {
 def states(found: Record, controller: int = 0) -> list[tuple[str, str]]:
     """States one after the other, and why."""
     own = found.supervision[found.supervision["controller"] == controller]
-    told = [(STATES[row["state"]], cause_name(int(row["cause"]))) for row in own]
-    return [one for k, one in enumerate(told) if k == 0 or one != told[k - 1]]
+    rows = [(STATES[row["state"]], cause_name(int(row["cause"]))) for row in own]
+    return [row for k, row in enumerate(rows) if k == 0 or row != rows[k - 1]]
 
 
 @pytest.mark.parametrize("name", GRAPHS)
@@ -109,7 +108,7 @@ def test_a_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(tmp_
 
 
 @pytest.mark.parametrize(
-    ("node", "number", "said"),
+    ("node", "number", "expected"),
     [
         ("supervisor_0_LLC", signal.SIGKILL, "supervisor_0_LLC was killed by SIGKILL"),
         ("supervisor_0_LLC", signal.SIGSTOP, "supervisor_0_LLC is silent"),
@@ -117,9 +116,9 @@ def test_a_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(tmp_
     ],
 )
 def test_a_dead_or_silent_node_of_a_supervised_graph_is_named(
-    tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
+    tmp_path: Path, started: dict[str, Any], node: str, number: int, expected: str
 ) -> None:
-    assert_named(["supervision=standard"], tmp_path, started, node, number, said)
+    assert_named(["supervision=standard"], tmp_path, started, node, number, expected)
 
 
 SERVED = [
@@ -128,10 +127,7 @@ SERVED = [
 ]
 
 
-def test_services_do_what_an_operator_asks_for_or_say_why_not(
-    start: Callable[..., Any], client: Callable[..., Any], tmp_path: Path
-) -> None:
-    """Refusals with reasons; what was done is told, recorded, and gives the same bits again."""
+def test_services_do_what_an_operator_asks_for_or_say_why_not(start: Any, client: Any, tmp_path: Path) -> None:
     common = {"set": str(SERVED), "recorder": "true", "start_timeout": PATIENCE_S, "timeout": LOADED_S}
     recorder = start("recorder", output=tmp_path / "recording", **common)
     plant = start("plant_sim", **common)
@@ -139,97 +135,86 @@ def test_services_do_what_an_operator_asks_for_or_say_why_not(
     for name in ("wan_link", "controller", "supervisor"):
         start(name, **common)
 
-    def step(count: int) -> None:
-        assert client(Step, "/plant_sim/step", Step.Request(ticks=count)).success
-        deadline = time.monotonic() + PATIENCE_S
-        while ", 0 to be stepped" not in client(Trigger, "/plant_sim/pause", Trigger.Request()).message:
-            assert time.monotonic() < deadline
-
     def asked(name: str) -> tuple[bool, str]:
         answer = client(Trigger, f"/supervisor/{name}", Trigger.Request())
         return answer.success, answer.message
 
-    step(30)
+    step(client, 30)
     assert asked("reset") == (False, "shadow; allowed: reset while disarmed, tripped")
     assert asked("arm") == (False, "not armed: no probe; allowed: after ~/probe")
     assert asked("probe")[0]
-    step(60)
+    step(client, 60)
     assert asked("arm")[0] is False  # while it goes on
-    step(150)  # 4 s
+    step(client, 150)  # 4 s
     assert asked("arm") == (True, "from tick 240 on")
-    step(20)
+    step(client, 20)
     assert asked("arm") == (False, "armed; allowed: arm while shadow")
     assert asked("probe") == (False, "armed; allowed: probe while shadow")
-    step(60)  # from 5 s on without frames: tripped
+    step(client, 60)  # from 5 s on without frames: tripped
     assert asked("arm") == (False, "tripped; allowed: arm while shadow")
     assert asked("reset")[0]
-    step(2)
+    step(client, 2)
     refused = asked("arm")
     assert refused[0] is False
     assert refused[1].startswith("not armed: missing (since frames have come that its signals can be made of): ")
     assert refused[1].endswith(" s; allowed: 0.16")
     assert asked("disarm")[0]
-    step(30)
+    step(client, 30)
     assert asked("disarm") == (False, "disarmed; allowed: disarm while shadow, armed, fallback, tripped")
     assert client(Trigger, "/plant_sim/resume", Trigger.Request()).success
     plant.communicate(timeout=PATIENCE_S)
-    recorder.terminate()
-    recorder.communicate(timeout=PATIENCE_S)
+    recorder.stop()
     record = load(tmp_path / "recording")
     own = [(one.tick, one.kind) for one in record.changes if one.role == "supervisor"]
     assert own == [(30, "probe"), (240, "arm"), (320, "reset"), (322, "disarm")]
     assert states(record) == [
-        ("shadow", ""),
-        ("armed", "operator"),
-        ("tripped", "missing"),
-        ("shadow", "operator"),
-        ("disarmed", "operator"),
+        *(("shadow", ""), ("armed", "operator"), ("tripped", "missing")),
+        *(("shadow", "operator"), ("disarmed", "operator")),
     ]
     case = load_case(None, SERVED)
     assert_same(record, rerun(case, record.changes))
     part = replay.fitted(record, case)
     assert replay.first_supervised(part, replay.play(case, part)) is None
-    assert_told(payloads(tmp_path), record)
-    said = words(3)
-    assert [(level, text.split(" at ")[0]) for level, text in said] == [
+    assert_messages(payloads(tmp_path), record)
+    logs = supervisor_logs(3)
+    assert [(level, text.split(" at ")[0]) for level, text in logs] == [
         (20, "armed"),
         (30, "tripped"),
         (20, "disarmed"),
     ]
-    assert "missing (since frames have come" in said[1][1]
+    assert "missing (since frames have come" in logs[1][1]
 
 
-def assert_told(told: dict[str, list[bytes]], record: Record) -> None:
-    """What messages have of it: the state each tick, and levels of diagnostics."""
-    said = [deserialize_message(data, SupervisorState) for data in told["/supervisor_0_LLC/state"]]
-    assert [one.tick for one in said] == record.ticks.tolist()
-    assert list(said[0].monitors) == list(MONITORS)
-    for one, row in zip(said, record.supervision, strict=True):
-        assert (one.controller, one.state, one.cause) == (
-            "controller_0_LLC",
-            STATES[row["state"]],
-            cause_name(int(row["cause"])),
-        )
-        assert np.array(one.values).tobytes() == row["values"].tobytes()
-    assert list(said[0].limits) == [row.limit for row in MONITORS.values()]
-    health = [status for data in told["/diagnostics"] for status in deserialize_message(data, DiagnosticArray).status]
+def assert_messages(messages: dict[str, list[bytes]], record: Record) -> None:
+    """State of each tick and levels of diagnostics in messages."""
+    states = [deserialize_message(data, SupervisorState) for data in messages["/supervisor_0_LLC/state"]]
+    assert [state.tick for state in states] == record.ticks.tolist()
+    assert list(states[0].monitors) == list(MONITORS)
+    for state, row in zip(states, record.supervision, strict=True):
+        assert (state.controller, state.state) == ("controller_0_LLC", STATES[row["state"]])
+        assert state.cause == cause_name(int(row["cause"]))
+        assert np.array(state.values).tobytes() == row["values"].tobytes()
+    assert list(states[0].limits) == [row.limit for row in MONITORS.values()]
+    health = [
+        status for data in messages["/diagnostics"] for status in deserialize_message(data, DiagnosticArray).status
+    ]
     found = {status.message.split(":")[0]: status.level for status in health if status.name == "supervisor"}
     levels = DiagnosticStatus.WARN, DiagnosticStatus.OK, DiagnosticStatus.WARN
     assert found == dict(zip(("shadow", "armed", "disarmed"), levels, strict=True))
 
 
-def words(many: int) -> list[tuple[int, str]]:
-    """What supervisors that still run have said to people: level and text."""
-    came: list[Log] = []
+def supervisor_logs(many: int) -> list[tuple[int, str]]:
+    """Level and text of the logs of supervisors that still run, once there are so many."""
+    logs: list[tuple[int, str]] = []
+
+    def keep(log: Log) -> None:
+        if log.name == "supervisor" and " at " in log.msg:
+            logs.append((log.level, log.msg))
+
     with somebody("listener") as (node, executor):
-        node.create_subscription(Log, "/rosout", came.append, qos_profile_rosout_default)
-        deadline = time.monotonic() + PATIENCE_S
-        while (
-            len(own := [(one.level, one.msg) for one in came if one.name == "supervisor" and " at " in one.msg]) < many
-        ):
-            assert time.monotonic() < deadline, came
-            executor.spin_once(0.1)
-    return own
+        node.create_subscription(Log, "/rosout", keep, qos_profile_rosout_default)
+        wait_until(lambda: len(logs) >= many, meanwhile=lambda: executor.spin_once(0.1))
+    return logs
 
 
 def test_a_fallback_takes_over_from_a_controller_that_leaves_in_real_time(
@@ -251,9 +236,8 @@ def test_a_fallback_takes_over_from_a_controller_that_leaves_in_real_time(
 
 
 def test_a_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_by_an_operator(
-    start: Callable[..., Any], client: Callable[..., Any], tmp_path: Path
+    start: Any, client: Any, tmp_path: Path
 ) -> None:
-    """Its device lets go meanwhile; the run goes on."""
     run = Graph(start, tmp_path, set=str(["supervision=standard", "arm_at=0.5"]))
     run.add("wan_link", join="true")
     run.add("controller", join="true")
@@ -272,7 +256,7 @@ def test_a_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_b
     run.run_until(ticks(plant) + 10)
     assert client(Trigger, "/supervisor/arm", Trigger.Request()).success
     record = run.finish()
-    assert say(second) == ""
+    assert second.texts()[0] == ""
     own = [(one.kind, one.tick) for one in record.changes if one.role == "supervisor"]
     assert [kind for kind, _ in own] == ["start", "arm"]
     began = own[0][1]

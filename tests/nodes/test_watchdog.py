@@ -39,7 +39,6 @@ def test_release_and_return_of_a_graph_are_those_of_the_in_process_run(loopback:
 def test_a_plant_that_is_slow_lets_go_by_the_clock(
     loopback: Any, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In real time, of a link that has stopped: before so much simulated time has passed."""
     advance = LivePlant.advance
 
     def slowly(self: LivePlant, *given: Any) -> None:
@@ -52,17 +51,16 @@ def test_a_plant_that_is_slow_lets_go_by_the_clock(
 
     monkeypatch.setattr(LivePlant, "advance", slowly)
     record = load(graph.run(load_case(None, ["duration=2"]), "realtime", tmp_path, strike).recording)
-    (told,) = record.changes
-    assert (told.role, told.kind, told.name) == ("plant", "release", "sssc")
+    (change,) = record.changes
+    assert (change.role, change.kind, change.name) == ("plant", "release", "sssc")
     (row,) = summarise(record)["releases"]
-    assert row["time_s"] == pytest.approx(told.tick / 60, abs=1e-6)
-    assert 2 <= told.tick - record.applied["tick"].max() <= 4  # 0.2 s by the clock, not 12 ticks
+    assert row["time_s"] == pytest.approx(change.tick / 60, abs=1e-6)
+    assert 2 <= change.tick - record.applied["tick"].max() <= 4  # 0.2 s by the clock, not 12 ticks
 
 
 def test_a_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(
     loopback: Any, start: Any, client: Any, tmp_path: Path
 ) -> None:
-    """In real time, by the clock; the operator's word is told which devices it re-armed."""
     common = {"scenario": "large", "duration": 4.0, "mode": "realtime", "recorder": "true", "start_timeout": 60.0}
     recorder = start("recorder", output=tmp_path / "bag", **common)
     start("wan_link", **common)
@@ -75,8 +73,7 @@ def test_a_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(
     assert (rearmed.success, rearmed.message) == (True, "re-armed: sssc")
     plant.communicate(timeout=PATIENCE_S)
     controller.send_signal(signal.SIGKILL)
-    recorder.send_signal(signal.SIGTERM)
-    recorder.communicate(timeout=PATIENCE_S)
+    recorder.stop()
     record = load(tmp_path / "bag")
     first, second = summarise(record)["releases"]  # it lets go again: nobody has come back
     assert first["rearmed_s"] is not None

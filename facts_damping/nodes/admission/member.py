@@ -6,16 +6,18 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from facts_damping_msgs.msg import RunChange
+from facts_damping_msgs.msg import DeviceSetpoints, PmuDataFrame, RunChange
 
 from facts_damping.case.names import label
 from facts_damping.nodes.admission.joining import Joining
 from facts_damping.nodes.admission.message_filter import MessageFilter
 from facts_damping.nodes.base.qos import LOGGED, PUBLISHER_QOS
 from facts_damping.nodes.base.spinner import Spinner
-from facts_damping.nodes.base.topics import CHANGES, COMMON
+from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, graph_prefix
 from facts_damping.nodes.transport import stamps
-from facts_damping.nodes.transport.messages import Health, diagnostics, run_change
+from facts_damping.nodes.transport.messages import Health, diagnostics, stamped
+from facts_damping.nodes.transport.signing import seal, signing
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.parameters.run import Weights
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.events import ROLES
@@ -23,13 +25,16 @@ from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
+    from numpy.typing import NDArray
     from rclpy.lifecycle import LifecycleNode
     from rclpy.publisher import Publisher
 
     from facts_damping.case.model import Case
+    from facts_damping.case.names import Address
     from facts_damping.nodes.base.parameters import Options
+    from facts_damping.nodes.transport.signing import Seal
     from facts_damping.parameters.run import Controller
 
 (PLANT, LINK, CONTROLLER, IDENTIFIER, SUPERVISOR), RECORDER = ROLES, "recorder"  # a recorder changes nothing
@@ -48,28 +53,50 @@ class Member:
         role: str,
         index: int = 0,
         *,
-        graph: str = "",
+        address: Address | None = None,
         hardware: str = "",
         send_refusals: Callable[[bytes], None] | None = None,
     ) -> None:
         """`role`, `index`: the node's place in the run; `hardware`: what it represents or commands, for diagnostics.
 
-        `graph`: prefix of the graph's topics (base/topics.py); `send_refusals`: as in MessageFilter.
+        `address`: of the node, if it may be in a namespace below the graph's; `send_refusals`: as in MessageFilter.
         """
+        graph = "" if address is None else graph_prefix(node, address)
+        self._case, self.graph, self._signing = case, graph, signing(case, options.start_timeout)
         self._node, self._options, self._role, self._index, self._hardware = node, options, role, index, hardware
         self._rate, self._name = case.run.frame_rate, node.get_fully_qualified_name()
         stamps.begin(learns=options.paced and role not in (PLANT, RECORDER))
         self.message_filter = MessageFilter(node, case, options, graph, send_refusals, leads=role == PLANT)
-        self.joining = Joining(
-            node, options, arms=role in (LINK, CONTROLLER, IDENTIFIER)
-        )  # a supervisor starts in shadow and has its own arming
+        # A supervisor starts in shadow and has its own arming.
+        self.joining = Joining(node, options, arms=role in (LINK, CONTROLLER, IDENTIFIER))
         self._changes: Publisher[Any] = node.create_publisher(RunChange, f"{graph}{CHANGES}", LOGGED)
-        self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, PUBLISHER_QOS)
+        self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, DIAGNOSTICS, PUBLISHER_QOS)
         self._pending: list[tuple[str, str, Any, Callable[[int], None] | None]] = []
         self._tick, self._reported_at = -1, time.monotonic()
         self._what = f"{role} {index}" if role in NUMBERED else role
         self._run = label(case.summary())
         self.at_ns = 0  # start of the newest tick
+
+    def seal(self, topic: str) -> Seal | None:
+        """Seal of a topic, given relative to the graph's namespace; None if messages are not signed."""
+        return seal(self._signing, topic)
+
+    def subscribe_frames(self, topic: str, use: Callable[[int, NDArray[Any]], None]) -> None:
+        """Subscribe to the frames of a topic; `use(tick, rows)`."""
+        read = FramesMessage(self._case, self.seal(topic)).read
+        self.message_filter.subscribe(PmuDataFrame, f"{self.graph}{topic}", use, read, leads=True)
+
+    def subscribe_setpoints(
+        self,
+        topic: str,
+        use: Callable[[int, NDArray[Any]], None],
+        sender: str = "",
+        of: Iterable[int] | None = None,
+        newest: Callable[[], int] | None = None,
+    ) -> None:
+        """Subscribe to setpoints: `use(tick, rows)`; `sender`, `of`: see SetpointsMessage; `newest`: MessageFilter."""
+        read = SetpointsMessage(self._case, sender, of, self.seal(topic)).read
+        self.message_filter.subscribe(DeviceSetpoints, f"{self.graph}{topic}", use, read, newest)
 
     def spin(self) -> Spinner:
         """Make the node's spinner. Call this after the last subscription and service is created."""
@@ -113,23 +140,23 @@ class Member:
         if changed in ("arm", "disarm") and not late:
             self._publish_change(changed, "", None)
         if changed and (joined := self.joining.health()) is not None:
-            self.message_filter.log.line(joined.message)
-            self.message_filter.log.info(joined.message)
+            self.message_filter.log.report(joined.message)
             self.publish(joined)
 
     def _publish_change(self, kind: str, name: str, value: Any) -> None:
-        change = (kind, name, "" if value is None else dump(value).strip(), self._tick, self.at_ns)
-        self._changes.publish(run_change(self._name, self._role, self._index, *change))
+        change = RunChange(node=self._name, role=self._role, index=self._index, kind=kind, name=name, tick=self._tick)
+        change.value = "" if value is None else dump(value).strip()
+        self._changes.publish(stamped(change, self.at_ns))
 
     def report_health(self, health: Callable[[], Health], last: bool = False) -> None:
         """Publish the node's diagnostics once per simulated second, and at the `last` tick."""
         if not (last or self._tick % self._rate == 0):
             return
-        own, joined = health(), self.joining.health()
+        row, joined = health(), self.joining.health()
         if joined is not None:
-            level = max(own.level, joined.level)
-            own = Health(level, f"{own.message}; {joined.message}", {**own.values, **joined.values})
-        self.publish(own)
+            level = max(row.level, joined.level)
+            row = Health(level, f"{row.message}; {joined.message}", {**row.values, **joined.values})
+        self.publish(row)
 
     def publish(self, health: Health) -> None:
         """Publish the node's diagnostics now."""
@@ -140,11 +167,7 @@ class Member:
         """Report refusals, peers that come or go, and silence. Called periodically."""
         self.message_filter.report_refusals(last)
         self.message_filter.report_peers()
-        now = time.monotonic()
-        if (
-            self._role != PLANT
-            and not last
-            and min(now - self.message_filter.admitted_at, now - self._reported_at) > IDLE_S
-        ):
-            silent = f"nothing has come for {now - self.message_filter.admitted_at:.0f} s"
-            self.publish(Health(DiagnosticStatus.WARN, silent, {"mode": self._options.mode}))
+        idle_s = time.monotonic() - self.message_filter.admitted_at
+        if self._role != PLANT and not last and min(idle_s, time.monotonic() - self._reported_at) > IDLE_S:
+            text = f"nothing has come for {idle_s:.0f} s"
+            self.publish(Health(DiagnosticStatus.WARN, text, {"mode": self._options.mode}))

@@ -9,17 +9,18 @@ from __future__ import annotations
 import sys
 import time
 from collections import Counter
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from facts_damping_msgs.msg import RunState
 
-from facts_damping.nodes.admission.publishers import PLANT, SILENT_S, Publishers, TopicState
+from facts_damping.nodes.admission.publishers import SILENT_S, Publishers, TopicState
 from facts_damping.nodes.admission.refusals import Refusals
 from facts_damping.nodes.base.discovery import pause_briefly, wait_for_peers
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.qos import DEPTH, LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.spinner import BeginAgain
-from facts_damping.nodes.base.topics import STATE, TOPIC
+from facts_damping.nodes.base.topics import PLANT_STATE, REFUSALS, RUN_STATE
 from facts_damping.nodes.transport import stamps
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import run_state
@@ -69,7 +70,7 @@ class MessageFilter:
         self._last = sys.maxsize if options.free else case.ticks - 1  # last tick that the run can have
         self._graph = graph
         self.senders = Publishers(node, options, graph)
-        self._own: list[Subscription[Any]] = []  # subscriptions made here
+        self._subscriptions: list[Subscription[Any]] = []  # subscriptions made here
         self.refusals = Refusals(node, graph, send_refusals, peer=peer)
         self._peers: dict[str, bool] = {}  # nodes that have sent messages, and whether they are still there
         self._checked_at = 0.0
@@ -96,28 +97,17 @@ class MessageFilter:
         """
         state = TopicState(self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads)
         self.senders.topics.append(state)
+        callback: Any = partial(self.take, state)  # returns whether the message was admitted, for the spinner
+        self._subscriptions.append(self.node.create_subscription(kind, topic, callback, qos, raw=True))
 
-        def take(data: bytes, information: Any) -> bool:
-            return self.take(state, data, information)
-
-        callback: Any = take  # returns whether the message was admitted, for the spinner
-        self._own.append(self.node.create_subscription(kind, topic, callback, qos, raw=True))
-
-    def subscribe_run_state(self, topic: str = PLANT) -> None:
+    def subscribe_run_state(self, topic: str = PLANT_STATE) -> None:
         """Subscribe to the state of the run, which tells whether and why it has ended.
 
         The plant is the node that publishes `topic`.
         """
         self.senders.know_plant(topic)
-        self.subscribe(
-            RunState,
-            f"{self._graph}{STATE}",
-            self.on_run,
-            run_state,
-            common=True,
-            plant=True,
-            qos=LATCHED_SUBSCRIBER_QOS,
-        )
+        name, qos = f"{self._graph}{RUN_STATE}", LATCHED_SUBSCRIBER_QOS
+        self.subscribe(RunState, name, self.on_run, run_state, common=True, plant=True, qos=qos)
 
     def on_run(self, state: int, in_synchronism: bool, reason: str) -> None:
         """Log why the run has ended. Reports of a pause only show that the plant is alive."""
@@ -145,7 +135,7 @@ class MessageFilter:
             return
         self._checked_at = now
         newest: dict[str, TopicState] = {}  # topic of the newest message, by node
-        for state in sorted(self.senders.topics, key=lambda one: one.at):
+        for state in sorted(self.senders.topics, key=lambda state: state.at):
             if state.publisher is not None and not state.common and state.tick >= 0:
                 newest[self.senders.name(state.topic, state.publisher)] = state
         for name, state in newest.items():
@@ -167,8 +157,8 @@ class MessageFilter:
         noticed that its predecessor is silent.
         """
         if not self._options.free:
-            topics = [one.topic for one in self.senders.topics if not one.common and not one.silent]
-            peers = f"{self._graph}{TOPIC}"
+            topics = [state.topic for state in self.senders.topics if not state.common and not state.silent]
+            peers = f"{self._graph}{REFUSALS}"
             wait_for_peers(self.node, expected, topics, self.node.resolve_topic_name(peers), self._options, serve)
         if self._options.late or (self._options.paced and self._leads):
             until = time.monotonic() + (NOTICED_S if self._options.join else FOUND_S)
@@ -180,13 +170,13 @@ class MessageFilter:
 
     def _skip(self) -> None:
         """Skip the messages that came while the node waited to join, except the newest of each topic."""
-        for subscription in self._own:
+        for subscription in self._subscriptions:
             newest: Any = None
             for _ in range(DEPTH):
-                taken = take(subscription)
-                if taken is None:
+                message = take(subscription)
+                if message is None:
                     break
-                newest = taken
+                newest = message
             if newest is not None:
                 subscription.callback(*newest)
 
@@ -217,12 +207,9 @@ class MessageFilter:
             self._count(state, publisher, information["publication_sequence_number"])
             if self.senders.another_plant(state, publisher):
                 raise BeginAgain
-            if state.read is None:
-                message: tuple[Any, ...] = (data, information)
-            else:
-                message = state.read(data)
-                if not state.common:
-                    self._check_tick(state, message[0], publisher)
+            message: tuple[Any, ...] = (data, information) if state.read is None else state.read(data)
+            if state.read is not None and not state.common:
+                self._check_tick(state, message[0], publisher)
         except Refused as refused:
             stamps.restore(epoch)  # a refused message must not set the epoch
             self.refusals.add(state.topic, refused.cause, publisher)
@@ -237,10 +224,7 @@ class MessageFilter:
         """Refuse a message that is older than one received from its publisher; count the missing ones."""
         if sequence is None:  # not every middleware numbers messages
             return
-        if publisher not in self.senders.names:
-            self.senders.name(
-                state.topic, publisher
-            )  # look its name up now: it may have left by the time of the report
+        self.senders.name(state.topic, publisher)  # look its name up now: it may have left by the time of the report
         newest = state.sequences.get(publisher, sequence - 1)
         if sequence <= newest:
             raise Refused("sequence")
@@ -282,6 +266,5 @@ class MessageFilter:
     def remark(self) -> str:
         """Text to append to an error: a peer that seems silent may be one whose messages were refused; else empty."""
         foreign = self.refusals.foreign()
-        if not foreign:
-            return ""
-        return f"; {foreign} messages of others were refused: another graph in this ROS_DOMAIN_ID (0 to 101)?"
+        text = f"; {foreign} messages of others were refused: another graph in this ROS_DOMAIN_ID (0 to 101)?"
+        return text if foreign else ""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.nodes.admission.refusals import node_name
 from facts_damping.nodes.base.discovery import NODE
-from facts_damping.nodes.base.topics import TOPIC
+from facts_damping.nodes.base.topics import PLANT_STATE, REFUSALS
 from facts_damping.nodes.transport.cdr import Refused
 
 if TYPE_CHECKING:
@@ -21,12 +21,6 @@ if TYPE_CHECKING:
 
 KNOW_S = 0.01  # minimum wall time between two queries of the publishers
 SILENT_S = 1.0  # wall time without a message after which a node of the same name may replace a node
-PLANT = "plant/state"  # its publisher is the plant
-
-
-def now() -> float:
-    """Monotonic wall time, s."""
-    return time.monotonic()
 
 
 @dataclass
@@ -39,14 +33,15 @@ class TopicState:
     use: Callable[..., None]
     begins: Callable[[bytes], bool] | None
     common: bool
-    plant: bool = False  # only the plant's messages are admitted, though all nodes may publish present
+    plant: bool = False  # only the plant's messages are admitted, though all nodes may publish
     leads: bool = False  # frames: a new publisher with an earlier tick begins another run
     silent: bool = False  # not subscribed to: only its publisher is known
     publisher: bytes | None = None  # identity (GID) of its publisher in this graph, once known
     sequences: dict[bytes, int] = field(default_factory=dict)  # sequence number of the newest message, by publisher
     lost: Counter[bytes] = field(default_factory=Counter)  # missing sequence numbers, by publisher
     tick: int = -1  # tick of the newest message
-    at: float = field(default_factory=now)  # wall time of its arrival
+    # Wall time of its arrival; looked up late, as a loopback replaces the clock.
+    at: float = field(default_factory=lambda: time.monotonic())  # noqa: PLW0108
 
 
 class Publishers:
@@ -61,12 +56,12 @@ class Publishers:
         self._checked_at = self._sought_at = 0.0
         self._heirs: dict[str, bytes] = {}  # successor of the publisher, by topic
 
-    def know_plant(self, topic: str = PLANT) -> None:
+    def know_plant(self, topic: str = PLANT_STATE) -> None:
         """Identify the plant by a topic that it publishes, whether the node subscribes to it or not."""
         name = self._node.resolve_topic_name(f"{self._graph}{topic}")
         self.plant = next((state for state in self.topics if state.topic == name), None)
         if self.plant is None:
-            self.plant = TopicState(name, None, None, _nothing, None, common=False, silent=True)
+            self.plant = TopicState(name, None, None, lambda: None, None, common=False, silent=True)
             self.topics.append(self.plant)
 
     def is_plant(self, publisher: bytes) -> bool:
@@ -150,16 +145,16 @@ class Publishers:
         return {gid[:NODE] for topic, gid in self._heirs.items() if state is None or topic == state.topic}
 
     def _heir(self, state: TopicState) -> bytes | None:
-        """The only possible successor of a topic's publisher; None: present is none."""
+        """The only possible successor of a topic's publisher, if there is one."""
         present = self.of(state.topic)
         others = [publisher for publisher in present if publisher != state.publisher]
         if len(others) != 1:
             return None
         if state.publisher in present:
-            if state.silent or now() - state.at < SILENT_S:
+            if state.silent or time.monotonic() - state.at < SILENT_S:
                 return None
-            ends = self._node.get_publishers_info_by_topic(state.topic)
-            if len({(one.node_namespace, one.node_name) for one in ends}) > 1:
+            endpoints = self._node.get_publishers_info_by_topic(state.topic)
+            if len({(one.node_namespace, one.node_name) for one in endpoints}) > 1:
                 return None
         return others[0]
 
@@ -177,11 +172,7 @@ class Publishers:
     def _myself(self) -> set[bytes]:
         """GUID prefix of this node, from its own publisher of refusals: it may receive its own messages."""
         name, place = self._node.get_name(), self._node.get_namespace()
-        present = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(f"{self._graph}{TOPIC}"))
+        present = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(f"{self._graph}{REFUSALS}"))
         return {
             bytes(one.endpoint_gid)[:NODE] for one in present if (one.node_name, one.node_namespace) == (name, place)
         }
-
-
-def _nothing() -> None:
-    """Callback of a topic that is not subscribed to."""

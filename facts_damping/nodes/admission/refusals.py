@@ -11,8 +11,8 @@ from rclpy.serialization import serialize_message
 
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
-from facts_damping.nodes.base.topics import TOPIC
-from facts_damping.nodes.transport.messages import set_time
+from facts_damping.nodes.base.topics import REFUSALS
+from facts_damping.nodes.transport.messages import stamped
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +32,7 @@ class Refusals:
         """`graph`, `send`, `peer`: as in MessageFilter."""
         self._node, self._log, self._send = node, NodeLog(node), send
         if peer:  # others recognise a peer by this publisher
-            publisher = node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", PUBLISHER_QOS)
+            publisher = node.create_publisher(RefusedMessages, f"{graph}{REFUSALS}", PUBLISHER_QOS)
             self._send = send or publisher.publish
         self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
         self._reported: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
@@ -42,9 +42,7 @@ class Refusals:
     def add(self, topic: str, cause: str, publisher: bytes = OTHERS) -> None:
         """Count a refused message or request."""
         if not self._refused:
-            self._reported_at = (
-                time.monotonic()
-            )  # report later: a new node's name is known only after its first message
+            self._reported_at = time.monotonic()  # report later: the name of a new node is not known yet
         if len(self._refused) < MAXIMUM or (topic, cause, publisher) in self._refused:
             self._refused[topic, cause, publisher] += 1
         else:
@@ -74,12 +72,11 @@ class Refusals:
         if self._send is None:
             return
         message = RefusedMessages(node=self._node.get_fully_qualified_name())
-        set_time(message.header.stamp, at_ns)
         message.refused = [
             RefusedCount(topic=topic, cause=cause, source=source, count=count)
             for (topic, cause, source), count in counts.items()
         ]
-        self._send(serialize_message(message))
+        self._send(serialize_message(stamped(message, at_ns)))
 
     def _source(self, topic: str, publisher: bytes) -> str:
         """Reported source of a publisher, cached: its node's full name, else its identity."""

@@ -11,7 +11,7 @@ from rclpy.qos import QoSReliabilityPolicy
 from facts_damping.errors import RunError
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.spinner import check_wanted
-from facts_damping.nodes.base.topics import OF_ALL
+from facts_damping.nodes.base.topics import SHARED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -35,7 +35,7 @@ def shared_topic(node: Node, topics: Iterable[str], *, joins: bool) -> str | Non
     for topic in topics:
         there = node.get_publishers_info_by_topic(topic)
         names = {(one.node_namespace, one.node_name) for one in there}
-        if not topic.endswith(OF_ALL) and (len(names) if joins else len(there)) > 1:
+        if not topic.endswith(SHARED) and (len(names) if joins else len(there)) > 1:
             return topic
     return None
 
@@ -43,28 +43,29 @@ def shared_topic(node: Node, topics: Iterable[str], *, joins: bool) -> str | Non
 def wait_for_peers(
     node: Node,
     expected: dict[Publisher[Any], int],
-    heard: Sequence[str],
+    topics: Sequence[str],
     peers: str,
     options: Options,
     serve: Callable[[], None],
 ) -> None:
-    """Wait until every publisher has its `expected` subscribers and every topic in `heard` a publisher.
+    """Wait until every publisher has its `expected` subscribers and every topic of `topics` a publisher.
 
-    Only subscribers of peers count: nodes that publish on a topic in `heard`, or on `peers`, as all nodes of a graph
+    Only subscribers of peers count: nodes that publish on a topic of `topics`, or on `peers`, as all nodes of a graph
     do. A joining node also waits until publishers with another name have left. `serve` answers requests meanwhile.
     Raises `RunError` if another graph publishes the same topics, or names what is missing after the time-out.
     """
     log, logged = NodeLog(node), False
-    deadline, topics = time.monotonic() + options.start_timeout, [*heard, *(p.topic_name for p in expected)]
+    deadline = time.monotonic() + options.start_timeout
     while True:
-        own = {_participant(one) for topic in (peers, *heard) for one in node.get_publishers_info_by_topic(topic)}
+        own = {_participant(one) for topic in (peers, *topics) for one in node.get_publishers_info_by_topic(topic)}
         missing = [
             f"a subscriber of {publisher.topic_name}"
             for publisher, count in expected.items()
             if _readers(node, publisher, own, options) < count + int(options.view)
         ]
-        missing += [f"a publisher of {topic}" for topic in heard if node.count_publishers(topic) < 1]
-        shared, late = shared_topic(node, topics, joins=options.join), time.monotonic() > deadline
+        missing += [f"a publisher of {topic}" for topic in topics if node.count_publishers(topic) < 1]
+        published = [*topics, *(publisher.topic_name for publisher in expected)]
+        shared, late = shared_topic(node, published, joins=options.join), time.monotonic() > deadline
         if shared is not None and (late or not options.join):
             raise RunError(f"another graph publishes {shared} too; set another ROS_DOMAIN_ID (0 to 101)")
         if not missing and shared is None:

@@ -61,15 +61,32 @@ def declare_settings(
         if given != wanted:
             change("parameter", name, given)
 
+    def check(changed: list[tuple[str, Any]]) -> None:
+        for name, value in changed:
+            check_parameter(name, name, value, table, counts)
+
+    def apply(name: str, value: Any) -> None:
+        change("parameter", name, value, partial(_put, rows, name, table[name], value, swing))
+
+    _on_set(node, names, check, apply)
+
+
+def _on_set(
+    node: Node,
+    names: list[str],
+    check: Callable[[list[tuple[str, Any]]], None],
+    apply: Callable[[str, Any], None],
+) -> None:
+    """Apply changes of the parameters `names` if `check`, which gets all of them, raises no `InputError`."""
+
     def changed(parameters: list[Parameter[Any]]) -> SetParametersResult:
-        own = [(one.name, plain(one.value)) for one in parameters if one.name in names]
+        rows = [(parameter.name, plain(parameter.value)) for parameter in parameters if parameter.name in names]
         try:
-            for name, value in own:
-                check_parameter(name, name, value, table, counts)
+            check(rows)
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        for name, value in own:
-            change("parameter", name, value, partial(_put, rows, name, table[name], value, swing))
+        for name, value in rows:
+            apply(name, value)
         return SetParametersResult(successful=True)
 
     node.add_on_set_parameters_callback(changed)
@@ -77,11 +94,6 @@ def declare_settings(
 
 def _put(rows: NDArray[Any], name: str, parameter: Any, value: Any, swing: NDArray[np.float64], _tick: int) -> None:
     put(rows, name, parameter, value, swing)
-
-
-def _check_free(name: str) -> None:
-    if name.rpartition(".")[2] in FIXED:
-        raise InputError(f"{name}: cannot be changed while the run goes; allowed: {FREE}")
 
 
 class StageParameters:
@@ -92,16 +104,16 @@ class StageParameters:
 
     def __init__(self, node: Node, link: Link, change: Callable[[str, float], None]) -> None:
         """Declare the parameters. `change(name, value)` is called for each value that differs from the link's."""
-        self._node, self._link, self._change = node, link, change
+        self._node, self._change = node, change
         self._names: list[str] = []
         self._declare(link)
-        node.add_on_set_parameters_callback(self._set)
+        _on_set(node, self._names, self._check, change)
 
     def replace(self, link: Link) -> None:
-        """Replace the parameters by those of another link."""
-        names, self._names = self._names, []
-        for name in names:
+        """Declare the parameters of another link in place of those of the former link."""
+        for name in self._names:
             self._node.undeclare_parameter(name)
+        self._names.clear()
         self._declare(link, ignore_given=True)
 
     def _declare(self, link: Link, ignore_given: bool = False) -> None:
@@ -114,27 +126,17 @@ class StageParameters:
                         if ignore_given:
                             self._node.declare_parameter(name, value, wanted, ignore_override=True)
                         elif (given := declare(self._node, name, value, wanted)) != value:
-                            self._take(name, given)
+                            _, _, self._link = with_number(self._link, name, given)
+                            self._change(name, given)
                         self._names.append(name)
 
-    def _take(self, name: str, value: float) -> None:
-        _, _, self._link = with_number(self._link, name, value)
-        self._change(name, value)
-
-    def _set(self, parameters: list[Parameter[Any]]) -> SetParametersResult:
-        own = [one for one in parameters if one.name in self._names]
-        before, told = self._link, []
-        try:
-            for one in own:
-                _check_free(one.name)
-                _, _, self._link = with_number(self._link, one.name, one.value)
-                told.append((one.name, one.value))
-        except InputError as error:
-            self._link = before
-            return SetParametersResult(successful=False, reason=str(error))
-        for name, value in told:
-            self._change(name, value)
-        return SetParametersResult(successful=True)
+    def _check(self, changed: list[tuple[str, Any]]) -> None:
+        link = self._link
+        for name, value in changed:
+            if name.rpartition(".")[2] in FIXED:
+                raise InputError(f"{name}: cannot be changed while the run goes; allowed: {FREE}")
+            _, _, link = with_number(link, name, value)
+        self._link = link
 
 
 class MeasurementParameters:
@@ -142,26 +144,19 @@ class MeasurementParameters:
 
     def __init__(self, node: Node, measurement: Measurement, change: Callable[[str, float], None]) -> None:
         """Declare the parameters. `change(name, value)` is called for each value that differs from `measurement`'s."""
-        self._measurement, self._change = measurement, change
-        self._names = list(numbers(measurement))
+        self._measurement = measurement
         for name, wanted in numbers(measurement).items():
             given = declare(node, name, wanted, field_descriptor(_field(measurement, name), False))
             if given != wanted:
                 self._measurement = with_measured(self._measurement, name, given)
                 change(name, given)
-        node.add_on_set_parameters_callback(self._set)
+        _on_set(node, list(numbers(measurement)), self._check, change)
 
-    def _set(self, parameters: list[Parameter[Any]]) -> SetParametersResult:
-        own, after = [one for one in parameters if one.name in self._names], self._measurement
-        try:
-            for one in own:
-                after = with_measured(after, one.name, one.value)
-        except InputError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        self._measurement = after
-        for one in own:
-            self._change(one.name, one.value)
-        return SetParametersResult(successful=True)
+    def _check(self, changed: list[tuple[str, Any]]) -> None:
+        measurement = self._measurement
+        for name, value in changed:
+            measurement = with_measured(measurement, name, value)
+        self._measurement = measurement
 
 
 def _field(measurement: Any, path: str) -> Any:

@@ -16,7 +16,6 @@ class NodeLog:
     """Writes ROS 2 log messages and, with parameter `progress`, lines on standard output for a calling program."""
 
     def __init__(self, node: Node) -> None:
-        """Declare the parameter `progress`, if that has not been done."""
         text = "true: progress and reasons as lines on standard output and error, for a program that runs the graph"
         if not node.has_parameter("progress"):
             declare(node, "progress", False, descriptor(text))
@@ -28,6 +27,11 @@ class NodeLog:
         if self.lines:
             sys.stdout.write(f"{escaped(text)}\n")
             sys.stdout.flush()
+
+    def report(self, text: str) -> None:
+        """Write a line and log it at level info."""
+        self.line(text)
+        self.info(text)
 
     def info(self, text: str) -> None:
         """Log a message at level info."""

@@ -45,10 +45,10 @@ class Activation(Protocol):
     def takes_part(self) -> bool:
         """Whether the node takes part in the run while it is inactive."""
 
-    def activate(self) -> None:
+    def activate(self) -> object:
         """Act from the next tick on."""
 
-    def deactivate(self) -> None:
+    def deactivate(self) -> object:
         """Have no effect from the next tick on."""
 
 

@@ -107,9 +107,9 @@ def declare(node: Node, name: str, default: Any, wanted: Any) -> Any:
         whole = [int(one) for limit in wanted.floating_point_range for one in (limit.from_value, limit.to_value)]
         wanted.integer_range = [IntegerRange(from_value=whole[0], to_value=whole[1], step=1)]
         wanted.floating_point_range = []
-    given = node._parameter_overrides  # noqa: SLF001 (rclpy tells what was given in no other way)
-    if name in given:
-        given[name] = Parameter(name, value=as_declared(default, given[name].value))
+    overrides = node._parameter_overrides  # noqa: SLF001 (rclpy has no other way to read them)
+    if name in overrides:
+        overrides[name] = Parameter(name, value=as_declared(default, overrides[name].value))
     return plain(node.declare_parameter(name, default, wanted).value)
 
 
@@ -144,16 +144,22 @@ def check_declared(node: Node) -> None:
             raise InputError(f"parameter {name}: given; allowed: {', '.join(sorted(node._parameters))}")  # noqa: SLF001
 
 
-def usage(node: Node, does: str) -> str:
+def usage(node: Node, description: str) -> str:
     """Text of `--help`: what the node does, its declared parameters, an example."""
     name = node.get_name()
-    lines = [f"usage: ros2 run facts_damping {name} [--ros-args -p NAME:=VALUE ...]", "", does, "", "parameters:"]
-    for own in sorted(node._parameters):  # noqa: SLF001 (rclpy lists them by a service only)
-        wanted, value = node.describe_parameter(own), plain(node.get_parameter(own).value)
+    lines = [
+        f"usage: ros2 run facts_damping {name} [--ros-args -p NAME:=VALUE ...]",
+        "",
+        description,
+        "",
+        "parameters:",
+    ]
+    for parameter in sorted(node._parameters):  # noqa: SLF001 (rclpy lists them by a service only)
+        wanted, value = node.describe_parameter(parameter), plain(node.get_parameter(parameter).value)
         ranges = [*wanted.integer_range, *wanted.floating_point_range]
         between = f", {ranges[0].from_value:g} to {ranges[0].to_value:g}" if ranges else ""
         live = "" if wanted.read_only else "; may be changed while it runs"
-        lines.append(f"  {own} ({value!r}{between}): {wanted.description or 'of ROS 2'}{live}")
+        lines.append(f"  {parameter} ({value!r}{between}): {wanted.description or 'of ROS 2'}{live}")
     example = f"example: ros2 run facts_damping {name} --ros-args -p run:=two_area_large"
     return "\n".join([*lines, "", example, "more: docs/ros2.md"])
 

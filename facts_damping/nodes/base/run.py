@@ -1,10 +1,17 @@
-"""Life of a node's process: middleware set-up, errors, exit status."""
+"""Life of a node's process: middleware set-up, errors, exit status, and an end that a hanging middleware cannot stop.
+
+About once in fifty runs on a loaded machine, a destructor of Fast DDS 3.2 waits for ever (in
+`ResourceEvent::unregister_timer`) while it holds Python's GIL, so neither Python code nor signal handlers run.
+A POSIX timer then calls `_exit` in a thread of its own (POSIX.1-2017, timer_create with SIGEV_THREAD).
+"""
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
+import time
 import warnings
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
@@ -17,10 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from facts_damping.errors import FactsDampingError, RunError, one_line, traced
 from facts_damping.input_files import naming_no_files
-from facts_damping.nodes.base.discovery import (
-    finish,
-)
-from facts_damping.nodes.base.exit_watchdog import end_after
+from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import ManagedNode
 from facts_damping.nodes.base.parameters import usage
@@ -35,6 +39,7 @@ if TYPE_CHECKING:
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 FAST_DDS = {"fastdds": "3.", "fastrtps": "2."}  # name in wheels, variables and profiles; Fast DDS version
 LEAVE_S = 5.0  # longest wall time for a node to leave the graph
+SIGEV_THREAD = 2
 
 
 def profile(this_host: bool) -> tuple[str, Path] | None:
@@ -62,16 +67,17 @@ def _set_up_middleware() -> None:
         os.environ[RANGE] = "SYSTEM_DEFAULT"  # the profile limits discovery instead
 
 
-def run_node(name: str, make: Callable[[ManagedNode], NodeBody], does: str) -> None:
+def run_node(name: str, make: Callable[[ManagedNode], NodeBody], description: str) -> None:
     """Make a node, run it and exit: status 0 done or interrupted, 1 failed, 2 bad input.
 
-    An error is logged in one line. `does`: first line of `--help`. The node is made anew when the plant of a free graph
-    was replaced, and after `cleanup`.
+    An error is logged in one line. `description`: first line of `--help`. The node is made anew when the plant of a
+    free graph was replaced, and after `cleanup`.
     """
     _set_up_middleware()
     stop_by_signals()
     warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)  # the client may have left
-    if _asks_for_help():
+    asks_for_help = not {"-h", "--help"}.isdisjoint(sys.argv[1:])
+    if asks_for_help:
         os.environ[RANGE] = "OFF"  # a node that only prints its help need not be discovered
     status, autostart = None, None
     while status is None:
@@ -82,7 +88,7 @@ def run_node(name: str, make: Callable[[ManagedNode], NodeBody], does: str) -> N
         except Exception as error:  # noqa: BLE001 (arguments of ROS 2 that rclpy cannot use, each kind in its own way)
             sys.stderr.write(f"{name}: {one_line(error)}\n")
             sys.exit(2)
-        status = _run(node, does)
+        status = _run(node, usage_of=description if asks_for_help else "")
         autostart = not node.cleaned and (node.autostart or node.active)
         if status is not None:
             _limit_the_end(status)
@@ -91,17 +97,16 @@ def run_node(name: str, make: Callable[[ManagedNode], NodeBody], does: str) -> N
     sys.exit(status)
 
 
-def _asks_for_help() -> bool:
-    return not {"-h", "--help"}.isdisjoint(sys.argv[1:])
+def _run(node: ManagedNode, usage_of: str) -> int | None:
+    """Run a node to its end. Returns the exit status, or None if the node must begin again.
 
-
-def _run(node: ManagedNode, does: str) -> int | None:
-    """Run a node to its end. Returns the exit status, or None if the node must begin again."""
+    `usage_of`: what the node does, to write only its help; empty: run it.
+    """
     log = NodeLog(node)
     try:
-        if _asks_for_help():
+        if usage_of:
             node.construct()
-            sys.stdout.write(f"{usage(node, does)}\n")
+            sys.stdout.write(f"{usage(node, usage_of)}\n")
             return 0
         body = node.start() if node.autostart else node.configured()
         try:
@@ -133,3 +138,35 @@ def _limit_the_end(status: int) -> None:
         signal.signal(number, signal.SIG_IGN)  # else a signal during Python's shutdown would kill the process
     sys.stdout.flush()
     end_after(LEAVE_S, status)
+
+
+class _Event(ctypes.Structure):
+    """Action of a timer: sigevent of <signal.h>, 64 bytes."""
+
+    _fields_ = (
+        ("value", ctypes.c_void_p),
+        ("signal", ctypes.c_int),
+        ("notify", ctypes.c_int),
+        ("function", ctypes.c_void_p),
+        ("attributes", ctypes.c_void_p),
+        ("room", ctypes.c_char * 32),
+    )
+
+
+class _Times(ctypes.Structure):
+    """Time of a one-shot timer: itimerspec of <time.h>."""
+
+    _fields_ = tuple((name, ctypes.c_long) for name in ("every_s", "every_ns", "after_s", "after_ns"))
+
+
+def end_after(seconds: float, status: int) -> None:
+    """End this process with exit status `status` after `seconds`, whatever it is doing. Raises `OSError`."""
+    library = ctypes.CDLL(None, use_errno=True)
+    exit_ = ctypes.cast(library._exit, ctypes.c_void_p)  # noqa: SLF001 (that is its name)
+    event, timer = _Event(value=status, notify=SIGEV_THREAD, function=exit_), ctypes.c_void_p()
+    whole, part = divmod(seconds, 1.0)
+    times = _Times(after_s=int(whole), after_ns=int(part * 1e9))
+    if library.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)) or library.timer_settime(
+        timer, 0, ctypes.byref(times), None
+    ):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))

@@ -30,8 +30,8 @@ MAXIMUM = 100  # most messages of a subscription per turn, so that a flood does 
 _stop_event: ContextVar[Event | None] = ContextVar("_stop_event", default=None)  # None: the process handles no signals
 
 
-class Stopped(Exception):  # noqa: N818 (not an error: a signal event the node to stop)
-    """The node was event to stop, or the run is over."""
+class Stopped(Exception):  # noqa: N818 (not an error: the node ends as it should)
+    """A signal has stopped the node, or the run is over."""
 
 
 class BeginAgain(Exception):  # noqa: N818 (not an error: another run has begun)
@@ -67,25 +67,12 @@ def check_wanted() -> None:
         raise Stopped
 
 
-class Refuses(Protocol):
-    """Interface of a message filter, as far as a spinner uses it."""
-
-    def done(self) -> bool:
-        """Whether the node should end, as the run is over."""
-
-    def refuse(self, topic: str, cause: str) -> None:
-        """Count a refused request."""
-
-    def remark(self) -> str:
-        """Text to append to an error."""
-
-
 class Filtered(Protocol):
     """Interface of a node with a message filter, such as Member."""
 
     @property
-    def message_filter(self) -> Refuses:
-        """Its message filter."""
+    def message_filter(self) -> Any:
+        """Its MessageFilter."""
 
     def report(self, last: bool = False) -> None:
         """Publish pending reports. Called periodically."""
@@ -104,9 +91,9 @@ class Spinner:
         entities: list[Any] = [*node.subscriptions, *node.services, context]
         for entity in entities:
             self._entered.enter_context(entity.handle)
-        counts = (len(self._subscriptions), len(self._services))
-        self._messages: Any = rclpy_implementation.WaitSet(counts[0], 0, 0, 0, 0, 0, context.handle)
-        self._requests: Any = rclpy_implementation.WaitSet(0, 0, 0, 0, counts[1], 0, context.handle)
+        wait_set = rclpy_implementation.WaitSet
+        self._messages: Any = wait_set(len(self._subscriptions), 0, 0, 0, 0, 0, context.handle)
+        self._requests: Any = wait_set(0, 0, 0, 0, len(self._services), 0, context.handle)
         self._served_at = self._running_at = time.monotonic()
         self._again = False
 
@@ -131,16 +118,16 @@ class Spinner:
         if running := not stop_requested():
             self._running_at = time.monotonic()
         wait_set.wait(max(0, int(min(timeout_s, REQUESTS_S) * 1e9)) if running else 0)
-        some = served = False
+        received = admitted = False
         ready = wait_set.get_ready_entities("subscription")
         for pointer, subscription in self._subscriptions if ready else ():
             if pointer in ready:
-                taken = _take(subscription)
-                some |= taken is not None
-                served |= bool(taken)
-        if not running and (not some or time.monotonic() - self._running_at > HEARD_S):
+                result = _take(subscription)
+                received |= result is not None
+                admitted |= bool(result)
+        if not running and (not received or time.monotonic() - self._running_at > HEARD_S):
             raise Stopped
-        return served
+        return admitted
 
     def take_all(self) -> bool:
         """Serve the queued messages without waiting, at most `MAXIMUM` per subscription; also after a stop signal.
@@ -148,10 +135,8 @@ class Spinner:
         Returns whether there may be more.
         """
         self.serve()
-        more = False
-        for _, subscription in self._subscriptions:
-            more |= all(_take(subscription) is not None for _ in range(MAXIMUM))
-        return more
+        full = [all(_take(one) is not None for _ in range(MAXIMUM)) for _, one in self._subscriptions]
+        return any(full)
 
     def serve(self) -> None:
         """Answer waiting requests (as of `ros2 param`) and report, at most once per `REQUESTS_S`."""
@@ -174,7 +159,7 @@ class Spinner:
 
     def remark(self) -> str:
         """Text that the node's message filter appends to an error."""
-        return "" if self._member is None else self._member.message_filter.remark()
+        return "" if self._member is None else str(self._member.message_filter.remark())
 
     def close(self) -> None:
         """Report for the last time and release all entities."""
@@ -186,17 +171,17 @@ class Spinner:
 
 def _take(subscription: Any) -> bool | None:
     """Take one message and call its callback. Returns None if there was none, false if it was refused."""
-    taken = take(subscription)
-    if taken is None:
+    message = take(subscription)
+    if message is None:
         return None
     wants = subscription._callback_type  # noqa: SLF001 (as rclpy's own executor asks)
-    given = taken if wants is subscription.CallbackType.WithMessageInfo else taken[:1]
-    return subscription.callback(*given) is not False
+    arguments = message if wants is subscription.CallbackType.WithMessageInfo else message[:1]
+    return subscription.callback(*arguments) is not False
 
 
 def _answer(service: Any) -> bool:
     """Answer one request, if there is one; with an empty response if that fails. Returns whether it succeeded."""
-    header = None
+    header, sound = None, True
     response = service.srv_type.Response()
     try:
         request, header = service.handle.service_take_request(service.srv_type.Request)
@@ -204,8 +189,6 @@ def _answer(service: Any) -> bool:
             response = service.callback(request, response)
     except Exception:  # noqa: BLE001 (whatever a request does to rclpy, the node goes on)
         sound = False
-    else:
-        sound = True
     if header is not None:
         service.send_response(response, header)
     return sound

@@ -11,11 +11,13 @@ if TYPE_CHECKING:
 
     from facts_damping.case.names import Address
 
-COMMON = "/diagnostics"  # global topic
-STATE = "run/state"  # published by the plant
+FRAMES = "pmu/frames"
+PLANT_STATE = "plant/state"  # its publisher is the plant
+DIAGNOSTICS = "/diagnostics"  # global topic
+RUN_STATE = "run/state"  # published by the plant
 CHANGES = "run/changes"  # published by every node of a graph: its changes during the run
-TOPIC = "security/refused"  # published by every node of a graph: its refusals
-OF_ALL = (COMMON, CHANGES, TOPIC)  # name endings of topics with many publishers
+REFUSALS = "security/refused"  # published by every node of a graph
+SHARED = (DIAGNOSTICS, CHANGES, REFUSALS)  # name endings of topics with many publishers
 
 
 def graph_prefix(node: Node, address: Address) -> str:

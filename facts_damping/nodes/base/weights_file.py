@@ -29,7 +29,6 @@ class WeightsFile:
     """File of a node's adapted weights, updated periodically so that a killed node leaves it behind."""
 
     def __init__(self, node: Node) -> None:
-        """Declare and read the parameters."""
         text = "file that the adapted weights go to, every 10 s and at the end; empty: none"
         name = str(declare(node, "save", "", descriptor(text)))
         text = "true: begin with the weights in the file of `save`, where it is there"

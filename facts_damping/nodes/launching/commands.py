@@ -25,18 +25,17 @@ def command(case: Case, c: int, graph: str = "") -> list[str]:
     controller, address = case.controllers[c], controller_addresses(case)[c]
     delivered = link_addresses(case)[case.used_links[c]].topic("pmu/delivered")
     namespace = "/".join(part for part in (graph, address.namespace) if part)
-    given = ["-r", f"__node:={address.name}", "-r", f"__ns:=/{namespace}"]
-    given += ["-r", f"pmu/delivered:=/{graph}/{delivered}" if graph else f"pmu/delivered:=/{delivered}"]
+    arguments = ["-r", f"__node:={address.name}", "-r", f"__ns:=/{namespace}"]
+    arguments += ["-r", f"pmu/delivered:=/{graph}/{delivered}" if graph else f"pmu/delivered:=/{delivered}"]
     for name, value in controller.parameters.items():
-        given += ["-p", f"{name}:={value}"]
-    return [*(controller.command or []), "--ros-args", *given]
+        arguments += ["-p", f"{name}:={value}"]
+    return [*(controller.command or []), "--ros-args", *arguments]
 
 
 class Command:
     """A running command with the process interface that `graph` uses; its child processes end with it."""
 
     def __init__(self, arguments: list[str], environment: Mapping[str, str], output: IO[bytes]) -> None:
-        """Start the command in a session of its own."""
         self._process = subprocess.Popen(
             arguments,
             stdin=subprocess.DEVNULL,

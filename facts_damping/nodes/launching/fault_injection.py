@@ -115,12 +115,12 @@ class FaultInjector:
         if self.attacker is None:
             return {}
         graph.end([self.attacker], signal.SIGINT)
-        said, failed, reason = self.attacker.said(), self.attacker.failed(), self.attacker.reason()
+        text, failed, reason = self.attacker.text(), self.attacker.failed(), self.attacker.reason()
         self.attacker.output.close()
         self.attacker.errors.close()
         if failed:
             raise RunError(reason)
-        return {topic: int(count) for count, topic in re.findall(r"^sent (\d+) (\S+)$", said, re.MULTILINE)}
+        return {topic: int(count) for count, topic in re.findall(r"^sent (\d+) (\S+)$", text, re.MULTILINE)}
 
 
 def run_with_fault(
@@ -132,23 +132,19 @@ def run_with_fault(
     attacker fails.
     """
     environment = {**os.environ, DOMAIN: str(domain)}
-    striker = FaultInjector(case, mode, fault, out / graph.RUN_FILE, environment)
+    injector = FaultInjector(case, mode, fault, out / graph.RUN_FILE, environment)
     timeout = GONE_S if mode == REALTIME else PATIENCE_S
 
     def look(tick: int, running: Mapping[str, Process]) -> None:
         if not wanted():
             raise RunError("interrupted")
-        striker(tick, running)
+        injector(tick, running)
 
     try:
-        outcome = graph.run(case, mode, out, _quiet, timeout, look=look, environment=environment)
+        outcome = graph.run(case, mode, out, lambda _done, _of: None, timeout, look=look, environment=environment)
     finally:
-        forged = striker.end()
-    return FaultedRun(outcome, seal(outcome.recording), striker.begun_s, striker.back_s, forged)
-
-
-def _quiet(_done: int, _of: int) -> None:
-    """Show no progress: a campaign reports the number of finished graphs instead."""
+        forged = injector.end()
+    return FaultedRun(outcome, seal(outcome.recording), injector.begun_s, injector.back_s, forged)
 
 
 @contextmanager

@@ -52,8 +52,8 @@ def start(
     `output`, `errors`: existing files for standard output and error.
     """
     load()
-    given = (module, list(arguments), dict(environment), output, errors)
-    process = multiprocessing.get_context("forkserver").Process(target=_be, args=given, daemon=True)
+    passed = (module, list(arguments), dict(environment), output, errors)
+    process = multiprocessing.get_context("forkserver").Process(target=_run_node, args=passed, daemon=True)
     with _starting, script_apart(), interruptions_held():  # an interrupted start would print a traceback
         process.start()
     return process
@@ -65,7 +65,7 @@ def _end_with(asked: BaseProcess) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _be(module: str, arguments: list[str], environment: dict[str, str], output: str, errors: str) -> None:
+def _run_node(module: str, arguments: list[str], environment: dict[str, str], output: str, errors: str) -> None:
     """Turn this fork into a node and run it."""
     setproctitle(" ".join([f"facts_damping.nodes.{module}", *arguments]))  # uses memory of the old environment
     os.setsid()
@@ -80,8 +80,7 @@ def _be(module: str, arguments: list[str], environment: dict[str, str], output: 
         os.dup2(file, stream)
         os.close(file)
     sys.argv = [module, *arguments]
-    own = importlib.import_module(f"facts_damping.nodes.{module}")
-    spinner = importlib.import_module("facts_damping.nodes.base.spinner")
-    spinner.stop_by_signals()
+    node = importlib.import_module(f"facts_damping.nodes.{module}")
+    importlib.import_module("facts_damping.nodes.base.spinner").stop_by_signals()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)
-    own.main()
+    node.main()

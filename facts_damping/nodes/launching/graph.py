@@ -9,7 +9,7 @@ import signal
 import tempfile
 import time
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -79,13 +79,13 @@ class Process:
     process: BaseProcess | Command
     output: IO[bytes]
     errors: IO[bytes]
-    told: int = field(default=0)  # bytes of the output read so far
+    read_bytes: int = 0  # of the output so far
 
     def read(self) -> str:
         """Output since the last call."""
-        self.output.seek(self.told)
+        self.output.seek(self.read_bytes)
         data = self.output.read()
-        self.told += len(data)
+        self.read_bytes += len(data)
         return data.decode(errors="replace")
 
     def failed(self) -> bool:
@@ -97,26 +97,26 @@ class Process:
         lines = re.findall(r"^tick (\d+) (\d+) (\d+)$", self.read(), re.MULTILINE)
         return [(int(k), int(n), int(misses)) for k, n, misses in lines]
 
-    def said(self) -> str:
+    def text(self) -> str:
         """All of its output."""
         self.output.seek(0)
         return self.output.read().decode(errors="replace")
 
     def refused(self) -> Refusals:
         """Refusals of its message filter so far."""
-        lines = re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", self.said(), re.MULTILINE)
+        lines = re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", self.text(), re.MULTILINE)
         return {(self.name, *how): int(count) for count, *how in lines}
 
     def step_times(self) -> StepTimes | None:
         """Step times of its program; None: it runs none or has not reported."""
-        line = re.search(r"^steps (\d+) (\S+) (\S+) (\S+)$", self.said(), re.MULTILINE)
+        line = re.search(r"^steps (\d+) (\S+) (\S+) (\S+)$", self.text(), re.MULTILINE)
         return StepTimes(int(line[1]), *map(float, line.groups()[1:])) if line else None
 
     def failure(self) -> RunError:
         """Reason as an error, with the preceding error lines as details."""
-        made = RunError(self.reason())
-        made.details = "\n".join(self._errors()[:-1])
-        return made
+        error = RunError(self.reason())
+        error.details = "\n".join(self._errors()[:-1])
+        return error
 
     def _errors(self) -> list[str]:
         self.errors.seek(0)
@@ -177,8 +177,8 @@ def check_commands(case: Case) -> None:
     """Raise `InputError` if the program of a user's own node does not exist."""
     for c, controller in enumerate(case.controllers):
         if controller.command is not None and shutil.which(controller.command[0]) is None:
-            given = f"controllers.{c}.command: '{controller.command[0]}' given"
-            raise InputError(f"{given}; allowed: a program that is there, and may be run")
+            text = f"controllers.{c}.command: '{controller.command[0]}' given"
+            raise InputError(f"{text}; allowed: a program that is there, and may be run")
 
 
 def end(processes: Iterable[Process], number: int) -> None:
@@ -187,11 +187,11 @@ def end(processes: Iterable[Process], number: int) -> None:
     `number`: signal for the user's own programs. Our nodes get SIGTERM: if this process was started with SIGINT ignored
     (by `&` in a script), a fork that is just starting would miss SIGINT.
     """
-    running = [one.process for one in processes if one.process.exitcode is None]
+    running = [node.process for node in processes if node.process.exitcode is None]
     for process in running:
-        for each in (number if isinstance(process, Command) else signal.SIGTERM, signal.SIGCONT):
+        for sent in (number if isinstance(process, Command) else signal.SIGTERM, signal.SIGCONT):
             with suppress(ProcessLookupError):  # it may have ended by now
-                os.kill(process.pid or 0, each)
+                os.kill(process.pid or 0, sent)
     for process in running:
         process.join(STOP_S)
         if process.exitcode is None:
@@ -208,7 +208,6 @@ def _stop(running: dict[str, Process]) -> None:
 
 
 def _part(out: Path, name: str) -> Path:
-    """File in which a node saves its weights."""
     return out / f"{name}.part.yaml"
 
 
@@ -216,14 +215,13 @@ def save_weights(case: Case, out: Path) -> None:
     """Merge the saved weights of each controller and its identifier into one file per controller."""
     identifiers = identifier_names(case)
     for i, name in enumerate(controller_names(case)):
-        nodes = [name, *([identifiers[i]] if i in identifiers else [])]
-        parts = [_part(out, node) for node in nodes if _part(out, node).is_file()]
-        found: dict[str, Any] = {}
-        for path in parts:
-            found.update({key: value for key, value in read_table(path).items() if value is not None})
-            path.unlink(missing_ok=True)
-        if found:
-            write_whole(out / f"{name}.weights.yaml", dump(found))
+        weights: dict[str, Any] = {}
+        for path in (_part(out, node) for node in (name, identifiers.get(i)) if node is not None):
+            if path.is_file():
+                weights |= {key: value for key, value in read_table(path).items() if value is not None}
+                path.unlink(missing_ok=True)
+        if weights:
+            write_whole(out / f"{name}.weights.yaml", dump(weights))
 
 
 def _wait_for_view(view: Process) -> None:
@@ -247,16 +245,15 @@ def graph(
     streams: str | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> Iterator[dict[str, Process]]:
-    """Start the nodes of a case; at exit, stop the source first and the recorder last.
+    """Start the nodes of a case; at exit, stop the source first and the recorder last. Arguments: as of `run`.
 
-    `view_port`: of a live view; `replayed`: a recording that replaces plant and links; identifiers then receive its
-    setpoints; `streams`: replaces the plant (parameters.streams.read_streams); `environment`: of the nodes.
+    In a replay, identifiers receive the recorded setpoints.
     """
     run_file = out / RUN_FILE
     unsigned = {} if replayed is None else {"security": None}  # a recording has no keys
     run_file.write_text(dump(case.document() | unsigned), encoding="utf-8")
     common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "view": view_port is not None}
-    heard = speakers(case)
+    senders = speakers(case)
     running: dict[str, Process] = {}
 
     def begin(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> None:
@@ -282,7 +279,7 @@ def graph(
                 own = {"index": i} | ({"save": _part(out, node.name)} if module in ("controller", "identifier") else {})
                 remaps = {}
                 if replayed is not None and module == "identifier":
-                    topic = heard[acting(case, i)].topic
+                    topic = senders[acting(case, i)].topic
                     remaps = {f"/{topic}": f"/{recorded_topic(topic)}"}
                 begin(str(node), module, {**common, **own}, remaps)
         if replayed is not None:
@@ -334,24 +331,25 @@ def run(
     misses, fallen = 0, dict[str, str]()
     with graph(case, mode, out, timeout, view_port, replayed, streams, environment) as running:
         plant = next(running[name] for name in SOURCES if name in running)
-        heard, newest = time.monotonic() + 60.0, 0  # longer at the start than the nodes' own time-outs
+        reported_s, newest = time.monotonic() + 60.0, 0  # longer at the start than the nodes' own time-outs
         while plant.process.exitcode is None:
             for newest, n, late in plant.progress():
                 misses = late
-                heard = time.monotonic() if newest > 1 else max(heard, time.monotonic())  # all have answered once
+                # After tick 1 all have answered once.
+                reported_s = time.monotonic() if newest > 1 else max(reported_s, time.monotonic())
                 progress(newest, n)
             if look is not None:
                 look(newest, running)
             _check_others(running, fallen if newest > 1 and mode == "realtime" else None)
-            if time.monotonic() - heard > timeout + 5.0:
+            if time.monotonic() - reported_s > timeout + 5.0:
                 raise RunError(f"{plant.name} is silent: no progress within {timeout + 5.0:g} s")
             time.sleep(POLL_S)
         if plant.failed():
             _check_others(running, fallen if newest > 1 and mode == "realtime" else None)
             raise plant.failure()
-        for k, n, late in plant.progress():
+        for newest, n, late in plant.progress():
             misses = late
-            progress(k, n)
+            progress(newest, n)
         # A node that ended earlier gives the reason, such as a second graph in the same domain.
         _check_others(running, fallen if mode == "realtime" else None)
         wall = time.monotonic() - began
@@ -360,14 +358,11 @@ def run(
         if recorder.failed():
             raise recorder.failure()
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
-        took = {
-            name.rpartition("/")[2]: times
-            for name, process in running.items()
-            if (times := process.step_times()) is not None
-        }
+        times = {name.rpartition("/")[2]: process.step_times() for name, process in running.items()}
+        step_times = {name: row for name, row in times.items() if row is not None}
         refused = {how: count for process in running.values() for how, count in process.refused().items()}
     missed = int(lost.group(1)) if lost else 0
-    return Outcome(out / "recording", wall, misses, missed, refused, list(fallen.values()), took)
+    return Outcome(out / "recording", wall, misses, missed, refused, list(fallen.values()), step_times)
 
 
 def check_domain(domain: str) -> None:

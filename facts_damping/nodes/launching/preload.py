@@ -4,45 +4,31 @@ from __future__ import annotations
 
 import atexit
 import gc
+import importlib
 import os
 import shutil
 
+import rcl_interfaces.srv
 from facts_damping_msgs.srv import Apply, Step
 from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    GetParameterTypes,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
 from rclpy.type_support import check_for_type_support
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes import (
-    c37118_client,
-    controller,
-    identifier,
-    plant_sim,
-    recorder,
-    replay_source,
-    supervisor,
-    wan_link,
-)
+from facts_damping.nodes import recorder
 from facts_damping.nodes.base.warmup import load
 from facts_damping.nodes.launching import forked
 from facts_damping.recording.schemas import schema_text, type_hash
 
-NODES = (c37118_client, controller, identifier, plant_sim, recorder, replay_source, supervisor, wan_link)
+for node in ("c37118_client", "controller", "identifier", "plant_sim", "replay_source", "supervisor", "wan_link"):
+    importlib.import_module(f"facts_damping.nodes.{node}")
 
-SERVICES = (
-    *(DescribeParameters, GetParameters, GetParameterTypes),
-    *(ListParameters, SetParameters, SetParametersAtomically),
-    *(Apply, Step, Trigger),
+PARAMETER_SERVICES = (
+    *("DescribeParameters", "GetParameters", "GetParameterTypes"),
+    *("ListParameters", "SetParameters", "SetParametersAtomically"),
 )
+SERVICES = (*(getattr(rcl_interfaces.srv, name) for name in PARAMETER_SERVICES), Apply, Step, Trigger)
 CASE = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
 MESSAGES = set(recorder.topics(CASE).values())
 

@@ -67,32 +67,27 @@ def relay(ends: tuple[int, int], cable: Cable, seed: int) -> None:
 
 def main() -> None:
     """Entry point."""
-    parser = argparse.ArgumentParser(
-        prog="python -m facts_damping.nodes.launching.tap_relay", description=(__doc__ or "").split("\n")[0]
-    )
+    program, text = "python -m facts_damping.nodes.launching.tap_relay", (__doc__ or "").split("\n")[0]
+    parser = argparse.ArgumentParser(prog=program, description=text)
     parser.add_argument("near", help="name of one interface")
     parser.add_argument("far", help="name of the other")
     parser.add_argument("--delay", type=float, default=0.0, metavar="S", help="delay, s")
     parser.add_argument("--jitter", type=float, default=0.0, metavar="S", help="delay +- so much, s")
     parser.add_argument("--loss", type=float, default=0.0, metavar="FRACTION", help="fraction of packets that is lost")
     parser.add_argument("--seed", type=int, default=0, help="of jitter and loss")
-    given = parser.parse_args()
-    for name, value, maximum in (
-        ("delay", given.delay, 60.0),
-        ("jitter", given.jitter, 60.0),
-        ("loss", given.loss, 1.0),
-    ):
+    arguments = parser.parse_args()
+    for name, maximum in (("delay", 60.0), ("jitter", 60.0), ("loss", 1.0)):
+        value = getattr(arguments, name)
         if not 0.0 <= value <= maximum:
             parser.error(f"--{name}: {value:g} given; allowed: 0 to {maximum:g}")
-    for name in (given.near, given.far):
+    for name in (arguments.near, arguments.far):
         if not 0 < len(name) <= LONGEST_NAME or "/" in name or " " in name:
-            parser.error(
-                f"{name!r} given; allowed: a name of 1 to {LONGEST_NAME} characters without blanks and slashes"
-            )
+            allowed = f"a name of 1 to {LONGEST_NAME} characters without blanks and slashes"
+            parser.error(f"{name!r} given; allowed: {allowed}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        ends = interface(given.near), interface(given.far)
-        relay(ends, Cable(given.delay, given.jitter, given.loss), given.seed)
+        ends = interface(arguments.near), interface(arguments.far)
+        relay(ends, Cable(arguments.delay, arguments.jitter, arguments.loss), arguments.seed)
     except OSError as error:
         sys.exit(f"relay: {error.strerror or error}; needed: root, Linux's /dev/net/tun, names that are not in use")
     except KeyboardInterrupt:

@@ -1,30 +1,77 @@
-"""All that nodes of a loopback have made, and the nodes themselves: names, rules, parameters, identities."""
+"""The nodes of a loopback with their names, arguments, parameters and identities, and the endpoints of all nodes."""
 
 from __future__ import annotations
 
 import itertools
+from collections import deque
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import yaml
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.impl.implementation_singleton import rclpy_implementation as real
 
-from facts_damping.nodes.loopback.arguments import Arguments, parse
 from facts_damping.nodes.loopback.processes import process, world
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from facts_damping.nodes.loopback.services import Client, Service
     from facts_damping.nodes.loopback.topics import Publisher, Subscription
 
-GID_TAIL = 4  # bytes of an identity that tell the ends of a participant apart
+GID_TAIL = 4  # bytes of an identity that distinguish the endpoints of a participant
 _handles = itertools.count(1)
+PARAMETER, REMAPPING, FILE = ("-p", "--param"), ("-r", "--remap"), ("--params-file",)
+
+
+@dataclass
+class Arguments:
+    """Rules in the order given; each has the name of the node that it is for, or None for all nodes."""
+
+    remaps: list[tuple[str | None, str, str]] = field(default_factory=list)
+    parameters: list[tuple[str | None, str, Any]] = field(default_factory=list)
+
+
+def parse(given: Sequence[str]) -> Arguments:
+    """Read the arguments between `--ros-args` and `--`; others are the program's own."""
+    found, for_ros, words = Arguments(), False, iter(given)
+    for word in words:
+        if word in ("--ros-args", "--"):
+            for_ros = word == "--ros-args"
+        elif for_ros and word in (*PARAMETER, *REMAPPING):
+            rule = next(words, "")
+            left, assigns, right = rule.partition(":=")
+            if not assigns:
+                raise RuntimeError(f"Couldn't parse argument: '{word} {rule}'")
+            before, colon, after = left.partition(":")
+            node, name = (before, after) if colon else (None, left)
+            if word in PARAMETER:
+                found.parameters.append((node, name, yaml.safe_load(right)))
+            else:
+                found.remaps.append((node, name, right))
+        elif for_ros and word in FILE:
+            found.parameters += _from_file(Path(next(words, "")))
+    return found
+
+
+def _from_file(path: Path) -> Iterator[tuple[str | None, str, Any]]:
+    for node, content in (yaml.safe_load(path.read_text(encoding="utf-8")) or {}).items():
+        for name, value in _flat(content.get("ros__parameters", {})):
+            yield None if set(node) <= set("/*") else node.lstrip("/"), name, value
+
+
+def _flat(content: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in content.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{before}{name}.")
+        else:
+            yield f"{before}{name}", value
 
 
 @dataclass
 class Domain:
-    """All that nodes of a world have made."""
+    """Nodes and endpoints of a world."""
 
     nodes: list[Node] = field(default_factory=list)
     publishers: list[Publisher] = field(default_factory=list)
@@ -34,13 +81,13 @@ class Domain:
 
 
 def domain() -> Domain:
-    """That of the process whose turn it is."""
+    """The domain of the running process."""
     found: Domain = world().main.values.setdefault("domain", Domain())
     return found
 
 
 class Destroyable:
-    """A handle: its number stands for its address."""
+    """A handle; `pointer` is a number in place of an address."""
 
     def __init__(self) -> None:
         self.pointer = next(_handles)
@@ -52,14 +99,13 @@ class Destroyable:
         pass
 
     def destroy_when_not_in_use(self) -> None:
-        """Nobody finds it any more."""
         for ends in vars(domain()).values():
             if self in ends:
                 ends.remove(self)
 
 
 class Context(Destroyable):
-    """What a process is to ROS: its arguments."""
+    """The context of a process: its arguments."""
 
     def __init__(self, arguments: Sequence[str], domain_id: int) -> None:
         super().__init__()
@@ -76,15 +122,17 @@ class Context(Destroyable):
 
 
 class Node(Destroyable):
-    """A node: its name, its rules, its identity."""
+    """A node: name, arguments, identity."""
 
     def __init__(
         self, name: str, namespace: str, context: Context, cli: Any, use_global: bool, rosout: bool, _qos: Any
     ) -> None:
         super().__init__()
-        given = [parse(cli or [])] + ([context.arguments] if use_global else [])
+        arguments = [parse(cli or [])] + ([context.arguments] if use_global else [])
         self._name, self._namespace, self.context = name, f"/{namespace.strip('/')}", context
-        self.rules = Arguments([r for one in given for r in one.remaps], [p for one in given for p in one.parameters])
+        self.rules = Arguments(
+            [rule for one in arguments for rule in one.remaps], [rule for one in arguments for rule in one.parameters]
+        )
         for node, left, right in self.rules.remaps:
             if node in (None, name):
                 self._name = right if left in ("__node", "__name") else self._name
@@ -96,7 +144,7 @@ class Node(Destroyable):
         process().at_end.append(self.leave)
 
     def leave(self) -> None:
-        """Nobody finds it, or an end of it, any more, however its process has ended."""
+        """Remove the node and its endpoints from the domain when its process ends."""
         for ends in vars(domain()).values():
             ends[:] = [one for one in ends if one is not self and getattr(one, "node", None) is not self]
 
@@ -113,44 +161,54 @@ class Node(Destroyable):
         return self.get_fully_qualified_name().strip("/").replace("/", ".")
 
     def get_parameters(self, kind: type[Any]) -> dict[str, Any]:
-        """Parameters that were given, by name; later ones count."""
+        """Parameters from the arguments, by name; later ones replace earlier ones."""
         wanted = (None, self._name, self.get_fully_qualified_name().lstrip("/"))
         return {name: kind(name, value=value) for node, name, value in self.rules.parameters if node in wanted}
 
     def full(self, name: str) -> str:
-        """A name of a topic or service in full, before remapping."""
+        """Full name of a topic or service, before remapping."""
         found: str = expand_topic_name(name, self._name, self._namespace)
         return found
 
     def remapped(self, full: str) -> str:
-        """Where a full name leads."""
+        """A full name after remapping."""
         for node, left, right in self.rules.remaps:
             if node in (None, self._name) and not left.startswith("__") and self.full(left) == full:
                 return self.full(right)
         return full
 
     def resolve(self, name: str) -> str:
-        """Where a name leads."""
         return self.remapped(self.full(name))
 
-    def identity_of_an_end(self) -> bytes:
-        """A new one, for a publisher or a subscription."""
-        return self.identity + next(self.ends).to_bytes(GID_TAIL, "big")
-
     def get_count_publishers(self, topic: str) -> int:
-        return sum(one.topic == topic for one in domain().publishers)
+        return sum(one.name == topic for one in domain().publishers)
 
     def get_count_subscribers(self, topic: str) -> int:
-        return sum(one.topic == topic for one in domain().subscriptions)
+        return sum(one.name == topic for one in domain().subscriptions)
 
     def get_count_services(self, name: str) -> int:
         return sum(one.name == name for one in domain().services)
 
     def get_count_clients(self, name: str) -> int:
-        return sum(one.service_name == name for one in domain().clients)
+        return sum(one.name == name for one in domain().clients)
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
         return [(one.get_node_name(), one.get_namespace()) for one in domain().nodes]
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
         return [(*one, "/") for one in self.get_node_names_and_namespaces()]
+
+
+class Endpoint(Destroyable):
+    """A publisher, subscription, service or client, with its queue of messages."""
+
+    def __init__(self, node: Node, kind: Any, name: str, qos: Any) -> None:
+        super().__init__()
+        self.node, self.kind, self.name, self.qos = node, kind, node.resolve(name), qos
+        self.waiting: deque[Any] = deque()
+
+    def get_logger_name(self) -> str:
+        return self.node.logger_name()
+
+    def is_ready(self) -> bool:
+        return bool(self.waiting)

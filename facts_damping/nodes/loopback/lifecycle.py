@@ -30,7 +30,7 @@ STATES = {
     State.TRANSITION_STATE_DEACTIVATING: "deactivating",
     State.TRANSITION_STATE_ERRORPROCESSING: "errorprocessing",
 }
-# What is asked for: start, transition's number and label, what goes on meanwhile, where success and failure lead.
+# Requests: start state, number and label of the transition, state meanwhile, goal after success and after failure.
 ASKED = (
     ("unconfigured", Transition.TRANSITION_CONFIGURE, "configure", "configuring", "inactive", "unconfigured"),
     ("inactive", Transition.TRANSITION_CLEANUP, "cleanup", "cleaningup", "unconfigured", "inactive"),
@@ -40,7 +40,7 @@ ASKED = (
     ("inactive", Transition.TRANSITION_INACTIVE_SHUTDOWN, "shutdown", "shuttingdown", "finalized", "finalized"),
     ("active", Transition.TRANSITION_ACTIVE_SHUTDOWN, "shutdown", "shuttingdown", "finalized", "finalized"),
 )
-# How it ends: state meanwhile, what came out, the number of that, where it leads.
+# Ends of transitions: state meanwhile, result, its number, goal.
 ENDED = (
     *((one[3], result, 10 * (i + 1) + k, to)
       for i, one in enumerate(ASKED[:5])
@@ -65,7 +65,7 @@ SERVICES = {
 
 
 class _Service(Service):
-    """A service, with its quality as `rclpy` asks for it."""
+    """A service whose QoS is as `rclpy` reads it."""
 
     @property
     def qos(self) -> dict[str, object]:
@@ -87,9 +87,8 @@ class LifecycleStateMachine(Destroyable):
         for own, kind in SERVICES.items():
             setattr(self, f"service_{own}", _Service(node, kind, f"{name}/{own}", qos_profile_services_default))
         check_is_valid_msg_type(TransitionEvent)  # loads what serialises it
-        self._events = Publisher(
-            node, TransitionEvent, f"{name}/transition_event", QoSProfile(depth=10).get_c_qos_profile()
-        )
+        qos = QoSProfile(depth=10).get_c_qos_profile()
+        self._events = Publisher(node, TransitionEvent, f"{name}/transition_event", qos)
 
     @property
     def current_state(self) -> tuple[int, str]:
@@ -108,21 +107,22 @@ class LifecycleStateMachine(Destroyable):
         return [one for one in self.transition_graph if one[3] == self.label]
 
     def get_transition_by_label(self, label: str) -> int:
-        return self._go(next((one for one in self.available_transitions if one[1] == label), None))[0]
+        return self._find(1, label)[0]
 
     def trigger_transition_by_id(self, number: int, _publish: bool) -> None:
-        self._enter(self._go(next((one for one in self.available_transitions if one[0] == number), None)))
+        self._enter(self._find(0, number))
 
     def trigger_transition_by_label(self, label: str, _publish: bool) -> None:
-        self._enter(self._go(next((one for one in self.available_transitions if one[1] == label), None)))
+        self._enter(self._find(1, label))
 
-    def _go(self, found: tuple[int, str, int, str, int, str] | None) -> tuple[int, str, int, str, int, str]:
-        if found is None:
-            raise real.RCLError(f"no such transition from state {self.label}")
-        return found
+    def _find(self, column: int, value: int | str) -> tuple[int, str, int, str, int, str]:
+        for transition in self.available_transitions:
+            if transition[column] == value:
+                return transition
+        raise real.RCLError(f"no such transition from state {self.label}")
 
-    def _enter(self, one: tuple[int, str, int, str, int, str]) -> None:
-        number, label, start, start_label, goal, self.label = one
+    def _enter(self, transition: tuple[int, str, int, str, int, str]) -> None:
+        number, label, start, start_label, goal, self.label = transition
         event = TransitionEvent(transition=Transition(id=number, label=label))
         event.start_state, event.goal_state = State(id=start, label=start_label), State(id=goal, label=self.label)
         self._events.publish(event)

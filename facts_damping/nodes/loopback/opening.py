@@ -1,7 +1,7 @@
-"""Opens a loopback: until it is closed, nodes of this process see it instead of DDS, and its time instead of the clock.
+"""Opens a loopback: until it is closed, nodes of this process use it instead of DDS, and its time instead of the clock.
 
-`rclpy`'s Python code stays; the names by which it reaches its C++ part are replaced (`implementation`), and what a
-process has of its own: default context, executor, arguments, outputs, environment, signals, time.
+`rclpy`'s Python code stays. Replaced are the names of its C++ part (`implementation`) and what belongs to a process:
+default context, executor, arguments, outputs, environment, signals, time.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import signal
 import sys
 import time
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any
 from unittest import mock
 
@@ -32,14 +33,14 @@ if TYPE_CHECKING:
 
     from rclpy.executors import Executor
 
-PATCHED = "rclpy", "facts_damping.nodes"  # whose modules see it
+PATCHED = "rclpy", "facts_damping.nodes"  # packages whose modules use the loopback
 
 
 class StandIn:
-    """A module, some names of which are others."""
+    """A module of which some names are replaced."""
 
     def __init__(self, module: Any, names: Mapping[str, Any]) -> None:
-        """`names`: others; what is called gives the value (of a process), where it is a `Mine`."""
+        """`names`: replaced names and their values; a `Mine` is evaluated for the process that runs."""
         self.module, self._names = module, names
 
     def __getattr__(self, name: str) -> Any:
@@ -50,10 +51,9 @@ class StandIn:
 
 
 class Mine:
-    """What each process has of its own."""
+    """A value that each process has of its own, by a function of the process."""
 
     def __init__(self, of: Callable[[Process], Any]) -> None:
-        """`of`: gives it."""
         self.of = of
 
 
@@ -65,11 +65,7 @@ STAND_INS = (
     StandIn(rclpy_implementation, implementation.NAMES),
     StandIn(
         sys,
-        {
-            "argv": Mine(lambda one: one.arguments),
-            "stdout": Mine(lambda one: one.output),
-            "stderr": Mine(lambda one: one.errors),
-        },
+        {"argv": Mine(lambda p: p.arguments), "stdout": Mine(lambda p: p.output), "stderr": Mine(lambda p: p.errors)},
     ),
     StandIn(os, {"environ": Mine(lambda one: one.environment if one.pid else os.environ)}),
     StandIn(signal, {"signal": _handle_signal}),
@@ -106,7 +102,7 @@ FUNCTIONS: dict[Any, Any] = {
 
 
 def sleep(seconds: float) -> None:
-    """Let simulated time pass."""
+    """Let simulated time pass, in place of `time.sleep`."""
     here = world()
     here.wait(never, here.now_ns + max(0, int(seconds * 1e9)))
 
@@ -125,16 +121,16 @@ TIME: dict[str, Callable[..., Any]] = {
 def _simulated(real: Callable[..., Any], ours: Callable[..., Any]) -> Callable[..., Any]:
     """Simulated time for processes of a loopback, real time for other threads."""
 
-    def function(*given: Any) -> Any:
-        return real(*given) if current.get() is None else ours(*given)
+    def call(*arguments: Any) -> Any:
+        return real(*arguments) if current.get() is None else ours(*arguments)
 
-    return function
+    return call
 
 
 def _start(
     here: World, module: str, arguments: Sequence[str], environment: Mapping[str, str], output: str, errors: str
 ) -> Process:
-    """As `forked.start`."""
+    """Start a node in place of `forked.start`."""
     own = importlib.import_module(f"facts_damping.nodes.{module}")
     streams = [open(name, "a", buffering=1) for name in (output, errors)]  # noqa: SIM115, PTH123 (closed at its end)
     started = here.start(module, own.main, arguments, environment, *streams)
@@ -142,23 +138,23 @@ def _start(
     return started
 
 
-def _seeing(but: Collection[str] = ()) -> Iterator[tuple[Any, str, Any]]:
-    """Names of modules that see it, and what they are: module, name, value."""
+def _patched(without: Collection[str] = ()) -> Iterator[tuple[Any, str, Any]]:
+    """All names of the modules that use the loopback: module, name, value."""
     for name, module in sorted(sys.modules.items()):
-        if name.startswith(PATCHED) and not name.startswith(__package__ or "") and name not in but:
+        if name.startswith(PATCHED) and not name.startswith(__package__ or "") and name not in without:
             yield from ((module, own, value) for own, value in list(vars(module).items()))
 
 
 @contextmanager
 def opened() -> Iterator[World]:
-    """A loopback, for as long as this is open."""
+    """Open a loopback for the time of the context."""
     here, before = World(), set(sys.modules)
     with ExitStack() as patched:
 
         def put(module: Any, name: str, value: Any) -> None:
             patched.enter_context(mock.patch.object(module, name, value))
 
-        for module, name, value in _seeing():
+        for module, name, value in _patched():
             for one in STAND_INS:
                 if value is one.module:
                     put(module, name, one)
@@ -171,12 +167,12 @@ def opened() -> Iterator[World]:
         put(os, "kill", lambda pid, number: (here.signal if pid >= FIRST_PID else kill)(pid, number))
         put(run, "end_after", lambda *_: None)
         put(forked, "load", lambda: None)
-        put(forked, "start", lambda *given: _start(here, *given))
+        put(forked, "start", partial(_start, here))
         try:
             yield here
         finally:
             here.close()
-    for module, name, value in _seeing(but=before):  # what was imported meanwhile
+    for module, name, value in _patched(without=before):  # modules that were imported meanwhile
         if isinstance(value, StandIn):
             setattr(module, name, value.module)
         for real, ours in FUNCTIONS.items():

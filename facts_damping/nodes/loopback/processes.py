@@ -1,7 +1,7 @@
-"""Processes that are threads of this one: one runs at a time, until it waits; time is simulated.
+"""Processes that are threads of this process: one runs at a time, until it waits; time is simulated.
 
-Who waits says until when, and for what. The next one that need not wait has its turn, in a fixed order; where all
-wait, time goes on to the first moment for which one of them waits.
+A waiting process gives a condition and a time. The next process whose wait is over runs, in a fixed order. If all wait,
+time goes on to the earliest of these times.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 NEVER = 2**63 - 1
 FIRST_PID = 2**30  # more than any process of the system has
-STEP_NS = 100_000  # that a wait takes at least, as about with DDS
+STEP_NS = 100_000  # minimum time of a wait, about as with DDS
 BEGINS_NS = 1_700_000_000_000_000_000  # wall time at the start, ns since 1970
 current: contextvars.ContextVar[Process | None] = contextvars.ContextVar("current", default=None)
 
 
 def process() -> Process:
-    """The process whose turn it is."""
+    """The process that runs."""
     found = current.get()
     if found is None:
         raise RuntimeError("no loopback in this thread")
@@ -34,7 +34,7 @@ def process() -> Process:
 
 
 def world() -> World:
-    """Its world."""
+    """The world of the process that runs."""
     return process().world
 
 
@@ -44,17 +44,17 @@ def wall_ns() -> int:
 
 
 class Killed(BaseException):
-    """The process is to end at once."""
+    """Ends a process that was killed."""
 
 
 def never() -> bool:
-    """Of one that waits for a time alone."""
+    """Condition of a process that waits only for a time."""
     return False
 
 
 @dataclass(eq=False)
 class Process:
-    """A process: what it has of its own, and what it waits for."""
+    """A process: its surroundings, and what it waits for."""
 
     world: World
     name: str
@@ -66,7 +66,7 @@ class Process:
     exitcode: int | None = None
     handlers: dict[int, Any] = field(default_factory=dict)  # of signals
     values: dict[str, Any] = field(default_factory=dict)  # of the middleware
-    at_end: list[Callable[[], Any]] = field(default_factory=list)  # what is called then
+    at_end: list[Callable[[], Any]] = field(default_factory=list)  # called when it ends
     turn: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(0))
     ready: Callable[[], bool] = never
     until_ns: int = 0
@@ -74,31 +74,26 @@ class Process:
     killed: bool = False
 
     def join(self, timeout: float | None = None) -> None:
-        """Wait until it has ended."""
         until = NEVER if timeout is None else self.world.now_ns + int(timeout * 1e9)
         self.world.wait(lambda: self.exitcode is not None, until)
 
     def kill(self) -> None:
-        """End it at once."""
         self.killed = True
 
     def is_alive(self) -> bool:
-        """Whether it has not ended."""
         return self.exitcode is None
 
 
 class World:
-    """All processes, and their time."""
+    """All processes and their time."""
 
     def __init__(self) -> None:
-        """With this thread as the first process."""
         self.now_ns = 0
         self.main = Process(self, "main", list(sys.argv), {}, sys.stdout, sys.stderr, 0)
         self.processes = [self.main]
         self._token = current.set(self.main)
 
     def close(self) -> None:
-        """End all that still run."""
         for process in self.processes[1:]:
             process.killed = True
         while any(process.exitcode is None for process in self.processes[1:]):
@@ -114,15 +109,15 @@ class World:
         output: Any,
         errors: Any,
     ) -> Process:
-        """Start a process; it has its first turn when another one waits."""
+        """Start a process; it first runs when another one waits."""
         pid = FIRST_PID + len(self.processes)
         process = Process(self, name, [name, *arguments], dict(environment), output, errors, pid)
         process.until_ns = self.now_ns
         self.processes.append(process)
-        threading.Thread(target=self._be, args=(process, run), daemon=True, name=name).start()
+        threading.Thread(target=self._run, args=(process, run), daemon=True, name=name).start()
         return process
 
-    def _be(self, process: Process, run: Callable[[], Any]) -> None:
+    def _run(self, process: Process, run: Callable[[], Any]) -> None:
         process.turn.acquire()
         current.set(process)
         status: Any = 0
@@ -143,9 +138,9 @@ class World:
         self._next(process).turn.release()
 
     def wait(self, ready: Callable[[], bool], until_ns: int) -> None:
-        """Let others have their turn until something is ready, or until a time."""
+        """Let others run until `ready` returns true or until a time."""
         process = current.get() or self.main
-        self.now_ns += STEP_NS  # who looks again and again sees time pass
+        self.now_ns += STEP_NS  # a process that polls sees time pass
         process.ready, process.until_ns = ready, until_ns
         chosen = self._next(process)
         if chosen is not process:
@@ -155,7 +150,7 @@ class World:
             raise Killed
 
     def _next(self, process: Process) -> Process:
-        """Whose turn it is after a process, in the order of their starts; time goes on where all wait."""
+        """The process that runs after another one, in the order of their starts; time goes on if all wait."""
         at = self.processes.index(process) + 1
         order = [one for one in self.processes[at:] + self.processes[:at] if one.exitcode is None]
         while True:
@@ -167,7 +162,6 @@ class World:
                 raise RuntimeError(f"all wait for each other: {', '.join(one.name for one in order)}")
 
     def signal(self, pid: int, number: int) -> None:
-        """A signal to a process."""
         process = next((one for one in self.processes[1:] if one.pid == pid and one.exitcode is None), None)
         if process is None:
             raise ProcessLookupError(pid)

@@ -1,15 +1,14 @@
-"""Services of a loopback: requests and answers go as bytes, at once."""
+"""Services of a loopback: requests and answers are delivered at once, as bytes."""
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as real
 from type_description_interfaces.srv import GetTypeDescription
 
-from facts_damping.nodes.loopback.domain import Destroyable, domain
+from facts_damping.nodes.loopback.domain import Destroyable, Endpoint, domain
 
 if TYPE_CHECKING:
     from facts_damping.nodes.loopback.domain import Node
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class rmw_request_id_t:
-    """Which request of which client."""
+    """Number of a request, and its client."""
 
     sequence_number: int
     client: Any = None
@@ -25,57 +24,42 @@ class rmw_request_id_t:
 
 @dataclass
 class rmw_service_info_t:
-    """What is known of a request, or of an answer."""
+    """Header of a request or an answer."""
 
     request_id: rmw_request_id_t
     source_timestamp: int = 0
     received_timestamp: int = 0
 
 
-class End(Destroyable):
-    """What services and clients have in common: a queue."""
-
-    def __init__(self, node: Node, kind: Any, name: str, qos: Any) -> None:
-        super().__init__()
-        self.node, self.kind, self.name, self.qos = node, kind, node.resolve(name), qos
-        self.waiting: deque[tuple[bytes, rmw_service_info_t]] = deque()
-
-    def get_logger_name(self) -> str:
-        return self.node.logger_name()
-
-    def is_ready(self) -> bool:
-        """Whether there is something to take."""
-        return bool(self.waiting)
-
-    def take(self, kind: type[Any]) -> tuple[Any, Any]:
-        """What has waited longest, with its header; none where nothing does."""
-        if not self.waiting:
-            return None, None
-        data, header = self.waiting.popleft()
-        return real.rclpy_deserialize(data, kind), header
+def _take(endpoint: Endpoint, kind: type[Any]) -> tuple[Any, Any]:
+    """The oldest message and its header; None and None if there is none."""
+    if not endpoint.waiting:
+        return None, None
+    data, header = endpoint.waiting.popleft()
+    return real.rclpy_deserialize(data, kind), header
 
 
-class Service(End):
+class Service(Endpoint):
     """A queue of requests."""
 
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
         domain().services.append(self)
 
     def service_take_request(self, kind: type[Any]) -> tuple[Any, Any]:
-        return self.take(kind)
+        return _take(self, kind)
 
     def service_send_response(self, response: Any, request: rmw_request_id_t) -> None:
         data = real.rclpy_serialize(response, type(response))
         request.client.waiting.append((data, rmw_service_info_t(request)))
 
 
-class Client(End):
+class Client(Endpoint):
     """A queue of answers."""
 
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
-        self.service_name, self._count = self.name, 0
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.service_name, self._count = self.name, 0  # rclpy reads `service_name`
         domain().clients.append(self)
 
     def _server(self) -> Service | None:
@@ -92,12 +76,12 @@ class Client(End):
         return self._count
 
     def take_response(self, kind: type[Any]) -> tuple[Any, Any]:
-        response, header = self.take(kind)
+        response, header = _take(self, kind)
         return header, response
 
 
 class TypeDescriptionService(Destroyable):
-    """The service that tells of types; nobody has asked it here."""
+    """The service of type descriptions, which no node here calls."""
 
     def __init__(self, node: Node) -> None:
         super().__init__()

@@ -1,7 +1,7 @@
-"""Topics of a loopback: messages go from publishers to readers as bytes, at once.
+"""Topics of a loopback: messages go from publishers to subscriptions at once, as bytes.
 
-As with DDS, ends meet whose qualities of service fit, a reader has a queue of its own, and who comes late hears of
-transient local topics what its publisher keeps.
+As with DDS, qualities of service must fit, each subscription has a queue, and a late one receives what the publisher of
+a transient local topic keeps.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as real
 
-from facts_damping.nodes.loopback.domain import Destroyable, domain
+from facts_damping.nodes.loopback.domain import GID_TAIL, Endpoint, domain
 from facts_damping.nodes.loopback.processes import wall_ns
 
 if TYPE_CHECKING:
@@ -20,31 +20,21 @@ if TYPE_CHECKING:
 KEEP_ALL, RELIABLE, TRANSIENT_LOCAL = 2, 1, 1  # of rmw/types.h
 
 
-class End(Destroyable):
-    """What publishers and subscriptions have in common."""
+class TopicEndpoint(Endpoint):
+    """A publisher or a subscription."""
 
     def __init__(self, node: Node, kind: type[Any], topic: str, qos: Any) -> None:
-        super().__init__()
-        self.node, self.kind, self.topic, self.qos = node, kind, node.resolve(topic), qos.to_dict()
-        self.identity = node.identity_of_an_end()
+        super().__init__(node, kind, topic, qos.to_dict())
+        self.identity = node.identity + next(node.ends).to_bytes(GID_TAIL, "big")
+        self.latched = int(self.qos["durability"]) == TRANSIENT_LOCAL
+        keeps_all = int(self.qos["history"]) == KEEP_ALL
+        self.waiting = deque(maxlen=None if keeps_all else max(1, int(self.qos["depth"])))
 
     def get_topic_name(self) -> str:
-        return self.topic
-
-    def get_logger_name(self) -> str:
-        return self.node.logger_name()
-
-    def transient(self) -> bool:
-        """Whether late ones hear what was."""
-        return int(self.qos["durability"]) == TRANSIENT_LOCAL
-
-    def queue(self) -> deque[Any]:
-        """Room for as many messages as are kept."""
-        every = int(self.qos["history"]) == KEEP_ALL
-        return deque(maxlen=None if every else max(1, int(self.qos["depth"])))
+        return self.name
 
     def described(self, endpoint_type: int) -> dict[str, Any]:
-        """Its description, as `rclpy.topic_endpoint_info` has it."""
+        """Fields of `rclpy.topic_endpoint_info`."""
         module = self.kind.__module__.split(".")
         return {
             "node_name": self.node.get_node_name(),
@@ -57,20 +47,20 @@ class End(Destroyable):
         }
 
 
-def fit(publisher: End, subscription: End) -> bool:
-    """Whether two ends meet: a reader wants no more than is offered."""
-    if publisher.topic != subscription.topic or publisher.kind is not subscription.kind:
+def fit(publisher: TopicEndpoint, subscription: TopicEndpoint) -> bool:
+    """Whether a subscription receives from a publisher: same topic, and no better quality requested than offered."""
+    if publisher.name != subscription.name or publisher.kind is not subscription.kind:
         return False
     reliable = int(publisher.qos["reliability"]) == RELIABLE or int(subscription.qos["reliability"]) != RELIABLE
-    return reliable and (publisher.transient() or not subscription.transient())
+    return reliable and (publisher.latched or not subscription.latched)
 
 
-class Publisher(End):
-    """Sends messages to all that read its topic."""
+class Publisher(TopicEndpoint):
+    """Sends messages to all subscriptions of its topic; its queue has those that it keeps for late ones."""
 
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
-        self._count, self._kept = 0, self.queue()
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._count = 0
         domain().publishers.append(self)
 
     def publish(self, message: Any) -> None:
@@ -86,15 +76,11 @@ class Publisher(End):
             "reception_sequence_number": None,
             "publisher_gid": {"implementation_identifier": "loopback", "data": self.identity},
         }
-        if self.transient():
-            self._kept.append((bytes(data), information))
+        if self.latched:
+            self.waiting.append((bytes(data), information))
         for one in domain().subscriptions:
             if fit(self, one):
                 one.waiting.append((bytes(data), information))
-
-    def repeat_for(self, subscription: Subscription) -> None:
-        """What a reader that comes late hears."""
-        subscription.waiting.extend(self._kept if subscription.transient() else ())
 
     def get_subscription_count(self) -> int:
         return sum(fit(self, one) for one in domain().subscriptions)
@@ -103,15 +89,14 @@ class Publisher(End):
         return True
 
 
-class Subscription(End):
+class Subscription(TopicEndpoint):
     """A queue of messages."""
 
     def __init__(self, node: Node, kind: type[Any], topic: str, qos: Any, _filter: Any = None) -> None:
         super().__init__(node, kind, topic, qos)
-        self.waiting = self.queue()
-        for publisher in domain().publishers:
+        for publisher in domain().publishers if self.latched else ():
             if fit(publisher, self):
-                publisher.repeat_for(self)
+                self.waiting.extend(publisher.waiting)
         domain().subscriptions.append(self)
 
     def take_message(self, kind: type[Any], raw: bool) -> tuple[Any, dict[str, Any]] | None:
@@ -122,7 +107,3 @@ class Subscription(End):
 
     def get_publisher_count(self) -> int:
         return sum(fit(one, self) for one in domain().publishers)
-
-    def is_ready(self) -> bool:
-        """Whether there is something to take."""
-        return bool(self.waiting)

@@ -1,23 +1,20 @@
-"""What nodes of a loopback wait by: clocks, timers, wait sets."""
+"""Clocks, timers, guard conditions and wait sets of a loopback."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from functools import partialmethod
+from typing import Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as real
 
 from facts_damping.nodes.loopback.domain import Destroyable
 from facts_damping.nodes.loopback.processes import BEGINS_NS, NEVER, world
 
-if TYPE_CHECKING:
-    from facts_damping.nodes.loopback.services import Client, Service
-    from facts_damping.nodes.loopback.topics import Subscription
-
 ROS_TIME, STEADY_TIME = 1, 3  # rcl_clock_type_t
 
 
 class GuardCondition(Destroyable):
-    """What wakes a wait set."""
+    """Wakes a wait set once it is triggered."""
 
     def __init__(self, _context: Any) -> None:
         super().__init__()
@@ -27,23 +24,20 @@ class GuardCondition(Destroyable):
         self._triggered = True
 
     def is_ready(self) -> bool:
-        """Whether it has been triggered."""
         return self._triggered
 
-    def taken(self) -> None:
-        """It has woken somebody."""
+    def reset(self) -> None:
         self._triggered = False
 
 
 class Clock(Destroyable):
-    """Time of the world; one of ROS may be overridden."""
+    """Time of the world; that of a ROS clock may be overridden."""
 
     def __init__(self, clock_type: int) -> None:
         super().__init__()
         self._type, self._override, self._enabled = clock_type, 0, False
 
     def now_ns(self) -> int:
-        """Its time, ns."""
         if self._type == ROS_TIME and self._enabled:
             return self._override
         return world().now_ns + (0 if self._type == STEADY_TIME else BEGINS_NS)
@@ -61,14 +55,13 @@ class Clock(Destroyable):
         self._override = point.nanoseconds
 
     def add_clock_callback(self, *_: Any) -> None:
-        """Jumps are not told."""
+        """Ignore the callback: jumps of time are not reported."""
 
-    def remove_clock_callback(self, *_: Any) -> None:
-        """As above."""
+    remove_clock_callback = add_clock_callback
 
 
 class Timer(Destroyable):
-    """Calls every now and then, by a clock."""
+    """Is ready once per period of a clock."""
 
     def __init__(self, clock: Clock, _context: Any, period_ns: int, autostart: bool = True) -> None:
         super().__init__()
@@ -82,7 +75,7 @@ class Timer(Destroyable):
     is_timer_ready = is_ready
 
     def due_ns(self) -> int:
-        """When it is ready, by the world's time; of a clock that is told, when somebody tells it."""
+        """The world's time at which it is ready; NEVER if the time of its clock is set from outside."""
         if self._canceled or self._clock.get_ros_time_override_is_enabled():
             return NEVER
         return world().now_ns + max(0, self._next - self._clock.now_ns())
@@ -121,7 +114,7 @@ class Timer(Destroyable):
 
 
 class WaitSet(Destroyable):
-    """Waits for what was added to it."""
+    """Waits until one of its entities is ready."""
 
     KINDS = ("subscription", "guard_condition", "timer", "client", "service")
 
@@ -137,34 +130,21 @@ class WaitSet(Destroyable):
         self._added[kind].append(one)
         return len(self._added[kind]) - 1
 
-    def add_subscription(self, one: Subscription) -> int:
-        return self._add("subscription", one)
-
-    def add_guard_condition(self, one: GuardCondition) -> int:
-        return self._add("guard_condition", one)
-
-    def add_timer(self, one: Timer) -> int:
-        return self._add("timer", one)
-
-    def add_client(self, one: Client) -> int:
-        return self._add("client", one)
-
-    def add_service(self, one: Service) -> int:
-        return self._add("service", one)
+    add_subscription = partialmethod(_add, "subscription")
+    add_guard_condition = partialmethod(_add, "guard_condition")
+    add_timer = partialmethod(_add, "timer")
+    add_client = partialmethod(_add, "client")
+    add_service = partialmethod(_add, "service")
 
     def wait(self, timeout_ns: int) -> None:
-        """Wait so long at most, for ever where that is negative."""
-        every, here = [one for kind in self._added.values() for one in kind], world()
-
-        def ready() -> bool:
-            return any(one.is_ready() for one in every)
-
-        timers = min((one.due_ns() for one in self._added["timer"]), default=NEVER)
-        until = NEVER if timeout_ns < 0 else here.now_ns + timeout_ns
-        here.wait(ready, min(until, timers))
+        """Wait at most `timeout_ns`; without limit if it is negative."""
+        entities = [one for added in self._added.values() for one in added]
+        until = NEVER if timeout_ns < 0 else world().now_ns + timeout_ns
+        until = min(until, *(one.due_ns() for one in self._added["timer"]), NEVER)
+        world().wait(lambda: any(one.is_ready() for one in entities), until)
         self._ready = {kind: [one.pointer for one in added if one.is_ready()] for kind, added in self._added.items()}
         for one in self._added["guard_condition"]:
-            one.taken()
+            one.reset()
 
     def get_ready_entities(self, kind: str) -> list[int]:
         return self._ready[kind]

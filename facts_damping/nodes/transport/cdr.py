@@ -87,17 +87,17 @@ class BufferSpace:
 class Template:
     """Bytes of a message with constant strings and lengths; the message begins with a header.
 
-    `sent`: buffer to be written and published; `come`: newest received message of this shape.
+    `sent`: buffer to be written and published; `received`: newest received message of this shape.
     """
 
     def __init__(self, message: Any) -> None:
         """Lay out `message`; its numbers may be changed later, its strings and lengths may not."""
-        serialised = np.frombuffer(serialize_message(message), np.uint8)
-        walk, _ = _walk(type(message), serialised)
+        self._kind, serialised = type(message), np.frombuffer(serialize_message(message), np.uint8)
+        walk, _ = _walk(self._kind, serialised)
         self._places = {path: (offset - HEADER, form) for path, (offset, form) in walk.places.items()}
         # Padding between fields and up to a multiple of four at the end is zero, so that equal runs give equal bytes.
         # (rclpy leaves room after empty sequences that the stream does not need.)
-        self.sent, self.come = BufferSpace(-(-walk.end // 4) * 4), BufferSpace(walk.end)
+        self.sent, self.received = BufferSpace(-(-walk.end // 4) * 4), BufferSpace(walk.end)
         self._shape = np.concatenate([np.arange(HEADER // 2), *walk.shape[1:]])  # encapsulation, strings, lengths
         self._names = serialised[self._shape]
         used = [np.arange(offset, offset + SIZES[form]) + HEADER for offset, form in self._places.values()]
@@ -125,19 +125,24 @@ class Template:
         """The message to be sent, for raw publication."""
         return self.sent.all.tobytes()
 
-    def take(self, data: bytes) -> bool:
-        """Keep a received message if it has this shape: same length, same bytes except numbers and padding."""
-        return bool(take(np.frombuffer(data, np.uint8), self.come.all, self._shape, self._names))
+    def take(self, data: bytes) -> None:
+        """Keep a received message of this shape: same length, same bytes except numbers and padding.
+
+        Raises `Refused` for any other message.
+        """
+        if not take(np.frombuffer(data, np.uint8), self.received.all, self._shape, self._names):
+            content(data, self._kind)  # raises for bytes that are no such message
+            raise Refused("names")
 
     def tick(self) -> int:
         """Tick of the received message."""
-        return int(self.come.of["u8"][self._tick])
+        return int(self.received.of["u8"][self._tick])
 
     def start_ns(self) -> int:
         """Header stamp of the received message, ns of simulated time."""
-        of = self.come.of
+        of = self.received.of
         return int(of["i4"][0]) * NANOSECONDS + int(of["u4"][1]) - epoch_ns()
 
     def read(self, field: Field) -> NDArray[Any]:
         """Values of fields of the received message."""
-        return self.come.of[field.form][field.places]
+        return self.received.of[field.form][field.places]

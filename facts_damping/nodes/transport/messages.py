@@ -3,24 +3,11 @@
 from __future__ import annotations
 
 import math
-import sys
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from facts_damping_msgs.msg import (
-    ControllerState,
-    DeviceState,
-    GridEvent,
-    JacobianEstimate,
-    LinkChannelStatistics,
-    LinkStatistics,
-    MachineState,
-    PlantState,
-    RunChange,
-    RunState,
-    SupervisorState,
-)
+from facts_damping_msgs import msg
 
 from facts_damping.case.names import controller_names, identifier_names
 from facts_damping.control.bank import controller_network
@@ -30,7 +17,6 @@ from facts_damping.nodes.transport.cdr import Field, Refused, Template, content
 from facts_damping.nodes.transport.stamps import epoch_ns
 from facts_damping.nodes.transport.tables import start_of
 from facts_damping.parameters.stages import Spoof
-from facts_damping.recording.events import STOPPED
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, to_ns, truth_field
 from facts_damping.simulation.build import identifier_network
 
@@ -40,14 +26,16 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
     from numpy.typing import NDArray
 
-    from facts_damping import signals
     from facts_damping.case.model import Case
     from facts_damping.control.bank import BankState
     from facts_damping.control.identifier_model import IdentifierState
+    from facts_damping.signals import GridEvent
 
+
+M = TypeVar("M", bound=Any)  # a message
 
 # Number fields of a SupervisorState, and the field of SUPERVISION for each.
-TOLD = {
+NUMBERS = {
     "fraction": "fraction",
     "probe_gain": "probe_gain",
     "probe_phase_rad": "probe_phase",
@@ -63,9 +51,9 @@ class PlantStateMessage:
 
     def __init__(self, case: Case) -> None:
         """Lay out one entry per machine and per device."""
-        machines = [MachineState(machine=m.name) for m in case.system.machines]
-        devices = [DeviceState(device=name) for name in case.run.devices]
-        self._template = t = Template(PlantState(machines=machines, devices=devices))
+        machines = [msg.MachineState(machine=m.name) for m in case.system.machines]
+        devices = [msg.DeviceState(device=name) for name in case.run.devices]
+        self._template = t = Template(msg.PlantState(machines=machines, devices=devices))
         names = [truth_field(name) for name in MACHINE_TRUTH.names or ()]
         self._machines = t.index(f"machines.{i}.{name}" for i in range(len(machines)) for name in names)
         self._devices = {
@@ -87,9 +75,7 @@ class PlantStateMessage:
     def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
         """Tick and devices (DEVICE_TRUTH) of a message. Raises `Refused` if it does not fit the case."""
         t = self._template
-        if not t.take(data):
-            content(data, PlantState)
-            raise Refused("names")
+        t.take(data)
         found = np.zeros(self._count, DEVICE_TRUTH)
         for name, field in self._devices.items():
             found[name] = t.read(field)
@@ -104,38 +90,26 @@ class ControllerStateMessage:
         controller = case.controllers[index]
         signals, devices = len(controller.signals), len(controller.devices)
         self._net = controller_network(controller)
-        names = groups(self._net)
-        heard = ["estimate"] if index in identifier_names(case) else []
-        self._template = t = Template(
-            ControllerState(
-                controller=controller_names(case)[index],
-                heard=heard,
-                heard_ticks=[-1] * len(heard),
-                input_names=controller.signals,
-                inputs=[0.0] * signals,
-                output_names=controller.devices,
-                unlimited_outputs=[0.0] * devices,
-                outputs=[0.0] * devices,
-                saturated=[False] * devices,
-                adaptation_errors=[0.0] * self._net.outputs,
-                firing_strengths=[0.0] * self._net.rules,
-                parameter_groups=names,
-                parameter_norms=[0.0] * len(names),
-                learning_rates=[0.0] * (self._net.outputs * len(names)),
-            )
-        )
-        self._index, self._devices, self._groups = index, devices, len(names)
-        self._flags = t.index(["fresh"]), t.index(["learnt"])
-        self._heard = t.index(f"heard_ticks.{i}" for i in range(len(heard)))
-        self._lyapunov = t.index(["lyapunov", "lyapunov_fall"])
+        names, outputs = groups(self._net), self._net.outputs
         sizes = {
             **dict.fromkeys(("unlimited_outputs", "outputs", "saturated"), devices),
             "inputs": signals,
-            "adaptation_errors": self._net.outputs,
+            "adaptation_errors": outputs,
             "firing_strengths": self._net.rules,
             "parameter_norms": len(names),
-            "learning_rates": self._net.outputs * len(names),
+            "learning_rates": outputs * len(names),
         }
+        message = msg.ControllerState(controller=controller_names(case)[index], parameter_groups=names)
+        message.input_names, message.output_names = controller.signals, controller.devices
+        message.heard = ["estimate"] if index in identifier_names(case) else []
+        message.heard_ticks = [-1] * len(message.heard)
+        for name, size in sizes.items():
+            setattr(message, name, [False if name == "saturated" else 0.0] * size)
+        self._template = t = Template(message)
+        self._index, self._devices, self._groups = index, devices, len(names)
+        self._flags = t.index(["fresh"]), t.index(["learnt"])
+        self._heard = t.index(f"heard_ticks.{i}" for i in range(len(message.heard)))
+        self._lyapunov = t.index(["lyapunov", "lyapunov_fall"])
         self._fields = {name: t.index(f"{name}.{i}" for i in range(size)) for name, size in sizes.items()}
 
     def fill(self, tick: int, start_ns: int, fresh: bool, state: BankState, heard: int = -1) -> bytes:
@@ -165,9 +139,7 @@ class ControllerStateMessage:
         Raises `Refused` if the message does not fit the case.
         """
         t = self._template
-        if not t.take(data):
-            content(data, ControllerState)
-            raise Refused("names")
+        t.take(data)
         finite, square = bool(np.isfinite(t.read(self._fields["unlimited_outputs"])).all()), 0.0
         for norm in t.read(self._fields["parameter_norms"]).tolist():
             square += norm * norm
@@ -184,27 +156,27 @@ class SupervisorStateMessage:
         self._limits = np.where(thresholds["follows"] == OFF, np.nan, thresholds["limit"])
         self._templates: dict[tuple[int, int, int], tuple[Template, Field, Field, Field]] = {}
 
-    def fill(self, tick: int, start_ns: int, told: Any, heard: Sequence[int]) -> bytes:
-        """Message of a tick; `told`: a record of SUPERVISION; `heard`: ticks of the newest inputs used."""
-        key = int(told["state"]), int(told["cause"]), int(told["refused"])
+    def fill(self, tick: int, start_ns: int, row: Any, heard: Sequence[int]) -> bytes:
+        """Message of a tick; `row`: of SUPERVISION; `heard`: ticks of the newest inputs used."""
+        key = int(row["state"]), int(row["cause"]), int(row["refused"])
         if key not in self._templates:
             self._templates[key] = self._laid_out(*key)
         t, values, others, ticks = self._templates[key]
         t.write_head(start_ns, tick)
-        t.write(values, told["values"])
-        t.write(others, [told[name] for name in TOLD.values()])
+        t.write(values, row["values"])
+        t.write(others, [row[name] for name in NUMBERS.values()])
         t.write(ticks, heard)
         return t.data()
 
     def _laid_out(self, state: int, cause: int, refused: int) -> tuple[Template, Field, Field, Field]:
-        message = SupervisorState(controller=self._controller, state=STATES[state])
+        message = msg.SupervisorState(controller=self._controller, state=STATES[state])
         message.cause, message.refused = cause_name(cause), cause_name(refused)
         message.monitors, message.limits = list(MONITORS), self._limits.tolist()
         message.values = [0.0] * len(MONITORS)
         message.heard, message.heard_ticks = self._heard, [-1] * len(self._heard)
         t = Template(message)
         ticks = t.index(f"heard_ticks.{i}" for i in range(len(self._heard)))
-        return t, t.index(f"values.{i}" for i in range(len(MONITORS))), t.index(TOLD), ticks
+        return t, t.index(f"values.{i}" for i in range(len(MONITORS))), t.index(NUMBERS), ticks
 
 
 class Estimate(NamedTuple):
@@ -222,13 +194,13 @@ class Estimates:
         """Lay out the signals and devices of the identifier's controller."""
         controller = case.controllers[index]
         self._rate = case.run.frame_rate
-        own = case.links[case.used_links[index]].up  # a spoofing stage may give later stamps
-        self._ahead_ns = sum(to_ns(max(0.0, stage.offset)) for stage in own if isinstance(stage, Spoof))
+        stages = case.links[case.used_links[index]].up  # a spoofing stage may give later stamps
+        self._ahead_ns = sum(to_ns(max(0.0, stage.offset)) for stage in stages if isinstance(stage, Spoof))
         self._shape = p, q = len(controller.signals), len(controller.devices)
         names = groups(identifier_network(controller)) if controller.scheme == "indirect" else []
         self._groups = len(names)
         self._template = t = Template(
-            JacobianEstimate(
+            msg.JacobianEstimate(
                 identifier=identifier_names(case)[index],
                 heard=["setpoints"],
                 heard_ticks=[-1],
@@ -244,8 +216,7 @@ class Estimates:
         )
         self._rates = t.index(f"learning_rates.{i}" for i in range(p * len(names)))
         self._lyapunov, self._heard = t.index(["lyapunov", "lyapunov_fall"]), t.index(["heard_ticks.0"])
-        self._jacobian = t.index(f"jacobian.{i}" for i in range(p * q))
-        self._ahead = t.index(["ahead"])
+        self._jacobian, self._ahead = t.index(f"jacobian.{i}" for i in range(p * q)), t.index(["ahead"])
         self._by_signal = {name: t.index(f"{name}.{i}" for i in range(p)) for name in ("prediction", "error", "change")}
 
     def fill(self, tick: int, rows: NDArray[Any], state: IdentifierState, n: int, heard: int = -1) -> bytes:
@@ -267,9 +238,7 @@ class Estimates:
     def read(self, data: bytes) -> tuple[int, Estimate]:
         """Tick and estimate of a message. Raises `Refused` if it does not fit the case or its stamp is too late."""
         t = self._template
-        if not t.take(data):
-            content(data, JacobianEstimate)
-            raise Refused("names")
+        t.take(data)
         if t.start_ns() >= start_of(t.tick() + 1, self._rate) + self._ahead_ns:
             raise Refused("stamp")
         jacobian = t.read(self._jacobian).reshape(self._shape)
@@ -281,11 +250,16 @@ def set_time(time: Time, nanoseconds: int) -> None:
     time.sec, time.nanosec = divmod(int(nanoseconds) + epoch_ns(), NANOSECONDS)
 
 
-def grid_event(event: signals.GridEvent) -> GridEvent:
-    """Message of a grid event."""
-    message = GridEvent(kind=event.kind, element=event.element, value=event.value, location=event.location)
-    set_time(message.header.stamp, event.time_ns)
+def stamped(message: M, start_ns: int) -> M:
+    """The message with simulated time, ns, in its header."""
+    set_time(message.header.stamp, start_ns)
     return message
+
+
+def grid_event(event: GridEvent) -> msg.GridEvent:
+    """Message of a grid event."""
+    message = msg.GridEvent(kind=event.kind, element=event.element, value=event.value, location=event.location)
+    return stamped(message, event.time_ns)
 
 
 class Health(NamedTuple):
@@ -298,44 +272,15 @@ class Health(NamedTuple):
 
 def diagnostics(node: str, hardware: str, health: Health, start_ns: int) -> DiagnosticArray:
     """Diagnostics message of a node; `hardware`: what it represents or commands."""
-    values = [KeyValue(key=key, value=str(value)) for key, value in health.values.items()]
     status = DiagnosticStatus(name=node, hardware_id=hardware, level=health.level, message=health.message)
-    status.values = values
-    message = DiagnosticArray(status=[status])
-    set_time(message.header.stamp, start_ns)
-    return message
-
-
-def run_change(
-    node: str, role: str, index: int, kind: str, name: str, value: str, tick: int, start_ns: int
-) -> RunChange:
-    """Message of a change that acts from a tick on."""
-    message = RunChange(node=node, role=role, index=index, kind=kind, name=name, value=value, tick=tick)
-    set_time(message.header.stamp, start_ns)
-    return message
-
-
-def state_message(state: int, tick: int, start_ns: int, reason: str = "", sound: bool = True) -> RunState:
-    """Message of the state of the run; `sound`: in synchronism."""
-    message = RunState(state=state, tick=tick, reason=reason, in_synchronism=sound)
-    set_time(message.header.stamp, start_ns)
-    return message
+    status.values = [KeyValue(key=key, value=str(value)) for key, value in health.values.items()]
+    return stamped(DiagnosticArray(status=[status]), start_ns)
 
 
 def run_state(data: bytes) -> tuple[int, bool, str]:
     """State, synchronism and reason of a RunState message. Raises `Refused` if it is no such message."""
-    found = content(data, RunState)
+    found = content(data, msg.RunState)
     return found.state, bool(found.in_synchronism), found.reason
-
-
-def run_done(tick: int, frame_rate: int) -> str:
-    """Reason that a plant gives after its last tick."""
-    return f"done: {start_of(tick + 1, frame_rate) / NANOSECONDS:g} s"
-
-
-def run_stopped(tick: int, of: int, frame_rate: int) -> str:
-    """Reason that a plant gives when stopped after `tick`; a run without end (`of` == sys.maxsize) counts as done."""
-    return run_done(tick, frame_rate) if of == sys.maxsize else STOPPED
 
 
 def synchronism_lost(at_ns: int) -> str:
@@ -345,29 +290,17 @@ def synchronism_lost(at_ns: int) -> str:
 
 def link_statistics(
     tick: int, start_ns: int, up: dict[str, NDArray[Any]], down: dict[str, NDArray[Any]]
-) -> LinkStatistics:
+) -> msg.LinkStatistics:
     """Message of a link's statistics; `up`, `down`: a row of STATISTICS per channel."""
-    message = LinkStatistics(
-        tick=tick,
-        up=[_channel(name, row) for name, row in up.items()],
-        down=[_channel(name, row) for name, row in down.items()],
-    )
-    set_time(message.header.stamp, start_ns)
-    return message
+    up_rows, down_rows = ([_channel(name, row) for name, row in rows.items()] for rows in (up, down))
+    return stamped(msg.LinkStatistics(tick=tick, up=up_rows, down=down_rows), start_ns)
 
 
-def _channel(name: str, row: NDArray[Any]) -> LinkChannelStatistics:
+def _channel(name: str, row: NDArray[Any]) -> msg.LinkChannelStatistics:
     sent, delivered, lost, duplicated, held, total, low, high = (int(value) for value in row.tolist())
-    some = delivered > 0
-    return LinkChannelStatistics(
-        channel=name,
-        sent=sent,
-        delivered=delivered,
-        lost=lost,
-        duplicated=duplicated,
-        held=held,
-        in_flight=sent + duplicated + held - delivered - lost,
-        delay_mean_s=total / delivered / NANOSECONDS if some else math.nan,
-        delay_min_s=low / NANOSECONDS if some else math.nan,
-        delay_max_s=high / NANOSECONDS if some else math.nan,
-    )
+    delays_ns = (total / delivered, low, high) if delivered > 0 else (math.nan,) * 3
+    counts = {"sent": sent, "delivered": delivered, "lost": lost, "duplicated": duplicated, "held": held}
+    names = ("delay_mean_s", "delay_min_s", "delay_max_s")
+    delays = {name: delay_ns / NANOSECONDS for name, delay_ns in zip(names, delays_ns, strict=True)}
+    in_flight = sent + duplicated + held - delivered - lost
+    return msg.LinkChannelStatistics(channel=name, **counts, in_flight=in_flight, **delays)

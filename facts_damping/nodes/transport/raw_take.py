@@ -12,7 +12,7 @@ from typing import Any
 import rclpy.subscription
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
-TOLD = "publisher_gid" in getattr(getattr(rclpy.subscription, "MessageInfo", None), "__annotations__", ())
+GIVES_PUBLISHER = "publisher_gid" in getattr(getattr(rclpy.subscription, "MessageInfo", None), "__annotations__", ())
 OK, NOTHING_THERE = 0, 401  # RCL_RET_OK, RCL_RET_SUBSCRIPTION_TAKE_FAILED
 UNCOUNTED = 2**64 - 1  # RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED
 
@@ -68,7 +68,7 @@ class _Rcl:
         }
 
 
-_rcl = None if TOLD else _Rcl()
+_rcl = None if GIVES_PUBLISHER else _Rcl()
 
 
 def take(subscription: Any) -> tuple[Any, Any] | None:
@@ -78,5 +78,5 @@ def take(subscription: Any) -> tuple[Any, Any] | None:
     """
     if _rcl is not None and subscription.raw:
         return _rcl.take(subscription)
-    taken: tuple[Any, Any] | None = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-    return taken
+    message: tuple[Any, Any] | None = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    return message

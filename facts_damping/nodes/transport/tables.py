@@ -9,19 +9,6 @@ import numpy as np
 from facts_damping.case.names import controller_names, supervisor_names
 from facts_damping.nodes.transport import packing, stamps
 from facts_damping.nodes.transport.cdr import LONGEST, Refused
-from facts_damping.nodes.transport.packing import (
-    COUNT,
-    FLAG,
-    FREE,
-    LABEL,
-    NAME,
-    NEAREST,
-    NUMBER,
-    STATUS,
-    TIME,
-    Plan,
-    Stream,
-)
 from facts_damping.nodes.transport.signing import LENGTH
 from facts_damping.recording.columns import HEADER
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
@@ -38,8 +25,12 @@ ENCAPSULATION = b"\0\1\0\0"  # plain CDR, little-endian
 SHORTEST = 40  # lower limit of an entry's bytes
 LONGEST_ENTRY = 1 << 10  # upper limit of an entry's bytes without its names
 EMPTY, SENDERS, DEVICES, CONTROLLERS, PMUS, PLACES = range(6)  # tables of names
-FIRST_STEPS = [(TIME, packing.START, 0), (FREE, packing.NOTHING, EMPTY), (NUMBER, packing.TICK, 0)]
-LAST_STEPS = [(FLAG, packing.FRESH, 0), (COUNT, packing.ENTRIES, 0)]
+FIRST_STEPS = [
+    (packing.TIME, packing.START, 0),
+    (packing.FREE, packing.NOTHING, EMPTY),
+    (packing.NUMBER, packing.TICK, 0),
+]
+LAST_STEPS = [(packing.FLAG, packing.FRESH, 0), (packing.COUNT, packing.ENTRIES, 0)]
 
 
 class TableMessage:
@@ -61,7 +52,7 @@ class TableMessage:
         table = np.array([[text.ljust(longest, b"\0") for text in row + [b""] * (many - len(row))] for row in texts])
         lengths = np.array([[len(text) for text in row] + [0] * (many - len(row)) for row in texts], np.int64)
         octets = np.frombuffer(table.tobytes(), np.uint8).reshape(*lengths.shape, longest).copy()
-        self._plan = Plan(np.array(head, np.int64), np.array(entry, np.int64), octets, lengths, frame_rate)
+        self._plan = packing.Plan(np.array(head, np.int64), np.array(entry, np.int64), octets, lengths, frame_rate)
         self._entry = LONGEST_ENTRY + longest * len(entry)
         self._head = np.zeros(packing.NOTHING + 1, np.int64)
         self._make_room(4 * self._entry)
@@ -73,7 +64,7 @@ class TableMessage:
         self._all, stream = words.view(np.uint8)[HEADER:], words[1:]
         self._all[:HEADER] = np.frombuffer(ENCAPSULATION, np.uint8)
         forms = stream.view(np.uint16), stream.view(np.int32), stream.view(np.uint32), stream
-        self._stream = Stream(stream.view(np.uint8), *forms)
+        self._stream = packing.Stream(stream.view(np.uint8), *forms)
 
     def write(self, tick: int, start_ns: int, rows: NDArray[Any], sender: int = 0) -> bytes:
         """Message of `rows`, signed if there is a seal; `sender`: index in the table SENDERS."""
@@ -143,13 +134,13 @@ class FramesMessage(TableMessage):
         pmu, measured = column(DELIVERY, "pmu"), column(DELIVERY, "measured_ns")
         values = range(column(DELIVERY, "values"), DELIVERY.itemsize // 8)
         entry = [
-            (TIME, measured, 0),
-            (LABEL, pmu, PLACES),
-            (NAME, pmu, PMUS),
-            (NEAREST, measured, 0),
-            (TIME, column(DELIVERY, "arrival_ns"), 0),
-            *((NUMBER, value, 0) for value in values),
-            (STATUS, column(DELIVERY, "status"), 0),
+            (packing.TIME, measured, 0),
+            (packing.LABEL, pmu, PLACES),
+            (packing.NAME, pmu, PMUS),
+            (packing.NEAREST, measured, 0),
+            (packing.TIME, column(DELIVERY, "arrival_ns"), 0),
+            *((packing.NUMBER, value, 0) for value in values),
+            (packing.STATUS, column(DELIVERY, "status"), 0),
         ]
         names = {PMUS: list(where), PLACES: list(where.values())}
         super().__init__(DELIVERY, FIRST_STEPS + LAST_STEPS, entry, names, case.run.frame_rate, seal)
@@ -178,17 +169,17 @@ class SetpointsMessage(TableMessage):
             self._allowed[c, [devices.index(name) for name in case.controllers[c].devices]] = True
         device, controller = column(SETPOINT, "device"), column(SETPOINT, "controller")
         entry = [
-            (TIME, column(SETPOINT, "measured_ns"), 0),
-            (FREE, device, PLACES),
-            (NAME, device, DEVICES),
-            (NAME, controller, CONTROLLERS),
-            (TIME, column(SETPOINT, "issued_ns"), 0),
-            (TIME, column(SETPOINT, "effective_ns"), 0),
-            (NUMBER, column(SETPOINT, "value"), 0),
+            (packing.TIME, column(SETPOINT, "measured_ns"), 0),
+            (packing.FREE, device, PLACES),
+            (packing.NAME, device, DEVICES),
+            (packing.NAME, controller, CONTROLLERS),
+            (packing.TIME, column(SETPOINT, "issued_ns"), 0),
+            (packing.TIME, column(SETPOINT, "effective_ns"), 0),
+            (packing.NUMBER, column(SETPOINT, "value"), 0),
         ]
         places = [case.system.device(name).place for name in devices]
         names = {SENDERS: self._senders, DEVICES: devices, CONTROLLERS: controllers, PLACES: places}
-        head = [*FIRST_STEPS, (NAME, packing.SENDER, SENDERS), *LAST_STEPS]
+        head = [*FIRST_STEPS, (packing.NAME, packing.SENDER, SENDERS), *LAST_STEPS]
         super().__init__(SETPOINT, head, entry, names, case.run.frame_rate, seal)
 
     def _read(self, size: int, rows: NDArray[Any]) -> int:
