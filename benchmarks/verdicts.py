@@ -42,10 +42,10 @@ LOOPS: dict[str, tuple[str, tuple[str, ...]]] = {
         "two_area_deployment",
         (FAULT, "controllers.0.name=LLC", "controllers.0.parameters.gain=20"),
     ),
-    "68 buses, two LLC": ("nets_nyps_two_devices", NOISE),
-    "68 buses, two LLC of wrong sign": (
-        "nets_nyps_two_devices",
-        (*NOISE, "controllers.0.parameters.gain=66.67", "controllers.1.parameters.gain=4.402"),
+    "infinite bus, LLC": ("lead_lag_smib", (*NOISE, "scenario=nominal", "controllers=[{name: LLC}]")),
+    "infinite bus, LLC of wrong sign": (
+        "lead_lag_smib",
+        (*NOISE, "scenario=nominal", "controllers=[{name: LLC, parameters: {gain: -10}}]"),
     ),
 }
 
