@@ -24,14 +24,15 @@ from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen
 from facts_damping.studies.margins.linear_margin import oscillations
 
 SOUND, GROWS = 0.01, 0.05  # damping ratio; 1/s
-SEEDS = range(101, 121)
+SEEDS = range(201, 221)
 DELAYS = (0.001, 0.1, 0.2, 0.3, 0.4)  # s
 COMMON = ("duration=40", "supervision=null", "arm_at=null")
 NOISE = ("load_noise={std: 0.01, time_constant: 1}",)
-STEP = "scenario=[{time: 2.0, kind: load_step, load: load_2, change: -0.15}]"
+PULSE = "{time: 2.0, kind: mechanical_power_step, machine: G1, change: -0.1}"
+STEP = f"scenario=[{PULSE}, {{time: 2.5, kind: mechanical_power_step, machine: G1, change: 0.0}}]"  # the grid stays
 FAULT = "scenario=[{time: 2.0, kind: fault, line: line_1, location: 0.5}, {time: 2.08, kind: clear, line: line_1}]"
 LOOPS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "two areas, load step, LLC": ("two_area_deployment", (STEP, "controllers.0.name=LLC")),
+    "two areas, pulse, LLC": ("two_area_deployment", (STEP, "controllers.0.name=LLC")),
     "two areas, fault, LLC": ("two_area_deployment", (FAULT, "controllers.0.name=LLC")),
     "two areas, fault, LLC-tuned": ("two_area_deployment", (FAULT,)),
     "two areas, fault, LLC of wrong sign": (

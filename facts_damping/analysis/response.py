@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.modes.ringdown import COVERED
-from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, Judgement, judge
+from facts_damping.analysis.modes.oscillation import BAND
+from facts_damping.analysis.modes.ringdown import COVERED, SKIP
+from facts_damping.analysis.verdict import DAMPED, GROWING, HANN, LIMIT_CYCLE, UNDECIDED, Judgement, envelopes, judge
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 RESPONSE, RUN, AMBIENT = "response", "run", "ambient noise"  # what a verdict is of
 CLEAR_DB = 10.0  # signal-to-residual ratio of a ringdown of a response that may decide
 LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a setpoint at its limit; above, a loop is at its limits
+SHORTEST = 10.0  # s, of a response whose ringdown is fitted
 STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
 AT_LIMITS = "setpoints are at their limits to the end"
 LOST_MIRROR = "with noise of the opposite sign synchronism is lost"
@@ -53,6 +55,24 @@ def response(mirror: Record | None, signals: NDArray[np.float64]) -> NDArray[np.
     return np.asarray((signals[:ticks] + other[:ticks]) / 2.0)
 
 
+def until_faded(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float) -> int:
+    """Ticks of a response (ticks, n) until it has faded to 5 % of its largest amplitude after `since` (s).
+
+    What follows is the noise that is left; it only disturbs a ringdown.
+    """
+    begin = int(np.searchsorted(time_s, since + SKIP))
+    if begin + 2 > len(signals) or not np.isfinite(signals).all():
+        return len(signals)
+    dt = float(np.median(np.diff(time_s)))
+    points, sizes = envelopes(signals[begin:], dt)
+    if not len(points):
+        return len(signals)
+    largest = sizes.max(axis=1)
+    last = int(np.flatnonzero(largest >= BAND * largest.max())[-1])
+    end = since + SKIP + max(float(points[last]) + HANN / 2, SHORTEST)
+    return min(len(signals), int(np.searchsorted(time_s, end)))
+
+
 def judge_response(
     time_s: NDArray[np.float64],
     signals: NDArray[np.float64] | None,
@@ -69,7 +89,7 @@ def judge_response(
     that grows, is not the image of its mirror: then the run itself counts, where it grows or does not decay.
     """
     found = None if signals is None else judge(time_s, signals, since, names, lambda: fit)
-    if found is None or limited or found.verdict in (LIMIT_CYCLE, UNDECIDED):
+    if found is None or limited or found.verdict == UNDECIDED:
         itself = judge(time_s, own, since, names)
         if itself.verdict in (GROWING, LIMIT_CYCLE) and (limited or found is None or not _decays(fit)):
             return Judged(itself, RUN, own)

@@ -16,7 +16,17 @@ from facts_damping.analysis.measures import columns, event_times, speed_differen
 from facts_damping.analysis.modes import ambient
 from facts_damping.analysis.modes.oscillation import instability, is_stable, settling_time, unknown
 from facts_damping.analysis.modes.ringdown import METHOD, fit_ringdown
-from facts_damping.analysis.response import LAST, LIMITED, RUN, Judged, judge_ambient, judge_response, noisy, response
+from facts_damping.analysis.response import (
+    LAST,
+    LIMITED,
+    RUN,
+    Judged,
+    judge_ambient,
+    judge_response,
+    noisy,
+    response,
+    until_faded,
+)
 from facts_damping.analysis.run_warnings import controller_warnings, limit_warnings
 from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED, judge
 
@@ -158,7 +168,9 @@ def _oscillation(
     t, last, own = record.time_s, times[-1], columns(differences)
     shared = response(mirror, own)
     signals = own if shared is None else shared
-    fit, how = _fit(record, signals, last, method)
+    fit, how = _fit(
+        record, signals if shared is None else shared[: until_faded(t[: len(shared)], shared, last)], last, method
+    )
     judged = _judge(record, shared, own, list(differences), (fit, how), mirror)
     verdict = judged.judgement
     cycle = {"amplitude_pu": verdict.amplitude_pu, "saturation_duty": saturation_duty(record, verdict.start_s)}
@@ -192,7 +204,9 @@ def _judge(
     if mirror is not None and times:
         ticks = len(own if shared is None else shared)
         limited = max(saturation_duty(record, max(times[-1], t[-1] - LAST)).values(), default=0.0) > LIMITED
-        fit = fit_ringdown(t[:ticks], shared, times[-1]) if shared is not None and how != METHOD else fit
+        if shared is not None and how != METHOD:
+            end = until_faded(t[:ticks], shared, times[-1])
+            fit = fit_ringdown(t[:end], shared[:end], times[-1])
         return judge_response(t[:ticks], shared, own[:ticks], times[-1], names, fit=fit, limited=limited)
     found = judge(t, own, (times or [0.0])[-1], names, (lambda: fit) if how == METHOD else None)
     if noisy(record.configuration):

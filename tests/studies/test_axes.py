@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -150,10 +151,32 @@ def test_a_run_that_holds_again_is_noticed_and_the_first_edge_is_the_margin() ->
     assert low is not None
     assert high is not None
     assert low < 0.33 <= high
-    assert again == [0.6, 0.7, 0.8]
+    assert {0.6, 0.7, 0.8} <= set(again)  # and values beside the edges, which are refined
     told = margins.over_seeds([margins.Bracket(low, high, again)], margin(), 0)
     assert (told["monotonic"], told["holds_again"]) == (False, again)
     assert (told["low_s"], told["high_s"]) == (low, high)
+
+
+@given(edges=st.lists(st.floats(0.02, 0.98), min_size=1, max_size=4, unique=True).map(sorted))
+def test_the_set_that_holds_has_all_edges_that_the_grid_tells_apart(edges: list[float]) -> None:
+    spec = margin(coarse=41)
+    assume(all(high - low > 0.06 for low, high in pairwise([0.0, *edges, 1.0])))
+    tried: dict[float, bool | None] = {}
+
+    def fails(value: float) -> bool:
+        return sum(value >= edge for edge in edges) % 2 == 1
+
+    while wanted := margins.wanted(spec, tried):
+        tried.update({value: fails(value) for value in wanted})
+    ends = [end for one in margins.holding([tried]) for end in one]
+    expected = [0.0, *edges, *([1.0] if len(edges) % 2 == 0 else [])]
+    assert ends == pytest.approx(expected, abs=spec.tolerance)
+
+
+def test_the_set_over_seeds_is_that_of_half_of_them() -> None:
+    searches = [{i / 10: i / 10 > edge for i in range(11)} for edge in (0.3, 0.5, 0.7)]
+    assert margins.holding(searches) == [[0.0, pytest.approx(0.55)]]
+    assert margins.holding([{0.0: True, 1.0: True}]) == []
 
 
 def test_margins_beyond_what_was_run_are_none() -> None:

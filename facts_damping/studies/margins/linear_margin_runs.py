@@ -12,9 +12,11 @@ from scipy.optimize import brentq
 from facts_damping.analysis.measures import columns, event_times, speed_differences
 from facts_damping.analysis.modes.oscillation import WINDOW, envelope
 from facts_damping.analysis.modes.ringdown import ringdown_modes
+from facts_damping.analysis.response import response
 from facts_damping.analysis.verdict import DAMPED, judge
 from facts_damping.parameters.run import Scenario
 from facts_damping.simulation import loop
+from facts_damping.simulation.mirrored import mirror_of
 from facts_damping.studies.margins.linear_closed_loop import with_delay
 from facts_damping.studies.margins.margins import edge
 
@@ -110,13 +112,19 @@ def pulse_margin(case: Case, linear: float, looked: Callable[[], None] = lambda:
 def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
     """Whether a run of the scenario with a delay (s) meets each criterion over each horizon (s)."""
     record = loop.run(with_delay(_lasting(case, max(HORIZONS)), delay))
+    mirror = mirror_of(record)
     t, signals, last = record.time_s, columns(speed_differences(record)), (event_times(record) or [0.0])[-1]
     lost = np.inf if record.in_synchronism.all() else t[-1]
+    shared = response(mirror, signals)
     found = {}
     for horizon in HORIZONS:
-        kept = t < horizon
+        ticks = (
+            int(np.searchsorted(t, horizon)) if shared is None else min(len(shared), int(np.searchsorted(t, horizon)))
+        )
         found["in synchronism", horizon] = sound = bool(lost >= horizon)
-        found["damped", horizon] = sound and judge(t[kept], signals[kept], last).verdict == DAMPED
+        judged = judge(t[:ticks], (signals if shared is None else shared)[:ticks], last)
+        lost_mirror = mirror is not None and shared is None
+        found["damped", horizon] = sound and not lost_mirror and judged.verdict == DAMPED
     return found
 
 

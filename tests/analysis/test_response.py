@@ -1,0 +1,108 @@
+"""Verdicts under noise: of the response, half the sum of a run and its mirror; and of modes in noise alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from facts_damping.analysis.modes.ambient import fit_ambient
+from facts_damping.analysis.response import AMBIENT, LOST_MIRROR, RESPONSE, RUN, judge_ambient
+from facts_damping.analysis.summary import summarise
+from facts_damping.signals import NANOSECONDS, GridEvent
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from facts_damping.signals import Record
+
+T = np.arange(0.0, 40.0, 1 / 60)
+EVENT = [GridEvent(NANOSECONDS, "fault", "B7")]
+
+
+def swing(sigma: float, hertz: float = 0.5, size: float = 2e-3) -> np.ndarray[Any, Any]:
+    """A wave that begins with the event."""
+    after = np.maximum(T - 1.0, 0.0)
+    return np.where(T > 1.0, size * np.exp(sigma * after) * np.cos(2 * np.pi * hertz * after), 0.0)
+
+
+def noise(seed: int, size: float = 4e-4) -> np.ndarray[Any, Any]:
+    """A lightly damped mode in noise, as of a plant that never comes to rest."""
+    random, found = np.random.default_rng(seed), np.zeros(len(T))
+    turn = np.exp((-0.12 + 2j * np.pi * 0.5) / 60)
+    z = 0.0 + 0.0j
+    for k in range(len(T)):
+        z = turn * z + random.standard_normal()
+        found[k] = z.real
+    return np.asarray(size * found / found.std())
+
+
+@pytest.fixture
+def pair(swing_record: Callable[..., Record]) -> Callable[..., tuple[Record, Record]]:
+    """A run and its mirror: a response, and noise of both signs, as the speed difference of two machines."""
+
+    def make(response: np.ndarray[Any, Any], disturbance: np.ndarray[Any, Any]) -> tuple[Record, Record]:
+        records = []
+        for sign in (1.0, -1.0):
+            record = swing_record(ticks=len(T), events=EVENT)
+            record.configuration["load_noise"] = {"std": 0.01}
+            record.frames[:, :2, 2] = np.column_stack([response + sign * disturbance, 0.0 * T])
+            record.machines["speed_deviation"] = record.frames[:, :2, 2]
+            records.append(record)
+        return records[0], records[1]
+
+    return make
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize(
+    ("sigma", "verdict"), [(-0.15, "damped"), (-0.3, "damped"), (0.04, "growing"), (0.0, "limit cycle")]
+)
+def test_the_verdict_is_that_of_the_response_whatever_the_noise(
+    pair: Any, seed: int, sigma: float, verdict: str
+) -> None:
+    record, mirror = pair(swing(sigma), noise(seed))
+    found = summarise(record, mirror=mirror)
+    assert (found["verdict"], found["verdict_of"]) == (verdict, RESPONSE)
+    if verdict != "limit cycle":
+        assert found["modes"][0]["damping_ratio"] == pytest.approx(-sigma / np.hypot(sigma, np.pi), abs=1e-4)
+
+
+def test_indices_are_those_of_the_run_itself(pair: Any) -> None:
+    record, mirror = pair(swing(-0.2), noise(1))
+    assert summarise(record, mirror=mirror)["indices"] == summarise(record)["indices"]
+
+
+def test_a_verdict_without_a_mirror_says_that_noise_is_in_it(pair: Any) -> None:
+    found = summarise(pair(swing(-0.2), noise(1))[0])
+    assert found["verdict_of"] == RUN
+    assert found["verdict_because"].endswith("; noise is in it")
+
+
+def test_a_mirror_that_loses_synchronism_leaves_the_verdict_to_the_run(pair: Any) -> None:
+    record, mirror = pair(swing(0.08), noise(2, 1e-5))
+    mirror.in_synchronism[-1] = False
+    assert summarise(record, mirror=mirror)["verdict"] == "growing"
+    calm, mirror = pair(swing(-0.2), noise(2, 1e-5))
+    mirror.in_synchronism[-1] = False
+    found = summarise(calm, mirror=mirror)
+    assert (found["verdict"], found["verdict_because"]) == ("undecided", LOST_MIRROR)
+
+
+def test_a_mirror_that_is_shorter_is_compared_as_far_as_it_goes(pair: Any) -> None:
+    record, mirror = pair(swing(-0.2), noise(3))
+    names = ("time_ns", "frames", "measured_ns", "status", "machines", "devices", "in_synchronism")
+    short = replace(mirror, **{name: getattr(mirror, name)[:1500] for name in names})
+    assert summarise(record, mirror=short)["verdict"] == "damped"
+
+
+def test_noise_alone_is_judged_by_its_modes() -> None:
+    t = np.arange(len(T) * 4) / 60
+    signals = np.concatenate([noise(k) for k in range(4)])[:, np.newaxis]
+    found = judge_ambient(fit_ambient(t, signals), signals)
+    assert (found.judgement.verdict, found.of) == ("damped", AMBIENT)
+    assert judge_ambient(None, signals).judgement.verdict == "undecided"
+    steady = 1e-3 * np.sin(2 * np.pi * 0.5 * t)[:, np.newaxis] + 1e-6 * signals
+    assert judge_ambient(fit_ambient(t, steady), steady).judgement.verdict == "limit cycle"
