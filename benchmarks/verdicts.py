@@ -19,12 +19,12 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.case.supervision import unsupervised
 from facts_damping.simulation import loop
-from facts_damping.simulation.mirrored import mirror_of
+from facts_damping.simulation.twins import twins_of
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
 from facts_damping.studies.margins.linear_margin import oscillations
 
 SOUND, GROWS = 0.01, 0.05  # damping ratio; 1/s
-SEEDS = range(201, 221)
+SEEDS = range(301, 321)
 DELAYS = (0.001, 0.1, 0.2, 0.3, 0.4)  # s
 COMMON = ("duration=40", "supervision=null", "arm_at=null")
 NOISE = ("load_noise={std: 0.01, time_constant: 1}",)
@@ -72,7 +72,7 @@ def seen(task: tuple[str, float, int]) -> tuple[str, float, str, str, float | No
     name, delay, seed = task
     run, sets = LOOPS[name]
     record = loop.run(load_case(run, [*COMMON, *sets, link(delay), f"seed={seed}"]))
-    plain, summary = summarise(record, method=None), summarise(record, mirror=mirror_of(record))
+    plain, summary = summarise(record, method=None), summarise(record, twins=twins_of(record))
     ratios = [mode["damping_ratio"] for mode in summary["modes"]]
     return name, delay, plain["verdict"], summary["verdict"], ratios[0] if ratios else None
 

@@ -43,16 +43,19 @@ def noisy(configuration: Mapping[str, object]) -> bool:
     return bool(configuration.get("load_noise")) or any(any((row.get("noise") or {}).values()) for row in rows)
 
 
-def response(mirror: Record | None, signals: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Half the sum of a run's signals (ticks, n) and its mirror's, over the ticks of both; None without a mirror.
+def response(twins: Sequence[Record], signals: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The response of a run with the signals (ticks, n) to its events, by its twins (simulation/twins.py).
 
-    Noise of odd order cancels in it (simulation/mirrored.py).
+    It is half the sum of the run and its mirror, less that of the same two without events. What is
+    of odd order in the noise cancels in the sums, and what is of even order in the difference, unless an event changes
+    the grid. None without twins, or if one of them loses synchronism.
     """
-    if mirror is None or not mirror.in_synchronism.all():
+    if not twins or not all(one.in_synchronism.all() for one in twins):
         return None
-    other = columns(speed_differences(mirror))
-    ticks = min(len(signals), len(other))
-    return np.asarray((signals[:ticks] + other[:ticks]) / 2.0)
+    each = [signals, *(columns(speed_differences(one)) for one in twins)]
+    ticks = min(len(one) for one in each)
+    pairs = [(one[:ticks] + other[:ticks]) / 2.0 for one, other in zip(each[::2], each[1::2], strict=True)]
+    return np.asarray(pairs[0] - sum(pairs[1:]))
 
 
 def until_faded(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float) -> int:
@@ -83,7 +86,7 @@ def judge_response(
     fit: Fit | None,
     limited: bool,
 ) -> Judged:
-    """Judge a run with the signals `own` by its response (ticks, n); None: the mirror has lost synchronism.
+    """Judge a run with the signals `own` by its response (ticks, n); None: a twin has lost synchronism.
 
     `fit`: ringdown of the response; `limited`: setpoints are at their limits to the end. A loop at its limits, or one
     that grows, is not the image of its mirror: then the run itself counts, where it grows or does not decay.

@@ -65,13 +65,13 @@ def summarise(
     differences: Mapping[str, NDArray[np.float64]] | None = None,
     *,
     method: str | None = AUTO,
-    mirror: Record | None = None,
+    twins: Sequence[Record] = (),
 ) -> dict[str, Any]:
     """Figures of a run, ready for JSON: numbers, None and lists of them.
 
     `differences`: name -> (ticks,), p.u., the speed differences to judge; default: those of the configuration.
-    `mirror`: the same run with noise of the opposite sign (simulation/mirrored.py); verdict, modes and settling time
-    are then those of the response, half the sum of both. Without it, verdicts of runs with noise can be wrong.
+    `twins`: of a run with noise (simulation/twins.py); verdict, modes and settling time are then those of its
+    response to the events. Without them, verdicts of runs with noise can be wrong.
     `method`: how modes are identified, one of `analysis.poles.METHODS` or `ambient.METHOD`; AUTO: from the noise if the
     run has load noise and no event, else from the ringdown; None: not at all. For a run that is not stable, or of
     unknown stability (`stable` None), indices and settling time are None and there are no modes. `indices` count from t
@@ -80,7 +80,7 @@ def summarise(
     """
     judged = speed_differences(record) if differences is None else differences
     stable, t = is_stable(record), record.time_s
-    smooth, swings = record_roughness(record), _oscillation(record, judged, method, stable, mirror)
+    smooth, swings = record_roughness(record), _oscillation(record, judged, method, stable, twins)
     duty, late = saturation_duty(record), latency(record)
     watched = supervision.supervision(record, find(swings, ("modes", 0, "frequency_hz")))
     return {
@@ -156,7 +156,7 @@ def _oscillation(
     differences: Mapping[str, NDArray[np.float64]],
     method: str | None,
     stable: bool | None,
-    mirror: Record | None,
+    twins: Sequence[Record],
 ) -> dict[str, Any]:
     """Figures that exist only for a run in synchronism to its end."""
     if not stable:
@@ -166,12 +166,12 @@ def _oscillation(
         return found | dict.fromkeys(none) | _modes(None)
     times = event_times(record) or [0.0]
     t, last, own = record.time_s, times[-1], columns(differences)
-    shared = response(mirror, own)
+    shared = response(twins, own)
     signals = own if shared is None else shared
     fit, how = _fit(
         record, signals if shared is None else shared[: until_faded(t[: len(shared)], shared, last)], last, method
     )
-    judged = _judge(record, shared, own, list(differences), (fit, how), mirror)
+    judged = _judge(record, shared, own, list(differences), (fit, how), twins)
     verdict = judged.judgement
     cycle = {"amplitude_pu": verdict.amplitude_pu, "saturation_duty": saturation_duty(record, verdict.start_s)}
     return {
@@ -194,14 +194,14 @@ def _judge(
     own: NDArray[np.float64],
     names: Sequence[str],
     modes: tuple[Fit | None, str | None],
-    mirror: Record | None,
+    twins: Sequence[Record],
 ) -> Judged:
     """The verdict of a run: of its response `shared`, of its modes in noise alone, or of itself."""
     fit, how = modes
     t, times = record.time_s, event_times(record)
     if how == ambient.METHOD and not times:
         return judge_ambient(fit, own)
-    if mirror is not None and times:
+    if twins and times:
         ticks = len(own if shared is None else shared)
         limited = max(saturation_duty(record, max(times[-1], t[-1] - LAST)).values(), default=0.0) > LIMITED
         if shared is not None and how != METHOD:

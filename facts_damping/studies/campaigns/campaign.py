@@ -182,7 +182,8 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
         row |= judged(case, batch.closed_loop(case), reference, drawn)
         if made.campaign.unsupervised:
             free = unsupervised(case)
-            row |= without_supervision(batch.closed_loop(free), batch.mirror(free), reference)
+            record = batch.closed_loop(free)
+            row |= without_supervision(record, batch.twins(free, record), reference)
         if drawn.fault == NOTHING and made.campaign.unsupervised:
             row["sound"] = bool(row["unsupervised_damped"] and row["reversals"] <= MONITORS["reversals"].limit)
     except FactsDampingError as error:
@@ -192,14 +193,12 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
     return str(number), row
 
 
-def without_supervision(record: Record, mirror: Record | None, reference: Record) -> dict[str, Any]:
+def without_supervision(record: Record, twins: Sequence[Record], reference: Record) -> dict[str, Any]:
     """Figures of a draw without supervision relative to no control: whether it is damped, and not worse."""
     figures = invariants.beside(record, reference)
     found = {f"unsupervised_{name}": figures[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
     better = figures["ratio"] is None or figures["ratio"] <= 1.0
-    return found | {
-        "unsupervised_damped": better and summarise(record, method=None, mirror=mirror)["verdict"] == DAMPED
-    }
+    return found | {"unsupervised_damped": better and summarise(record, method=None, twins=twins)["verdict"] == DAMPED}
 
 
 def identity(drawn: Draw) -> dict[str, Any]:

@@ -21,7 +21,8 @@ from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.parameters.run import Run
 from facts_damping.plant.model import copy
-from facts_damping.simulation import loop, mirrored
+from facts_damping.simulation import loop
+from facts_damping.simulation import twins as run_twins
 from facts_damping.simulation.build import build_plant, needs_residues, plant_residues
 from facts_damping.studies.margins import criteria
 from facts_damping.studies.sweeps import true_jacobian
@@ -100,10 +101,11 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
         case = make(base, task.changes)
         row |= {**identity(case), **task.columns, "horizon_s": case.duration}
         record, finer = closed_loop(case), None
-        summary = summarise(record, method=AUTO if base.modes else None, mirror=mirror(case))
+        summary = summarise(record, method=AUTO if base.modes else None, twins=twins(case, record))
         if task.check_step:
             half = loop.with_half_step(case)
-            finer = summarise(closed_loop(half), method=None, mirror=mirror(half))
+            finer_record = closed_loop(half)
+            finer = summarise(finer_record, method=None, twins=twins(half, finer_record))
         row |= figures(record, summary, finer, modes=base.modes)
         row |= criterion_columns(case, summary, base.criteria)
         if base.jacobian is not None:
@@ -158,9 +160,9 @@ def closed_loop(case: Case) -> Record:
     return loop.finish(case, fresh_loop(case))
 
 
-def mirror(case: Case) -> Record | None:
-    """The mirror of a case's run, which verdicts under noise need (simulation/mirrored.py); None if it needs none."""
-    return loop.finish(case, mirrored.mirrored(fresh_loop(case))) if mirrored.has_mirror(case) else None
+def twins(case: Case, record: Record) -> list[Record]:
+    """The twins of a run, which verdicts under noise need, with plant and residues shared between runs."""
+    return run_twins.twins(case, record, fresh_loop)
 
 
 def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
