@@ -83,7 +83,7 @@ explore: test-setup
 
 # What docs/images has is from the folder of the same name; what takes long goes on where it was interrupted.
 PAGES := results/pages
-QUOTED := architectures delay_margin preset_margin jitter loss bursts asymmetric_signals asymmetric_devices monte_carlo \
+QUOTED := architectures delay_margin deployment_margin preset_margin jitter loss bursts asymmetric_signals asymmetric_devices monte_carlo \
     compensation prediction measurement measurement_margin jacobians portraits
 pages: demo
 	mkdir -p $(PAGES)/demo && cp results/demo/tie_power.png $(PAGES)/demo

@@ -20,8 +20,8 @@ from facts_damping.case.loading import load_case
 from facts_damping.case.supervision import unsupervised
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twins_of
+from facts_damping.studies.margins.delay_margin import oscillations
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
-from facts_damping.studies.margins.linear_margin import oscillations
 
 SOUND, GROWS = 0.01, 0.05  # damping ratio; 1/s
 SEEDS = range(301, 321)
@@ -68,7 +68,7 @@ def truth(name: str, delay: float) -> tuple[float, float, float]:
 
 
 def seen(task: tuple[str, float, int]) -> tuple[str, float, str, str, float | None]:
-    """Verdict with and without the mirror, and the damping ratio of the strongest mode of the response."""
+    """Verdict with and without twins, and the damping ratio of the strongest mode of the response."""
     name, delay, seed = task
     run, sets = LOOPS[name]
     record = loop.run(load_case(run, [*COMMON, *sets, link(delay), f"seed={seed}"]))
@@ -89,7 +89,7 @@ def main(names: list[str]) -> None:
         found = list(pool.map(seen, tasks, chunksize=8))
     right: dict[str, list[bool]] = {"sound": [], "grows": []}
     unpaired: dict[str, list[bool]] = {"sound": [], "grows": []}
-    print("| loop | delay, ms | linear: damping ratio, % | response, % (seeds) | verdicts | without the mirror |")
+    print("| loop | delay, ms | linear: damping ratio, % | response, % (seeds) | verdicts | without twins |")
     print("|---|--:|--:|--:|---|---|")
     for name in names or LOOPS:
         for delay in DELAYS:
@@ -106,7 +106,7 @@ def main(names: list[str]) -> None:
             span = f"{np.median(ratios):.2f} [{ratios.min():.2f}, {ratios.max():.2f}]" if len(ratios) else "-"
             print(f"| {name} | {1e3 * delay:.0f} | {100 * ratio:.2f} | {span} |", end=" ")
             print(f"{words([row[3] for row in own])} | {words([row[2] for row in own])} |", flush=True)
-    print("\n| the linear loop | runs | called so | without the mirror |\n|---|--:|--:|--:|")
+    print("\n| the linear loop | runs | called so | without twins |\n|---|--:|--:|--:|")
     for kind, verdict in (("sound", "damped"), ("grows", "growing, limit cycle or lost")):
         n = len(right[kind])
         print(

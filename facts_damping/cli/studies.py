@@ -211,9 +211,9 @@ def _continuing(folder: Path) -> Iterator[None]:
 
 def margin(arguments: argparse.Namespace) -> None:
     """The delay margin of a loop with linear controllers, and its modes over the delay."""
-    from facts_damping.studies.margins import linear_margin as study
-    from facts_damping.studies.margins import linear_margin_pages as pages
-    from facts_damping.studies.margins.linear_margin_runs import beside
+    from facts_damping.studies.margins import delay_margin as study
+    from facts_damping.studies.margins import delay_margin_pages as pages
+    from facts_damping.studies.margins.delay_margin_runs import beside
 
     case, runs, pictures = loading.load_case(arguments.run, arguments.set), None, []
     with Progress("margin", "delays") as progress:

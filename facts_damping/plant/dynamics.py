@@ -11,6 +11,7 @@ from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
 from facts_damping.elementary import magnitude, sin_cos
 from facts_damping.plant.converters import devices
+from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.grid import load
 from facts_damping.plant.machines import blocks, excitation, governor, stabiliser
 from facts_damping.plant.machines.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VD, VQ, VREF, VS, VT
@@ -142,7 +143,7 @@ def _port_derivatives(plant: Plant, x: Float1, reference: Float1, dx: Float1, wo
             for k in range(d.states):
                 dx[d.offset + k] = 0.0
         else:
-            u = devices.effective_reference(d, x, u)
+            u = effective_reference(d, x, u)
             devices.derivatives(d.kind, d, x, u, magnitude(work.response[d.port]), dx)
             if d.other > 0:
                 devices.other_derivatives(d.kind, d, x, u, magnitude(work.response[d.other]), dx)

@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.plant.converters.devices import first_order_lag
+from facts_damping.plant.converters.first_order_lag import first_order_lag
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval

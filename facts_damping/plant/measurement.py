@@ -9,6 +9,7 @@ from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2
 from facts_damping.elementary import atan2, magnitude, phase
 from facts_damping.plant.converters import devices as facts
+from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.dynamics import derivatives, move_controls, row_times, saturated, solve_network, stator
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
@@ -52,7 +53,7 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
         watch.refused_stamp,
         watch.refused_order,
     )
-    u = facts.effective_reference(row, state.x, state.reference[d])
+    u = effective_reference(row, state.x, state.reference[d])
     facts.truth(row.kind, row, state.x, u, magnitude(response), blocked, out)
 
 

@@ -13,7 +13,7 @@ from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise, modes
-from facts_damping.studies.margins import linear_margin
+from facts_damping.studies.margins import delay_margin
 from tests.plant.running import REFERENCES, figures, follow, plant, shipped
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def test_four_interarea_modes_that_are_hardly_damped() -> None:
 
 def test_its_two_controllers_damp_the_modes_over_100_ms() -> None:
     case = load_case("nets_nyps_two_devices", [])
-    found = linear_margin.margin(case, 0.3, None, lambda *_: None)
+    found = delay_margin.margin(case, 0.3, None, lambda *_: None)
     assert found.margin == pytest.approx(0.269, abs=2e-3)
     at = int(np.argmin(np.abs(found.delays - 0.1)))
     ratios = sorted(

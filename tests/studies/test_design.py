@@ -17,7 +17,7 @@ from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.small_signal import linearisation, places
 from facts_damping.studies.design import design, design_pages, lead_lag
-from facts_damping.studies.margins import linear_margin
+from facts_damping.studies.margins import delay_margin
 from facts_damping.studies.search import scoring
 from facts_damping.studies.sweeps import enumerated_axes
 
@@ -95,7 +95,7 @@ def test_the_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> No
     """By the margin's own study at the delay that was given, and by a simulation of a small step of a load."""
     assert found.tuned.reached
     run = {**found.run, "system": found.content, "scenario": []}
-    margin = linear_margin.margin(make_case(run, "test"), 0.6, None, lambda _done, _of: None)
+    margin = delay_margin.margin(make_case(run, "test"), 0.6, None, lambda _done, _of: None)
     at = int(np.argmin(np.abs(margin.delays - 0.1)))
     track = next(t for t in margin.tracks if t.label == "interarea")
     there = track.modes[at]

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import branching, compiled
-from facts_damping.elementary import expm1
 from facts_damping.extensions import rows
 from facts_damping.plant.converters import hvdc, sssc, statcom, svc
 from facts_damping.plant.watchdog import WATCHDOG
@@ -114,24 +113,9 @@ def install(row: Any, device: Device, site: Site) -> Start:
 
 
 @compiled
-def first_order_lag(z: float, reference: float, ramp: float, T: float, t: float) -> float:
-    """Output of a lag after t s, p.u., for an input that starts at `reference` with slope `ramp`, p.u./s.
-
-    T dz/dt = r - z with r = r0 + k t:  z(t) = z0 + (r0 - k T - z0) (1 - exp(-t/T)) + k t.
-    """
-    return z - (reference - ramp * T - z) * expm1(-t / T) + ramp * t  # type: ignore[no-any-return]
-
-
-@compiled
 def reference_of(reference: Float1, d: int) -> float:
     """Reference of device d, p.u.; 0 for uncommanded devices in service."""
     return reference[d] if d < reference.size else 0.0
-
-
-@compiled
-def effective_reference(d: Any, x: Float1, u: float) -> float:
-    """Effective input of a device, p.u.: its reference u, after its response time if it has one."""
-    return x[d.lag] if d.response_time > 0.0 else u
 
 
 def losses_of(device: Series, magnitude: float) -> float:

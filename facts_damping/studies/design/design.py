@@ -16,7 +16,7 @@ from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.build import build
 from facts_damping.small_signal import linearisation, places
 from facts_damping.studies.design import lead_lag, scenario_generation
-from facts_damping.studies.margins import linear_margin
+from facts_damping.studies.margins import delay_margin
 from facts_damping.studies.sweeps.pool import run_all
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.linearisation import Eigenmode
     from facts_damping.small_signal.places import Tried
     from facts_damping.studies.design.lead_lag import Tuned
-    from facts_damping.studies.margins.linear_margin import Around
+    from facts_damping.studies.margins.delay_margin import Around
 
     Tell = Callable[[str, str], Callable[[int, int], None]]  # what is done, in what: shows progress
 
@@ -106,7 +106,7 @@ def design(task: Task, jobs: int, tell: Tell) -> Design:
     tuned = lead_lag.tune(plain, chosen.law, chosen.residue, *wanted, tell("design", "gains"))
     run["controllers"][0]["parameters"] = chosen.law.parameters(tuned.gain)
     loop = make_case({**run, "system": content, "scenario": []}, "design")
-    stable = linear_margin.stable_around(loop, task.delay, LONGEST_S, tell("design", "delays"))
+    stable = delay_margin.stable_around(loop, task.delay, LONGEST_S, tell("design", "delays"))
     scenarios = scenario_generation.training_cases(
         plain, tried, tried[chosen.tried].place, target, tell("design", "scenarios")
     )

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from facts_damping.small_signal.linearisation import Eigenmode
     from facts_damping.studies.design.design import Design, Pair
-    from facts_damping.studies.margins.linear_margin import Around
+    from facts_damping.studies.margins.delay_margin import Around
 
 SHOWN_MACHINES = 4
 LOAD_LEVEL = {"distribution": "uniform", "low": 0.98, "high": 1.02}

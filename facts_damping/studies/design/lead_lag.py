@@ -21,8 +21,8 @@ from scipy.optimize import brentq
 from facts_damping.case.loading import make_case
 from facts_damping.control.table import LEAD_LAG_PARAMETERS
 from facts_damping.small_signal import linearisation
+from facts_damping.studies.margins.delay_margin import STILL, followed, oscillations
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
-from facts_damping.studies.margins.linear_margin import STILL, followed, oscillations
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -9,8 +9,8 @@ from facts_damping.case.loading import recorded_case
 from facts_damping.case.supervision import unsupervised
 from facts_damping.findings import NO_CONTROL
 from facts_damping.parameters.study import DAMPING_RATIO
+from facts_damping.studies.margins.delay_margin import STILL
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
-from facts_damping.studies.margins.linear_margin import STILL
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

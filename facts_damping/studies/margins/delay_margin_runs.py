@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from facts_damping.analysis.modes.ringdown import RingdownMode
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
-    from facts_damping.studies.margins.linear_margin import Margin
+    from facts_damping.studies.margins.delay_margin import Margin
 
 PULSE = 1e-4  # p.u. of a load or of a mechanical power
 BEGIN, END = 1.0, 1.5  # s, of the pulse

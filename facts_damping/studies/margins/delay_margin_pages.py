@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.small_signal import linearisation
-    from facts_damping.studies.margins.linear_margin import Margin, Track
-    from facts_damping.studies.margins.linear_margin_runs import Beside
+    from facts_damping.studies.margins.delay_margin import Margin, Track
+    from facts_damping.studies.margins.delay_margin_runs import Beside
 
 ROW = 0.02  # s, between the rows of the table
 BEYOND = 0.1  # s, range of table and picture beyond the margin

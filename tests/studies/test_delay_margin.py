@@ -17,7 +17,10 @@ from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel
 from facts_damping.small_signal.zero_order_hold import held_for
-from facts_damping.studies.margins import linear_margin_runs
+from facts_damping.studies.margins import delay_margin_runs
+from facts_damping.studies.margins.delay_margin import Margin, first_limit, intervals, margin
+from facts_damping.studies.margins.delay_margin_pages import document, draw, margin_text
+from facts_damping.studies.margins.delay_margin_runs import bears, beside, bounds, pulse_margin, pulsed
 from facts_damping.studies.margins.linear_closed_loop import (
     DelayedLoop,
     Discrete,
@@ -26,9 +29,6 @@ from facts_damping.studies.margins.linear_closed_loop import (
     eigen,
     sampled,
 )
-from facts_damping.studies.margins.linear_margin import Margin, first_limit, intervals, margin
-from facts_damping.studies.margins.linear_margin_pages import document, draw, margin_text
-from facts_damping.studies.margins.linear_margin_runs import bears, beside, bounds, pulse_margin, pulsed
 from tests.appendix_b import bilinear, lead_lag
 
 if TYPE_CHECKING:
@@ -256,8 +256,8 @@ def test_linear_figures_are_those_of_the_page() -> None:
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search of a scenario's bounds takes fewer runs."""
-    monkeypatch.setattr(linear_margin_runs, "COARSE", 0.02)
-    monkeypatch.setattr(linear_margin_runs, "CLOSE", 5e-3)
+    monkeypatch.setattr(delay_margin_runs, "COARSE", 0.02)
+    monkeypatch.setattr(delay_margin_runs, "CLOSE", 5e-3)
 
 
 @pytest.mark.usefixtures("coarse")
