@@ -5,7 +5,11 @@ from __future__ import annotations
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.analysis.summary import summarise
+import numpy as np
+
+from facts_damping.analysis.indices import performance_indices
+from facts_damping.analysis.measures import columns, speed_differences
+from facts_damping.analysis.response import noisy
 from facts_damping.analysis.supervision import history_text
 from facts_damping.case.loading import recorded_case
 from facts_damping.errors import FactsDampingError, one_line
@@ -122,11 +126,16 @@ def _verdict(summary: Mapping[str, Any]) -> str:
 
 
 def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
-    """ITAE of a run with an event, compared with the same run without control."""
-    index = (summary["indices"] or {}).get("ITAE")
-    if index is None or not record.configuration.get("scenario"):
+    """ITAE of a run with an event, or speed differences in noise alone, beside the same run without control."""
+    if summary["indices"] is None:
         return []
-    text = f"ITAE {index:.3g}"
+    if record.configuration.get("scenario"):
+        what, value = "ITAE", _itae
+    elif noisy(record.configuration):
+        what, value = "speed differences in noise, rms", _rms
+    else:
+        return []
+    text = f"{what} {value(record):.3g}"
     if not record.configuration.get("controllers"):
         return [text]
     try:
@@ -135,10 +144,19 @@ def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
         return [f"{text}; without control it cannot be simulated: {one_line(error)}"]
     if not free.in_synchronism.all():
         return [f"{text}; without control synchronism is lost at {free.time_s[-1]:.1f} s"]
-    other = summarise(free, method=None)["indices"]["ITAE"]
-    change = round(100.0 * (index / other - 1.0))
+    other = value(free)
+    change = round(100.0 * (value(record) / other - 1.0))
     beside = f"{abs(change)} % {'more' if change > 0 else 'less'}" if change else "the same"
     return [f"{text}, without control {other:.3g}: {beside}"]
+
+
+def _itae(record: Record) -> float:
+    return float(performance_indices(record.time_s, columns(speed_differences(record)))["ITAE"])
+
+
+def _rms(record: Record) -> float:
+    """Root mean square of all speed differences, p.u."""
+    return float(np.sqrt(np.mean(columns(speed_differences(record)) ** 2)))
 
 
 def without_control(record: Record) -> Record:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -115,3 +116,11 @@ def test_what_cannot_be_known_is_said() -> None:
     assert title(replace(result, configuration={})) == "a recording without its run"
     lost = fd.simulate("two_area_large", controllers=[])
     assert lost.findings[1] == "lost synchronism: loss of synchronism"
+
+
+def test_without_an_event_the_noise_is_compared_with_no_control() -> None:
+    found = fd.simulate("two_area_deployment", scenario=[], duration=70, supervision=None, arm_at=None, seed=3)
+    assert found.summary["verdict_of"] == "ambient noise"
+    assert re.search(
+        r"^speed differences in noise, rms \S+, without control \S+: \d+ % less$", str(found), re.MULTILINE
+    )
