@@ -27,10 +27,10 @@ def echo() -> None:
     back = node.create_publisher(PmuDataFrame, "back", PUBLISHER_QOS)
     node.create_subscription(PmuDataFrame, "there", lambda data, _info: back.publish(data), SUBSCRIBER_QOS, raw=True)
     spinner = Spinner(node)
-    heard = time.monotonic()
-    while time.monotonic() - heard < QUIET_S:
+    latest = time.monotonic()
+    while time.monotonic() - latest < QUIET_S:
         if spinner.spin_once(0.1):
-            heard = time.monotonic()
+            latest = time.monotonic()
 
 
 def one_way_latency_s() -> float:

@@ -211,7 +211,7 @@ class Record:
     each node refused: `node`, `topic`, `cause`, `source`, `count`. `joined`: nodes that joined during the run: `node`,
     `time_s`, `armed_s` (None: disarmed to the end). `changes`: changes during the run: `tick` from which it acts,
     `node`, `role`, `index`, `kind`, `name`, `value` (run_control.md). `absences`: ticks at which a node was absent
-    before it began or restarted: `role`, `index`, `first`, `end`. `heard`: newest inputs of nodes when they acted, by
+    before it began or restarted: `role`, `index`, `first`, `end`. `latest`: newest inputs of nodes when they acted, by
     role, index and name of the input: (ticks, 2), the node's tick and the tick of the newest message it had.
     `publishers`: publishing node by topic and the publisher's identity (GID), in one text. `versions`: of the software
     that made it, by package; empty if unknown. `in_synchronism` is false at the tick that ended an unstable run.
@@ -243,7 +243,7 @@ class Record:
     joined: list[dict[str, Any]] = field(default_factory=list)
     changes: list[RunChange] = field(default_factory=list)
     absences: list[Absence] = field(default_factory=list)
-    heard: dict[tuple[str, int, str], NDArray[np.int64]] = field(default_factory=dict)
+    latest: dict[tuple[str, int, str], NDArray[np.int64]] = field(default_factory=dict)
     links: int = 1
     publishers: dict[str, str] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)

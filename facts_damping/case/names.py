@@ -70,7 +70,7 @@ def supervisor_addresses(case: Case) -> dict[int, Address]:
     return {c: Address(controllers[c].namespace, name) for c, name in supervisor_names(case).items()}
 
 
-class Speaker(NamedTuple):
+class SetpointSender(NamedTuple):
     """The node whose setpoints act for a controller: the controller itself or its supervisor."""
 
     name: str  # node name as in messages
@@ -78,13 +78,13 @@ class Speaker(NamedTuple):
     topic: str
 
 
-def speakers(case: Case) -> dict[int, Speaker]:
+def setpoint_senders(case: Case) -> dict[int, SetpointSender]:
     """By the index of the controller. Fallbacks are left out: they send setpoints only to a supervisor."""
     names, places, supervisors = controller_names(case), controller_addresses(case), supervisor_addresses(case)
     return {
-        c: Speaker(supervisors[c].name, str(supervisors[c]), f"{supervisors[c]}/{SUPERVISED}")
+        c: SetpointSender(supervisors[c].name, str(supervisors[c]), f"{supervisors[c]}/{SUPERVISED}")
         if c in supervisors
-        else Speaker(names[c], str(places[c]), f"{places[c]}/setpoints")
+        else SetpointSender(names[c], str(places[c]), f"{places[c]}/setpoints")
         for c, controller in enumerate(case.run.controllers)
         if controller.fallback_of is None
     }

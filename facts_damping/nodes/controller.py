@@ -114,7 +114,9 @@ class ControllerNode:
         check(self.programs)
         sent = count if self.member.joining.acts else 0
         self.to_link.publish(self.setpoints.fill(tick, start, issued[:sent], self.name))
-        self.to_recorder.publish(self.state_message.fill(tick, start, len(delivered) > 0, self.state, self.ticks.heard))
+        self.to_recorder.publish(
+            self.state_message.fill(tick, start, len(delivered) > 0, self.state, self.ticks.latest)
+        )
         self.member.report_health(self.health)
         self.weights.keep(self.learnt)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import JacobianEstimate
 
-from facts_damping.case.names import acting, identifier_addresses, link_addresses, speakers
+from facts_damping.case.names import acting, identifier_addresses, link_addresses, setpoint_senders
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.nodes.admission.member import IDENTIFIER, Member
 from facts_damping.nodes.base.live_parameters import declare_settings
@@ -53,7 +53,7 @@ class IdentifierNode:
         rows, swing = self.identifiers.settings[self.row], bank.mode_shape[self.index]
         declare_settings(node, self.controller, names, rows, swing, member.change)
         acts = acting(self.case, self.index)
-        sender = speakers(self.case)[acts]
+        sender = setpoint_senders(self.case)[acts]
         self.estimates = Estimates(self.case, self.index)
         self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
         self.ticks = UnitDelay(self.options, self.case.run.frame_rate, sender.place, self.learn)
@@ -87,7 +87,7 @@ class IdentifierNode:
         identify(*learner, delivered, len(delivered))
         write_estimates(*learner, tick, self.rows, 0)
         if self.member.joining.acts:
-            self.to_controller.publish(self.estimates.fill(tick, self.rows, self.state, self.row, self.ticks.heard))
+            self.to_controller.publish(self.estimates.fill(tick, self.rows, self.state, self.row, self.ticks.latest))
         self.member.report_health(lambda: self.ticks.health("identifies"))
         self.weights.keep(self.learnt)
 

@@ -59,7 +59,7 @@ class UnitDelay(_Frames):
         super().__init__(options)
         self._waits, self._sender, self._step = bool(sender) and not options.paced, sender, step
         self._messages: list[tuple[int, Any]] = []
-        self._newest = self.heard = -1  # tick of the newest message; of the newest used message
+        self._newest = self.latest = -1  # tick of the newest message; of the newest used message
         self._rate, self._tick, self._arrived = frame_rate, -1, -1  # current tick; newest tick with an entry
 
     def receive(self, tick: int, content: Any) -> None:
@@ -72,7 +72,7 @@ class UnitDelay(_Frames):
         while self._frames and (not self._waits or self._newest >= self._frames[0][0] - 1):
             tick, frames = self._frames.pop(0)
             self._tick, self._arrived = tick, tick if len(frames) else self._arrived
-            self.heard = max([self.heard, *(at for at, _ in self._messages if at < tick)])
+            self.latest = max([self.latest, *(at for at, _ in self._messages if at < tick)])
             due = [content for at, content in self._messages if at < tick]
             self._messages = [(at, content) for at, content in self._messages if at >= tick]
             self._step(tick, frames, due)
@@ -108,7 +108,7 @@ class InputCollector(_Frames):
         self._senders, self._step = dict(senders), step
         self._parts: dict[str, list[tuple[int, Any]]] = {name: [] for name in senders}
         self._newest = dict.fromkeys(senders, -1)
-        self.heard = dict.fromkeys(senders, -1)  # tick of the newest used message, by part
+        self.latest = dict.fromkeys(senders, -1)  # tick of the newest used message, by part
 
     def store(self, part: str) -> Callable[..., None]:
         """Callback for the messages of a part."""
@@ -137,7 +137,7 @@ class InputCollector(_Frames):
         tick, frames = self._frames.pop(0)
         parts: dict[str, Any] = {"frames": frames}
         for name, messages in self._parts.items():
-            self.heard[name] = max([self.heard[name], *(at for at, _ in messages if at <= tick)])
+            self.latest[name] = max([self.latest[name], *(at for at, _ in messages if at <= tick)])
             parts[name] = [content for at, content in messages if at <= tick]
             self._parts[name] = [message for message in messages if message[0] > tick]
         self._step(tick, parts)

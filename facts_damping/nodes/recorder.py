@@ -23,7 +23,7 @@ from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.run import run_node
-from facts_damping.nodes.base.spinner import HEARD_S, BeginAgain, stop_requested
+from facts_damping.nodes.base.spinner import DRAIN_S, BeginAgain, stop_requested
 from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_STATE, REFUSALS, RUN_STATE
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import Health, run_state
@@ -174,7 +174,7 @@ class Recorder:
         flushed = reported = noted_s = time.monotonic()
         more = True
         while not stop_requested() or time.monotonic() - noted_s < (
-            BEHIND_S if more else HEARD_S if time.monotonic() - self.message_filter.admitted_at < QUIET_S else 0.0
+            BEHIND_S if more else DRAIN_S if time.monotonic() - self.message_filter.admitted_at < QUIET_S else 0.0
         ):
             more, now = self.record_waiting(), time.monotonic()
             if now - flushed > FLUSH_S:

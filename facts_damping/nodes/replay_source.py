@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import DeviceSetpoints, PmuDataFrame, RunState
 
-from facts_damping.case.names import acting, identifier_names, link_addresses, listeners, recorded_topic, speakers
+from facts_damping.case.names import (
+    acting,
+    identifier_names,
+    link_addresses,
+    listeners,
+    recorded_topic,
+    setpoint_senders,
+)
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
@@ -36,7 +43,7 @@ class ReplaySource:
         self.case, self.options = read_case(node), read_options(node, joins=False)
         path: str = declare(node, "recording", "", descriptor("recording to be replayed"))
         self.record = fitted(load(path), self.case)
-        self.setpoints, self.senders = SetpointsMessage(self.case), speakers(self.case)
+        self.setpoints, self.senders = SetpointsMessage(self.case), setpoint_senders(self.case)
         self.tick = -1
         self.source = FrameSource(node, self.case, self.options, path)
         self.member = self.source.member

@@ -86,7 +86,7 @@ class SupervisorNode:
         self.to_recorder = node.create_publisher(SupervisorState, f"{self.name}/state", PUBLISHER_QOS)
         self.devices = np.zeros(len(self.case.run.devices), DEVICE_TRUTH)
         self.inputs, self.publishers = self.subscribe(node)
-        self.state_message = SupervisorStateMessage(self.controllers[0], self.thresholds, list(self.inputs.heard))
+        self.state_message = SupervisorStateMessage(self.controllers[0], self.thresholds, list(self.inputs.latest))
         for name in COMMANDS:
             node.create_service(Trigger, f"~/{name}", partial(self.on_command, name))
         self.member.message_filter.subscribe_run_state()
@@ -143,7 +143,7 @@ class SupervisorNode:
         count = supervise(*this, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0)
         self.to_link.publish(self.setpoints.fill(tick, start, out[:count], self.name))
         if write_status(*this, tick, self.status, 0):
-            inputs = list(self.inputs.heard.values())
+            inputs = list(self.inputs.latest.values())
             self.to_recorder.publish(self.state_message.fill(tick, start, self.status[0], inputs))
             self.report(start)
         self.member.report_health(self.health)

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import DeviceSetpoints, LinkStatistics, PmuDataFrame
 from facts_damping_msgs.srv import Apply
 
-from facts_damping.case.names import link_addresses, listeners, served, speakers
+from facts_damping.case.names import link_addresses, listeners, served, setpoint_senders
 from facts_damping.errors import InputError, RunError, one_line
 from facts_damping.link.transfer import RING_NO_ROOM, downlink, uplink
 from facts_damping.nodes.admission.member import LINK, Member
@@ -52,7 +52,7 @@ class WanLink:
         node.create_service(Apply, "~/apply", self.on_apply)
         self.frames = FramesMessage(self.case, member.seal(address.topic("pmu/delivered")))
         self.setpoints = SetpointsMessage(self.case, seal=member.seal(address.topic("setpoints/delivered")))
-        senders = {c: sender for c, sender in speakers(self.case).items() if c in served(self.case, self.index)}
+        senders = {c: sender for c, sender in setpoint_senders(self.case).items() if c in served(self.case, self.index)}
         self.places = {sender.name: sender.place for sender in senders.values()}
         self.frame = np.full((len(self.case.system.pmus), len(CHANNELS)), np.nan)
         self.measured_ns = np.full(len(self.frame), LOST)  # LOST: the PMU is absent from the frame

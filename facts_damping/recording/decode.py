@@ -303,14 +303,14 @@ def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> ND
     return _table(parts, signals.LEARNING, "controller", "identifier", "tick")
 
 
-def heard(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) -> NewestTicks:
-    """Newest input ticks of each node when it acted (`signals.Record.heard`); empty if its messages lack them."""
+def latest(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) -> NewestTicks:
+    """Newest input ticks of each node when it acted (`signals.Record.latest`); empty if its messages lack them."""
     found: NewestTicks = {}
     for source in sources:
         parts: dict[tuple[str, int, str], list[NDArray[np.int64]]] = {}
         for block in source.blocks:
-            names = getattr(block.message, "heard", [])
-            for name, ticks in zip(names, getattr(block.message, "heard_ticks", []), strict=False):
+            names = getattr(block.message, "latest", [])
+            for name, ticks in zip(names, getattr(block.message, "latest_ticks", []), strict=False):
                 pairs = np.column_stack([source.ticks[block.rows], np.asarray(ticks, np.int64)])
                 what = f"controller {place(name)}" if name.startswith("controller_") else name
                 parts.setdefault((role, place(sender(block.message)), what), []).append(pairs)

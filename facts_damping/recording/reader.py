@@ -149,9 +149,9 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         joined=events.joined(untimed["diagnostics"]),
         changes=changes,
         absences=away,
-        heard=decode.heard("controller", cut["learning"], attrgetter("controller"))
-        | decode.heard("identifier", cut["estimates"], attrgetter("identifier"))
-        | decode.heard("supervisor", cut["supervision"], attrgetter("controller")),
+        latest=decode.latest("controller", cut["learning"], attrgetter("controller"))
+        | decode.latest("identifier", cut["estimates"], attrgetter("identifier"))
+        | decode.latest("supervisor", cut["supervision"], attrgetter("controller")),
         publishers=content.publishers,
         versions=content.versions,
         notes=notes,

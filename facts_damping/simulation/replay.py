@@ -311,7 +311,7 @@ def notes_on(record: Record, played: Record) -> list[str]:
     """Notes on what is not replayed, one line each; `played`: from `fitted`."""
     notes = list(record.notes)
     first, last, end = int(played.ticks[0]), int(played.ticks[-1]), record.gap_tick
-    if not record.heard and (len(record.estimates) or len(record.supervision)):
+    if not record.latest and (len(record.estimates) or len(record.supervision)):
         notes.append("the recording does not tell what nodes had at hand when they acted: taken as in lockstep")
     if first > 0:
         notes.append(f"the recording begins with tick {first}: what controllers had learnt before is not known")

@@ -1,7 +1,7 @@
 """A replay node by node: each controller, supervisor and identifier acts on the messages it had received when it acted.
 
-`Record.heard` tells which those were. In real time nodes may receive each other's messages late. In lockstep, and where
-a recording does not tell, a node uses estimate and setpoints of the tick before, and a supervisor all of its own tick.
+`Record.latest` tells which those were. In real time nodes may receive messages of each other late. In lockstep, and
+where a recording does not tell, a node uses estimate and setpoints of the tick before, and a supervisor its own tick.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class NewMessages:
     """Which messages are new to a node in each tick: as recorded, else as in lockstep."""
 
     def __init__(self, record: Record) -> None:
-        self._newest = {key: dict(rows.tolist()) for key, rows in record.heard.items()}
-        self._tells = {key[:2] for key in record.heard}
+        self._newest = {key: dict(rows.tolist()) for key, rows in record.latest.items()}
+        self._tells = {key[:2] for key in record.latest}
         self._used: dict[tuple[str, int, str], int] = {}
         self._begun = {(one.role, one.index, one.tick) for one in record.changes if one.kind == "start"}
 
@@ -154,7 +154,7 @@ class NodeReplay:
         c, link = int(own["controller"]), int(own["link"])
         both = [c, *(i for i, one in enumerate(self._case.controllers) if one.fallback_of == c)]
         pairs = [(who, newer) for who in both for newer in self._new(c, f"controller {who}", tick)]
-        heard = [one for one in pairs if one in self._issued and not self._changed.silent("controller", *one)]
+        latest = [one for one in pairs if one in self._issued and not self._changed.silent("controller", *one)]
         for newer in self._new(c, "state", tick):
             if (c, newer) in self._inner and not self._changed.absent("controller", c, newer):
                 for name in INNER:
@@ -162,7 +162,7 @@ class NodeReplay:
         ticks = [newer for newer in self._new(c, "plant", tick) if newer in self._place]
         if ticks:
             self._devices = self._record.devices[self._place[ticks[-1]]]
-        issued = np.concatenate([*(self._issued[one] for one in heard), self._out[:0]])
+        issued = np.concatenate([*(self._issued[one] for one in latest), self._out[:0]])
         frames = self._delivered[link][at]
         span = tick, tick_ns(tick, int(own["frame_rate"])), tick_ns(tick + 1, int(own["frame_rate"]))
         given = frames, len(frames), issued, len(issued), np.ascontiguousarray(self._devices)

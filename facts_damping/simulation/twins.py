@@ -69,7 +69,8 @@ def twins_of(record: Record) -> list[Record]:
     if record.notes or not (record.configuration.get("scenario") or record.events):
         return []
     try:
-        case = recorded_case(record.configuration, "recording")
+        over = {"duration": len(record.time_ns) / record.frame_rate}  # it may have been stopped
+        case = recorded_case({**record.configuration, **over}, "recording")
         return [] if any(kind_of(one).node for one in case.controllers) else twins(case, record)
     except FactsDampingError:
         return []

@@ -31,13 +31,13 @@ def federate(role: str, port: int) -> tuple[object, list[object], list[object]]:
     made = h.helicsCreateValueFederate(role, info)
     doubles = h.HELICS_DATA_TYPE_DOUBLE
     out = [h.helicsFederateRegisterGlobalPublication(made, f"{role}{i}", doubles, "") for i in (0, 1)]
-    heard = [h.helicsFederateRegisterSubscription(made, f"{other}{i}", "") for i in (0, 1)]
-    return made, out, heard
+    latest = [h.helicsFederateRegisterSubscription(made, f"{other}{i}", "") for i in (0, 1)]
+    return made, out, latest
 
 
 def exchange(role: str, port: int, steps: int) -> float:
     """Steps a second."""
-    made, out, heard = federate(role, port)
+    made, out, latest = federate(role, port)
     h.helicsFederateEnterExecutingMode(made)
     began, total = 0.0, 0.0
     for k in range(FIRST + steps):
@@ -46,7 +46,7 @@ def exchange(role: str, port: int, steps: int) -> float:
         for one in out:
             h.helicsPublicationPublishDouble(one, float(k))
         h.helicsFederateRequestTime(made, (k + 1) * PERIOD)
-        total += sum(h.helicsInputGetDouble(one) for one in heard)
+        total += sum(h.helicsInputGetDouble(one) for one in latest)
     took = time.perf_counter() - began
     if total <= 0.0:
         raise RuntimeError("nothing was heard")

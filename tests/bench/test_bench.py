@@ -40,7 +40,7 @@ def prepare(grid, folder):
 
 def run(made, grid, step, model="", more=()):
     if step < 0.005 and made == "dies":
-        print("the last line")
+        print("the last line", flush=True)
         os._exit(3)
     order = 2 if isinstance(made, str) else made
     t = np.arange(0.0, 20.0 + 1e-9, 0.01)

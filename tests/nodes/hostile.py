@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 CONTROLLER, IDENTIFIER = "controller_0_HBsWC", "identifier_0_ANFGuMoI"  # of these runs
 SETS = ["scenario=large", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
-HEARD = {
+LATEST = {
     "pmu/frames": {"wan_link"},
     "pmu/delivered": {CONTROLLER, IDENTIFIER},
     f"{IDENTIFIER}/estimate": {CONTROLLER},

@@ -32,7 +32,7 @@ from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.nodes.graphs import LOADED_S, assert_same, odd_requests, quiet, somebody, wait_until
-from tests.nodes.hostile import HEARD, IDENTIFIER, SETS, forgeries, hostile
+from tests.nodes.hostile import IDENTIFIER, LATEST, SETS, forgeries, hostile
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -64,7 +64,7 @@ class Attacker:
     def missing(self) -> list[str]:
         """Topics whose publisher here some subscribers have not found."""
         found = {topic: publisher.get_subscription_count() for topic, publisher in self.publishers.items()}
-        return [topic for topic, count in found.items() if count <= len(HEARD.get(topic, ()))]
+        return [topic for topic, count in found.items() if count <= len(LATEST.get(topic, ()))]
 
     def publish(self, topic: str, data: bytes) -> None:
         self.publishers[topic].publish(data)
@@ -86,7 +86,7 @@ def assert_all_refused(sent: Counter[str], outcome: Outcome, recorded: Any) -> N
     for (listener, cause, topic, _), count in outcome.messages_refused.items():
         refused[listener, topic] += count * (cause != "request")
     for topic, count in sent.items():
-        for listener in {"recorder"} | HEARD.get(topic, set()):
+        for listener in {"recorder"} | LATEST.get(topic, set()):
             assert refused[listener, topic if topic.startswith("/") else f"/{topic}"] == count, (listener, topic)
     for row in recorded.refused:
         key = row["node"].strip("/"), row["cause"], row["topic"], row["source"]
@@ -173,7 +173,7 @@ def test_nothing_of_another_participant_acts(domain: int, tmp_path: Path, starte
         outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S, look=look)
     recorded = load(outcome.recording)
     assert asked == [True] * 3
-    assert set(attackers[0].sent) >= set(HEARD)
+    assert set(attackers[0].sent) >= set(LATEST)
     assert_same(recorded, loop.run(case))
     assert_all_refused(attackers[0].sent, outcome, recorded)
 

@@ -438,9 +438,9 @@ def test_a_supervised_run_by_the_clock_is_replayed_to_the_bit(controller: str, t
     assert main(["replay", str(tmp_path / "run" / "recording"), "--policy"]) == 0
     assert "identical, bit for bit" in capsys.readouterr().out
     record = load(tmp_path / "run" / "recording")
-    rows = record.heard["supervisor", 0, "controller 0"]
+    rows = record.latest["supervisor", 0, "controller 0"]
     assert np.any(rows[:, 1] < rows[:, 0]) == (controller == "late")
-    without = replace(record, heard={})
+    without = replace(record, latest={})
     case = replay.case_of(without, "it", None, [], policy=True)
     difference = replay.first_supervised(without, replay.play(case, replay.fitted(without, case)))
     assert (difference is None) == (controller == "indirect")  # a late one needs the ticks of its inputs

@@ -154,12 +154,12 @@ def test_a_released_device_is_latched_or_comes_back_after_good_setpoints() -> No
 
 def test_the_wall_clock_releases_who_heard_nothing_and_only_they_are_re_armed() -> None:
     watch = watchdog.initial_watch(3)
-    heard = watchdog.initial_clock_state(3)
+    latest = watchdog.initial_clock_state(3)
     watch["accepted_ns"] = [watchdog.NEVER, 5, 6]
-    assert watchdog.late_by_clock(watch, heard, 10.0, 0.2) == []
+    assert watchdog.late_by_clock(watch, latest, 10.0, 0.2) == []
     assert watch["released"].tolist() == [0, 0, 0]
     watch["accepted_ns"][2] = 7
-    assert watchdog.late_by_clock(watch, heard, 10.3, 0.2) == [1]  # wall time: it has heard nothing for 0.3 s
+    assert watchdog.late_by_clock(watch, latest, 10.3, 0.2) == [1]  # wall time: it has heard nothing for 0.3 s
     watchdog.let_go(watch, 1)
     assert watch["released"].tolist() == [0, 1, 0]
     watchdog.rearm(watch, 100)

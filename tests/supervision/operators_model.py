@@ -34,7 +34,7 @@ class Model:
         self.given, self.state, self.why, self.refused = given, "shadow", "", ""
         self.history: list[set[str]] = []  # monitors beyond their limits at the ends of ticks
         self.ends: list[float] = []
-        self.entered = self.heard = float("-inf")
+        self.entered = self.latest = float("-inf")
         self.scheduled = False
 
     def ask(self, command: str | None, start: float) -> None:
@@ -53,7 +53,7 @@ class Model:
     def see(self, values: dict[str, float], reserve: float | None, end: float) -> None:
         """The end of a tick; `reserve`: when the fallback spoke in it."""
         g = self.given
-        self.heard = self.heard if reserve is None else reserve
+        self.latest = self.latest if reserve is None else reserve
         self.history.append({m for m in g.follows if values[m] > g.limit[m]})
         self.ends.append(end)
         acting = [m for m in MONITORS if m in g.follows and self._lasts(m)]
@@ -62,7 +62,7 @@ class Model:
         if self.state == "armed" and trips:
             self._enter("tripped", trips[0], end)
         elif self.state == "armed" and falls:
-            there = end - self.heard <= g.patience
+            there = end - self.latest <= g.patience
             self._enter("fallback" if there else "tripped", falls[0], end)
         elif self.state == "fallback" and trips:
             self._enter("tripped", trips[0], end)

@@ -23,7 +23,7 @@ from facts_damping.supervision.probe import fit
 
 QUIET = ["supervision=probed", "scenario=[]", "arm_at=13.2", "duration=13.5"]
 SMIB = [*QUIET, "system=smib", "arm_at=7.5", "duration=8"]
-HEARD = {"two_area": QUIET, "smib": SMIB}
+LATEST = {"two_area": QUIET, "smib": SMIB}
 FREQUENCY = ["measurement=p_class", "controllers.0.signals=[frequency]"]
 BOTH = ["devices=[sssc, statcom]", "controllers.0.devices=[sssc, statcom]", "controllers.0.name=ANFTSC", "arm_at=26"]
 
@@ -45,11 +45,11 @@ def omega(*sets: str) -> float:
     return found.eigenvalue.imag
 
 
-@pytest.mark.parametrize("system", HEARD)
+@pytest.mark.parametrize("system", LATEST)
 @pytest.mark.parametrize("sets", [[], ["link=delay_100ms"], ["link=csg"]], ids=str)
 def test_a_plant_that_is_as_known_answers_as_known(system: str, sets: list[str]) -> None:
     """Delays of the link are known: those of the way up by time stamps, those of the way down by its model."""
-    report, state, refused = probed(*HEARD[system], *sets)
+    report, state, refused = probed(*LATEST[system], *sets)
     assert report["probe_gain"] == pytest.approx(1.0, abs=0.03)
     assert math.degrees(report["probe_phase"]) == pytest.approx(0.0, abs=1.5)
     assert report["probe_coherence"] > 0.95
@@ -63,25 +63,25 @@ def test_filters_of_pmus_are_known() -> None:
     assert state == "armed"
 
 
-@pytest.mark.parametrize("system", HEARD)
+@pytest.mark.parametrize("system", LATEST)
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 5.0, -1.0])
 def test_what_the_way_down_multiplies_by_is_the_gain(system: str, factor: float) -> None:
-    report, state, refused = probed(*HEARD[system], down(model="scale", factor=factor))
+    report, state, refused = probed(*LATEST[system], down(model="scale", factor=factor))
     found = report["probe_gain"] * np.exp(1j * report["probe_phase"])
     assert abs(found - factor) < 0.04 * abs(factor)
     why = "probe: phase" if factor < 0.0 else "" if 1.0 / 3.0 < factor < 3.0 else "probe: gain"
     assert (state, refused) == ("shadow" if why else "armed", why)
 
 
-@pytest.mark.parametrize("system", HEARD)
+@pytest.mark.parametrize("system", LATEST)
 @pytest.mark.parametrize("delay", [0.05, 0.1, 0.25])
 def test_a_delay_that_is_not_known_turns_the_phase(system: str, delay: float) -> None:
     """By omega tau, with a tenth for what the other modes answer; beyond the tolerance arming is refused.
 
     Also where the phase is within it, and control would take damping away.
     """
-    report, state, refused = probed(*HEARD[system], down(delay=delay, start=0.001))
-    turned = omega(*HEARD[system]) * delay
+    report, state, refused = probed(*LATEST[system], down(delay=delay, start=0.001))
+    turned = omega(*LATEST[system]) * delay
     assert report["probe_phase"] == pytest.approx(-turned, rel=0.1)
     why = "probe: phase" if turned > math.radians(60.0) else "probe: damping" if report["added_damping"] < 0.0 else ""
     assert (state, refused) == ("shadow" if why else "armed", why)

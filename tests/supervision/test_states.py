@@ -139,7 +139,7 @@ def test_whatever_it_is_told_its_setpoints_stay_within_authority_and_ramps(
     """From what was said last before a change, b of a ramp's time later, no further than b of what is allowed."""
     supervision = shuffled(follows, {"fraction": fraction, "rate": rate})
     guarded, model = Guarded(supervision, list(LIMITS)), model_of(supervision, None)
-    limits, heard, before = guarded.limits, {0: (0, 0.0), 1: (0, 0.0)}, (model.state, model.entered)
+    limits, latest, before = guarded.limits, {0: (0, 0.0), 1: (0, 0.0)}, (model.state, model.entered)
     assert limits == pytest.approx(fraction * np.array(list(LIMITS.values())))
     begun, ramp = {0: 0.0, 1: 0.0}, RAMPS["trip_ramp"]
 
@@ -148,7 +148,7 @@ def test_whatever_it_is_told_its_setpoints_stay_within_authority_and_ramps(
         nonlocal before, begun, ramp
         now = model.state, model.entered
         if now != before:
-            begun = {d: v for d, (_, v) in heard.items()}
+            begun = {d: v for d, (_, v) in latest.items()}
             ramp = RAMPS["trip_ramp"] if now[0] not in ACTING else RAMPS["fall_back_ramp"]
             ramp = RAMPS["ramp"] if (before[0], now[0]) == ("shadow", "armed") else ramp
             before = now
@@ -162,12 +162,12 @@ def test_whatever_it_is_told_its_setpoints_stay_within_authority_and_ramps(
             assert abs(v) <= limits[d]
             assert tick_ns(k, RATE) <= at < tick_ns(k + 1, RATE)
             if rate is not None:
-                assert abs(v - heard[d][1]) <= rate * (at - heard[d][0]) * 1e-9 + 1e-12
+                assert abs(v - latest[d][1]) <= rate * (at - latest[d][0]) * 1e-9 + 1e-12
             else:
                 b = min(1.0, (at * 1e-9 - model.entered) / ramp)
                 assert abs(v - begun[d]) <= b * (abs(begun[d]) + limits[d]) + 1e-9
                 assert model.state in ACTING or b < 1.0 or v == 0.0
-            heard[d] = (at, v)
+            latest[d] = (at, v)
         assert model.state in ACTING or len(told.said) == 2  # a device is never without a word
         see(model, told, t, k)
         change()

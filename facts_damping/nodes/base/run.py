@@ -28,7 +28,7 @@ from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import ManagedNode
 from facts_damping.nodes.base.parameters import usage
-from facts_damping.nodes.base.spinner import HEARD_S, BeginAgain, Stopped, stop_by_signals
+from facts_damping.nodes.base.spinner import DRAIN_S, BeginAgain, Stopped, stop_by_signals
 from facts_damping.terminal import INTERRUPTIONS
 
 if TYPE_CHECKING:
@@ -118,10 +118,10 @@ def _run(node: ManagedNode, usage_of: str) -> int | None:
             raise RunError(f"{error}{body.spinner.remark()}") from error
         finally:
             body.spinner.close()
-        finish(node.publishers, HEARD_S)
+        finish(node.publishers, DRAIN_S)
         log.info("ended")
     except Stopped:
-        finish(node.publishers, HEARD_S)
+        finish(node.publishers, DRAIN_S)
         log.info("ended: stopped by a signal")
     except BeginAgain:
         log.info("unconfigured" if node.cleaned else "another plant has begun: this node begins again, too")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 REQUESTS_S = 0.05  # wall time between two checks for requests and for a stop signal
-HEARD_S = 2.0  # longest wall time that a stopped node waits for its last messages
+DRAIN_S = 2.0  # longest wall time that a stopped node waits for its last messages
 MAXIMUM = 100  # most messages of a subscription per turn, so that a flood does not starve the other subscriptions
 
 _stop_event: ContextVar[Event | None] = ContextVar("_stop_event", default=None)  # None: the process handles no signals
@@ -105,7 +105,7 @@ class Spinner:
         """Wait at most `timeout_s` seconds, then serve ready messages, one per subscription.
 
         Returns whether a message was admitted. Raises `Stopped` when the run is over, or after a stop signal once the
-        queues are empty or `HEARD_S` has passed.
+        queues are empty or `DRAIN_S` has passed.
         Requests are only polled, as waiting for them would make every turn more expensive.
         """
         self.serve()
@@ -125,7 +125,7 @@ class Spinner:
                 result = _take(subscription)
                 received |= result is not None
                 admitted |= bool(result)
-        if not running and (not received or time.monotonic() - self._running_at > HEARD_S):
+        if not running and (not received or time.monotonic() - self._running_at > DRAIN_S):
             raise Stopped
         return admitted
 

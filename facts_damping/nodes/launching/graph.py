@@ -21,7 +21,7 @@ from facts_damping.case.names import (
     identifier_names,
     link_addresses,
     recorded_topic,
-    speakers,
+    setpoint_senders,
     supervisor_addresses,
 )
 from facts_damping.control.table import kind_of
@@ -253,7 +253,7 @@ def graph(
     unsigned = {} if replayed is None else {"security": None}  # a recording has no keys
     run_file.write_text(dump(case.document() | unsigned), encoding="utf-8")
     common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "view": view_port is not None}
-    senders = speakers(case)
+    senders = setpoint_senders(case)
     running: dict[str, Process] = {}
 
     def begin(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> None:

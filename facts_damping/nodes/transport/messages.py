@@ -101,24 +101,24 @@ class ControllerStateMessage:
         }
         message = msg.ControllerState(controller=controller_names(case)[index], parameter_groups=names)
         message.input_names, message.output_names = controller.signals, controller.devices
-        message.heard = ["estimate"] if index in identifier_names(case) else []
-        message.heard_ticks = [-1] * len(message.heard)
+        message.latest = ["estimate"] if index in identifier_names(case) else []
+        message.latest_ticks = [-1] * len(message.latest)
         for name, size in sizes.items():
             setattr(message, name, [False if name == "saturated" else 0.0] * size)
         self._template = t = Template(message)
         self._index, self._devices, self._groups = index, devices, len(names)
         self._flags = t.index(["fresh"]), t.index(["learnt"])
-        self._heard = t.index(f"heard_ticks.{i}" for i in range(len(message.heard)))
+        self._latest = t.index(f"latest_ticks.{i}" for i in range(len(message.latest)))
         self._lyapunov = t.index(["lyapunov", "lyapunov_fall"])
         self._fields = {name: t.index(f"{name}.{i}" for i in range(size)) for name, size in sizes.items()}
 
-    def fill(self, tick: int, start_ns: int, fresh: bool, state: BankState, heard: int = -1) -> bytes:
-        """Message of a tick; `fresh`: frames were delivered; `heard`: tick of the newest estimate used."""
+    def fill(self, tick: int, start_ns: int, fresh: bool, state: BankState, latest: int = -1) -> bytes:
+        """Message of a tick; `fresh`: frames were delivered; `latest`: tick of the newest estimate used."""
         t, c, fields, net, learner = self._template, self._index, self._fields, self._net, state.learner
         t.write_head(start_ns, tick)
         for field, value in zip(self._flags, (fresh, fresh and state.memory.taught[c, 0]), strict=True):
             t.write(field, value)
-        t.write(self._heard, heard)
+        t.write(self._latest, latest)
         unlimited, outputs = state.unlimited[c, : self._devices], state.outputs[c, : self._devices]
         t.write(fields["inputs"], state.held.signal[c, : len(fields["inputs"].places)])
         t.write(fields["unlimited_outputs"], unlimited)
@@ -150,14 +150,14 @@ class ControllerStateMessage:
 class SupervisorStateMessage:
     """SupervisorState messages of one supervisor of a case."""
 
-    def __init__(self, controller: str, thresholds: NDArray[Any], heard: Sequence[str]) -> None:
-        """`controller`: name; `thresholds`: of the supervisor's monitors; `heard`: names of its inputs."""
-        self._controller, self._heard = controller, list(heard)
+    def __init__(self, controller: str, thresholds: NDArray[Any], latest: Sequence[str]) -> None:
+        """`controller`: name; `thresholds`: of the supervisor's monitors; `latest`: names of its inputs."""
+        self._controller, self._latest = controller, list(latest)
         self._limits = np.where(thresholds["follows"] == OFF, np.nan, thresholds["limit"])
         self._templates: dict[tuple[int, int, int], tuple[Template, Field, Field, Field]] = {}
 
-    def fill(self, tick: int, start_ns: int, row: Any, heard: Sequence[int]) -> bytes:
-        """Message of a tick; `row`: of SUPERVISION; `heard`: ticks of the newest inputs used."""
+    def fill(self, tick: int, start_ns: int, row: Any, latest: Sequence[int]) -> bytes:
+        """Message of a tick; `row`: of SUPERVISION; `latest`: ticks of the newest inputs used."""
         key = int(row["state"]), int(row["cause"]), int(row["refused"])
         if key not in self._templates:
             self._templates[key] = self._laid_out(*key)
@@ -165,7 +165,7 @@ class SupervisorStateMessage:
         t.write_head(start_ns, tick)
         t.write(values, row["values"])
         t.write(others, [row[name] for name in NUMBERS.values()])
-        t.write(ticks, heard)
+        t.write(ticks, latest)
         return t.data()
 
     def _laid_out(self, state: int, cause: int, refused: int) -> tuple[Template, Field, Field, Field]:
@@ -173,9 +173,9 @@ class SupervisorStateMessage:
         message.cause, message.refused = cause_name(cause), cause_name(refused)
         message.monitors, message.limits = list(MONITORS), self._limits.tolist()
         message.values = [0.0] * len(MONITORS)
-        message.heard, message.heard_ticks = self._heard, [-1] * len(self._heard)
+        message.latest, message.latest_ticks = self._latest, [-1] * len(self._latest)
         t = Template(message)
-        ticks = t.index(f"heard_ticks.{i}" for i in range(len(self._heard)))
+        ticks = t.index(f"latest_ticks.{i}" for i in range(len(self._latest)))
         return t, t.index(f"values.{i}" for i in range(len(MONITORS))), t.index(NUMBERS), ticks
 
 
@@ -202,8 +202,8 @@ class Estimates:
         self._template = t = Template(
             msg.JacobianEstimate(
                 identifier=identifier_names(case)[index],
-                heard=["setpoints"],
-                heard_ticks=[-1],
+                latest=["setpoints"],
+                latest_ticks=[-1],
                 output_names=controller.signals,
                 input_names=controller.devices,
                 jacobian=[0.0] * (p * q),
@@ -215,19 +215,19 @@ class Estimates:
             )
         )
         self._rates = t.index(f"learning_rates.{i}" for i in range(p * len(names)))
-        self._lyapunov, self._heard = t.index(["lyapunov", "lyapunov_fall"]), t.index(["heard_ticks.0"])
+        self._lyapunov, self._latest = t.index(["lyapunov", "lyapunov_fall"]), t.index(["latest_ticks.0"])
         self._jacobian, self._ahead = t.index(f"jacobian.{i}" for i in range(p * q)), t.index(["ahead"])
         self._by_signal = {name: t.index(f"{name}.{i}" for i in range(p)) for name in ("prediction", "error", "change")}
 
-    def fill(self, tick: int, rows: NDArray[Any], state: IdentifierState, n: int, heard: int = -1) -> bytes:
+    def fill(self, tick: int, rows: NDArray[Any], state: IdentifierState, n: int, latest: int = -1) -> bytes:
         """Message of a tick; `rows`: ESTIMATE, signal by signal; `state`, `n`: learning state of identifier n.
 
-        `heard`: tick of the newest setpoints used.
+        `latest`: tick of the newest setpoints used.
         """
         t = self._template
         t.write_head(int(rows["measured_ns"][0]), tick)
         t.write(self._jacobian, rows["jacobian"])
-        t.write(self._heard, heard)
+        t.write(self._latest, latest)
         for name, field in self._by_signal.items():
             t.write(field, rows[name][:: self._shape[1]])
         t.write(self._ahead, rows["ahead"][0])
