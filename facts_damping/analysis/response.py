@@ -25,15 +25,14 @@ LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a setpoint at its
 SHORTEST = 10.0  # s, of a response whose ringdown is fitted
 STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
 AT_LIMITS = "setpoints are at their limits to the end"
-LOST_MIRROR = "with noise of the opposite sign synchronism is lost"
+LOST_TWIN = "a twin of the run loses synchronism"
 
 
 class Judged(NamedTuple):
-    """A verdict, what it is of, and the signals that it is of: (ticks, n), p.u."""
+    """A verdict, and what it is of: RESPONSE, RUN or AMBIENT."""
 
     judgement: Judgement
-    of: str  # RESPONSE, RUN or AMBIENT
-    signals: NDArray[np.float64]
+    of: str
 
 
 def noisy(configuration: Mapping[str, object]) -> bool:
@@ -95,12 +94,12 @@ def judge_response(
     if found is None or limited or found.verdict == UNDECIDED:
         itself = judge(time_s, own, since, names)
         if itself.verdict in (GROWING, LIMIT_CYCLE) and (limited or found is None or not _decays(fit)):
-            return Judged(itself, RUN, own)
+            return Judged(itself, RUN)
     if found is None or signals is None or limited:
-        return Judged(itself._replace(verdict=UNDECIDED, because=AT_LIMITS if limited else LOST_MIRROR), RUN, own)
+        return Judged(itself._replace(verdict=UNDECIDED, because=AT_LIMITS if limited else LOST_TWIN), RUN)
     if found.verdict == UNDECIDED and _decays(fit):
         found = found._replace(verdict=DAMPED, because="the modes of its response are damped")
-    return Judged(found, RESPONSE, signals)
+    return Judged(found, RESPONSE)
 
 
 def _decays(fit: Fit | None) -> bool:
@@ -127,4 +126,4 @@ def judge_ambient(fit: Fit | None, signals: NDArray[np.float64]) -> Judged:
 
 def _ambient(verdict: str, because: str, signals: NDArray[np.float64]) -> Judged:
     amplitude = float(np.sqrt(2.0) * signals.std(axis=0).max())
-    return Judged(Judgement(verdict, because, None, 0.0, amplitude), AMBIENT, signals)
+    return Judged(Judgement(verdict, because, None, 0.0, amplitude), AMBIENT)

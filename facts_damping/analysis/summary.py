@@ -71,7 +71,7 @@ def summarise(
 
     `differences`: name -> (ticks,), p.u., the speed differences to judge; default: those of the configuration.
     `twins`: of a run with noise (simulation/twins.py); verdict, modes and settling time are then those of its
-    response to the events. Without them, verdicts of runs with noise can be wrong.
+    response to the events, by the default differences. Without them, verdicts of runs with noise can be wrong.
     `method`: how modes are identified, one of `analysis.poles.METHODS` or `ambient.METHOD`; AUTO: from the noise if the
     run has load noise and no event, else from the ringdown; None: not at all. For a run that is not stable, or of
     unknown stability (`stable` None), indices and settling time are None and there are no modes. `indices` count from t
@@ -80,7 +80,10 @@ def summarise(
     """
     judged = speed_differences(record) if differences is None else differences
     stable, t = is_stable(record), record.time_s
-    smooth, swings = record_roughness(record), _oscillation(record, judged, method, stable, twins)
+    smooth, swings = (
+        record_roughness(record),
+        _oscillation(record, judged, method, stable, twins if differences is None else ()),
+    )
     duty, late = saturation_duty(record), latency(record)
     watched = supervision.supervision(record, find(swings, ("modes", 0, "frequency_hz")))
     return {
@@ -168,10 +171,11 @@ def _oscillation(
     t, last, own = record.time_s, times[-1], columns(differences)
     shared = response(twins, own)
     signals = own if shared is None else shared
-    fit, how = _fit(
-        record, signals if shared is None else shared[: until_faded(t[: len(shared)], shared, last)], last, method
-    )
+    ticks = len(own) if shared is None else until_faded(t[: len(shared)], shared, last)
+    fit, how = _fit(record, signals[:ticks], last, method)
     judged = _judge(record, shared, own, list(differences), (fit, how), twins)
+    if shared is not None and judged.of == RUN:  # it is not linear: its response has no modes
+        fit, how = _fit(record, own, last, method)
     verdict = judged.judgement
     cycle = {"amplitude_pu": verdict.amplitude_pu, "saturation_duty": saturation_duty(record, verdict.start_s)}
     return {
@@ -199,8 +203,8 @@ def _judge(
     """The verdict of a run: of its response `shared`, of its modes in noise alone, or of itself."""
     fit, how = modes
     t, times = record.time_s, event_times(record)
-    if how == ambient.METHOD and not times:
-        return judge_ambient(fit, own)
+    if not times and record.configuration.get("load_noise"):
+        return judge_ambient(fit if how == ambient.METHOD else ambient.fit_ambient(t, own), own)
     if twins and times:
         ticks = len(own if shared is None else shared)
         limited = max(saturation_duty(record, max(times[-1], t[-1] - LAST)).values(), default=0.0) > LIMITED
@@ -211,7 +215,7 @@ def _judge(
     found = judge(t, own, (times or [0.0])[-1], names, (lambda: fit) if how == METHOD else None)
     if noisy(record.configuration):
         found = found._replace(because=f"{found.because}; noise is in it")
-    return Judged(found, RUN, own)
+    return Judged(found, RUN)
 
 
 def _fit(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from facts_damping.analysis.response import noisy
 from facts_damping.case.loading import recorded_case
 from facts_damping.control.table import kind_of
 from facts_damping.errors import FactsDampingError
@@ -24,13 +25,6 @@ if TYPE_CHECKING:
     from facts_damping.simulation.tick import Loop
 
 EVENTS = ("event", "reset")  # changes that a run without events does not have
-
-
-def has_twins(case: Case) -> bool:
-    """Whether a run has events, and noise of loads or PMUs."""
-    noises = [case.measurement.noise, *(one.noise for one in case.measurement.pmus.values() if one.noise)]
-    noisy = case.run.load_noise is not None or any(any(noise.model_dump().values()) for noise in noises)
-    return bool(case.scenario.events) and noisy
 
 
 def mirrored(loop: Loop) -> Loop:
@@ -49,8 +43,8 @@ def twins(case: Case, record: Record, fresh: Callable[[Case], Loop] = build_loop
 
     `fresh` builds loops.
     """
-    changed = any(change.kind in EVENTS for change in record.changes)
-    if not (has_twins(case) or changed):
+    happens = case.scenario.events or any(change.kind in EVENTS for change in record.changes)
+    if not (happens and noisy(record.configuration)):
         return []
 
     def run(case: Case, changes: list[RunChange], *, mirror: bool) -> Record:

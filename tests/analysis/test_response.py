@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis.modes.ambient import fit_ambient
-from facts_damping.analysis.response import AMBIENT, LOST_MIRROR, RESPONSE, RUN, judge_ambient
+from facts_damping.analysis.response import AMBIENT, LOST_TWIN, RESPONSE, RUN, judge_ambient
 from facts_damping.analysis.summary import summarise
 from facts_damping.signals import NANOSECONDS, GridEvent
 
@@ -89,7 +89,7 @@ def test_a_mirror_that_loses_synchronism_leaves_the_verdict_to_the_run(pair: Any
     calm, twins = pair(swing(-0.2), noise(2, 1e-5))
     twins[0].in_synchronism[-1] = False
     found = summarise(calm, twins=twins)
-    assert (found["verdict"], found["verdict_because"]) == ("undecided", LOST_MIRROR)
+    assert (found["verdict"], found["verdict_because"]) == ("undecided", LOST_TWIN)
 
 
 def test_a_mirror_that_is_shorter_is_compared_as_far_as_it_goes(pair: Any) -> None:

@@ -15,7 +15,7 @@ from facts_damping.case.supervision import unsupervised
 from facts_damping.signals import Record, RunChange
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
-from facts_damping.simulation.twins import has_twins, mirrored, twins_of
+from facts_damping.simulation.twins import mirrored, twins_of
 from facts_damping.studies.margins.delay_margin import oscillations
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
 
@@ -43,13 +43,11 @@ def test_before_the_event_run_and_mirror_cancel_to_second_order() -> None:
 @pytest.mark.parametrize("sets", [["load_noise=null", "measurement=ideal"], ["scenario=[]"]])
 def test_without_noise_or_without_events_there_is_none(sets: list[str]) -> None:
     case = load_case("two_area_deployment", [*SETS, *sets])
-    assert not has_twins(case)
     assert twins_of(loop.run(case)) == []
 
 
 def test_noise_of_pmus_alone_is_noise() -> None:
     case = load_case("two_area_deployment", [*SETS, "load_noise=null"])
-    assert has_twins(case)
     record = loop.run(case)
     mirror = twins_of(record)[0]
     assert not np.array_equal(record.frames, mirror.frames)
