@@ -25,7 +25,7 @@ from facts_damping.plant.watchdog import initial_watch, line
 from facts_damping.signals import to_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -49,11 +49,11 @@ def build(
     installed: Sequence[str],
     listed: Sequence[Event],
     watchdog: NDArray[Any] | None = None,
-    noise: Mapping[str, Float2] | None = None,
+    noisy: Collection[str] = (),
 ) -> Built:
     """Power flow, steady state of machines, controls and devices, and the reduced network of every stage.
 
-    `watchdog`: a row of WATCHDOG for all devices; None: off. `noise`: of loads by name, from `load_noise.draw`.
+    `watchdog`: a row of WATCHDOG for all devices; None: off. `noisy`: names of loads that `with_noise` gives noise.
     Raises `InputError` if the power flow does not converge, if limits exclude the initial state, or if an event is
     impossible.
     """
@@ -71,8 +71,7 @@ def build(
             rotating.rows[g]["column"] = len(system.machines) + len(system.infinite_buses) + port
             rotating.rows[g]["salient"] = 1.0
     magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
-    drawn = noise or {}
-    loads = [x for x in system.loads if not load.is_impedance(x) or x.name in drawn]
+    loads = port_loads(system, noisy)
     load_rows = _loads(system, loads, flow, magnitude, states, ports)
     placed = _devices(system, in_service(system, installed), flow, magnitude, states, ports)
     if watchdog is not None:
@@ -99,7 +98,7 @@ def build(
         mechanical_power=np.where(online > 0.0, rotating.power * np.array(scales), 0.0),
         online=online,
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
-        load_noise=load_noise.table(drawn, loads),
+        load_noise=load_noise.table({}, loads),
         network=np.array([reduce_network(system, ports.places, norton, s.topology, magnitude) for s in steps]),
         pmu_machine=np.array(pmus),
     )
@@ -108,6 +107,17 @@ def build(
     lines = line([system.device(name).dead_time for name in installed])
     state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), initial_watch(n), source, *lines)
     return Built(plant, state, flow, states.names)
+
+
+def port_loads(system: System, noisy: Collection[str]) -> list[Load]:
+    """The loads that are ports: those that are no constant impedance, and those with noise."""
+    return [one for one in system.loads if not load.is_impedance(one) or one.name in noisy]
+
+
+def with_noise(built: Built, system: System, noise: Mapping[str, Float2]) -> Built:
+    """A built plant with the noise of loads by name, from `load_noise.draw`; it was built with their names."""
+    table = load_noise.table(noise, port_loads(system, noise))
+    return built._replace(plant=built.plant._replace(load_noise=table))
 
 
 def in_service(system: System, installed: Sequence[str]) -> list[Device]:

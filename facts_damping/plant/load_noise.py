@@ -38,6 +38,11 @@ LONGEST = 3600.0  # s, longest series
 STREAM = int.from_bytes(b"LOAD", "big")  # first of the spawn keys, unique to load noise
 
 
+def noisy_loads(noise: LoadNoise | None, loads: Sequence[Load]) -> list[str]:
+    """Names of the loads with noise."""
+    return [load.name for load in loads if noise is not None and noise.of(load.name)[0] > 0.0]
+
+
 def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: int) -> dict[str, Float2]:
     """Relative deviations of P and Q of each noisy load at all points of the grid, (points, 2).
 

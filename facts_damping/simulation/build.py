@@ -27,9 +27,10 @@ from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.parameters.supervision import Supervision
 from facts_damping.phasors import times
-from facts_damping.plant.build import Built, build
+from facts_damping.plant.build import Built, build, with_noise
 from facts_damping.plant.events import timeline
 from facts_damping.plant.load_noise import draw as draw_noise
+from facts_damping.plant.load_noise import noisy_loads
 from facts_damping.plant.watchdog import settings as watchdog_settings
 from facts_damping.signals import CHANNELS, GridEvent
 from facts_damping.small_signal import own_linear
@@ -79,13 +80,20 @@ def identifier_network(controller: Controller) -> Network:
 
 def build_plant(case: Case) -> Built:
     """Build the plant of a case, at its equilibrium."""
-    return build(
-        case.system,
-        case.run.devices,
-        case.scenario.events,
-        watchdog_settings(case.run.watchdog, case.run.frame_rate),
-        draw_noise(case.run.load_noise, case.system.loads, case.duration, case.run.seed),
-    )
+    return with_load_noise(case, quiet_plant(case))
+
+
+def quiet_plant(case: Case) -> Built:
+    """The plant of a case without its noise: the same for all seeds and durations."""
+    watchdog = watchdog_settings(case.run.watchdog, case.run.frame_rate)
+    noisy = noisy_loads(case.run.load_noise, case.system.loads)
+    return build(case.system, case.run.devices, case.scenario.events, watchdog, noisy)
+
+
+def with_load_noise(case: Case, built: Built) -> Built:
+    """A plant of `quiet_plant` with the noise of the case."""
+    noise = draw_noise(case.run.load_noise, case.system.loads, case.duration, case.run.seed)
+    return with_noise(built, case.system, noise)
 
 
 def build_pmus(case: Case, draws: int = 0, before: Pmus | None = None) -> tuple[Pmus, PmuState]:

@@ -239,8 +239,9 @@ def test_killed_recorder_leaves_what_it_had_flushed(domain: int, tmp_path: Path,
 
 
 def _as_at_a_terminal() -> None:
-    """Where the tests themselves run in the background, what they start would ignore interrupts."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    """Where the tests themselves run in the background, or by nohup, what they start would ignore these."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 @pytest.fixture

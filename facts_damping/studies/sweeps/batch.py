@@ -23,7 +23,7 @@ from facts_damping.parameters.run import Run
 from facts_damping.plant.model import copy
 from facts_damping.simulation import loop
 from facts_damping.simulation import twins as run_twins
-from facts_damping.simulation.build import build_plant, needs_residues, plant_residues
+from facts_damping.simulation.build import needs_residues, plant_residues, quiet_plant, with_load_noise
 from facts_damping.studies.margins import criteria
 from facts_damping.studies.sweeps import true_jacobian
 
@@ -170,9 +170,9 @@ def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
     # Keyed by content instead of name: a file may change during the life of a cluster's worker.
     system = f"{case.run.devices} {case.system.model_dump_json()}"
     events = [event.model_dump_json() for event in case.scenario.events]
-    noise = f"{case.run.load_noise.model_dump_json()} {case.run.seed} {case.duration}" if case.run.load_noise else ""
+    noise = case.run.load_noise.model_dump_json() if case.run.load_noise else ""
     guarded = f"{case.run.watchdog and case.run.watchdog.model_dump_json()} {case.run.frame_rate}"
-    built = shared(_plants, f"{events} {system} {noise} {guarded}", lambda: build_plant(case))
+    built = with_load_noise(case, shared(_plants, f"{events} {system} {noise} {guarded}", lambda: quiet_plant(case)))
     plant = None
     if needs_residues(case):
         model = system if case.model is None else f"{case.run.devices} {case.model.model_dump_json()}"
