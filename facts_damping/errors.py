@@ -11,7 +11,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 VERBOSE = "FACTS_DAMPING_VERBOSE"  # environment variable that passes `--verbose` to all processes of a command
-OLD_NAMES = {  # old keys and figures
+OLD_NAMES = {  # old keys, figures and messages
+    "VoltageSetpoint": "DeviceSetpoint",
+    "VoltageSetpoints": "DeviceSetpoints",
     "beds": "base_runs",
     "v_max": "setpoint_max",
     "smoothness": "roughness",

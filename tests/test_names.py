@@ -38,8 +38,6 @@ OLD = {
     "made_scenarios": "scenario_generation",
     "strains": "limit_violations",
     "inner life": "health",
-    "VoltageSetpoint": "DeviceSetpoint",
-    "VoltageSetpoints": "DeviceSetpoints",
     "unit trip": "mechanical power step",
     "swing mode": "electromechanical mode",
     "MOST_TICKS": "MAX_TICKS",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.digest import digest
-from facts_damping.errors import InputError, RecordingError, one_line
+from facts_damping.errors import OLD_NAMES, InputError, RecordingError, one_line
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.validation import check
@@ -194,7 +194,9 @@ def _topics(content: Content, controlled: bool) -> dict[str, list[str]]:
     }
     for kind in REQUIRED + (CLOSED_LOOP if controlled else ()):
         if not topics[kind]:
-            raise RecordingError(f"no topic ...{KINDS[kind][1]} of type {KINDS[kind][0]} in the recording")
+            old = {topic.message_type.rpartition("/")[2] for topic in content.topics.values()} & OLD_NAMES.keys()
+            before = f"; made before {min(old)} was renamed to {OLD_NAMES[min(old)]}" if old else ""
+            raise RecordingError(f"no topic ...{KINDS[kind][1]} of type {KINDS[kind][0]} in the recording{before}")
     for kind, names in topics.items():
         if len(names) > 1 and kind not in SEVERAL:
             raise RecordingError(f"several topics ...{KINDS[kind][1]} in the recording: {', '.join(names)}")

@@ -14,7 +14,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from facts_damping.errors import RecordingError
+from facts_damping.errors import OLD_NAMES, RecordingError
 from facts_damping.recording import RecordingWriter, load, recover
 
 if TYPE_CHECKING:
@@ -207,6 +207,15 @@ def test_foreign_recording(tmp_path: Path) -> None:
         writer.add_topic("/pmu/frames", STRING)
         writer.write("/pmu/frames", bytes([0, 1, 0, 0, 2, 0, 0, 0, 97, 0]), 1, 1)
     with pytest.raises(RecordingError, match=r"no topic \.\.\./pmu/frames of type facts_damping_msgs/"):
+        load(tmp_path / "run")
+
+
+def test_a_recording_with_messages_of_old_names_says_so(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "run") as writer:
+        old = next(name for name, new in OLD_NAMES.items() if new == "DeviceSetpoints")
+        writer.add_topic("/setpoints/delivered", f"facts_damping_msgs/msg/{old}", schema="uint64 tick\n")
+        writer.write("/setpoints/delivered", bytes([0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]), 1, 1)
+    with pytest.raises(RecordingError, match=f"; made before {old} was renamed to DeviceSetpoints"):
         load(tmp_path / "run")
 
 
