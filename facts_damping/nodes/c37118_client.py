@@ -114,7 +114,7 @@ class C37118Client:
     def check_known(self) -> None:
         """Raise `RunError` if no server has sent its configuration, unless the graph runs free."""
         if self.sources.unknown() and not self.options.free:
-            raise RunError(f"no server has told its configuration: {'; '.join(self.sources.flaws())}")
+            raise RunError(f"no server has sent its configuration: {'; '.join(self.sources.flaws())}")
 
     def receive(self) -> None:
         """Wait at most `SPIN_S` for stream data, take all of it, and log its events.

@@ -110,7 +110,7 @@ class Streams(ParameterModel):
         0.2, "s", "how long a frame waits, from when it is due, for those of other servers", ge=0, le=60
     )
     pmus: dict[Name, Channels] = Field(
-        {}, description="PMU of the run's system: where its signals are; others: in the PMU of the same name"
+        {}, description="PMU of the run's system: PMU and channels of the stream; none: the PMU of the same name"
     )
 
     @field_validator("servers")

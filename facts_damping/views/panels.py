@@ -174,7 +174,7 @@ def _supervisor(case: Case, c: int, here: str, senders: dict[str, str]) -> list[
     worth["gain_margin"] = "gain margin, a factor"
     panels = [
         Panel("state", words, STATES),
-        Panel("fraction of the newest change", [Curve(topic, "fraction", "fraction")]),
+        Panel("progress of the change of source", [Curve(topic, "fraction", "fraction")]),
         Panel("probe beside the known answer", [Curve(topic, field, label) for field, label in probe.items()]),
         Panel("what the probe says of the controller", [Curve(topic, field, label) for field, label in worth.items()]),
     ]

@@ -45,8 +45,8 @@ class DeviceKind(NamedTuple):
     Arguments of the compiled functions: `d`, a row of DEVICE (the kind's own fields are in the field of its name); `x`,
     the plant's states; `u`, the reference after the response time; `size`, the magnitude of the port's response
     (current in series, bus voltage in parallel); p.u. For the power flow: `losses(device, |I|)`, resistance equivalent
-    to the losses of a series device (p.u.); `drawn(device, |V|, base)`, power of a parallel device from each of its
-    buses at rest, P + j Q (p.u. of the base, MVA).
+    to the losses of a series device (p.u.); `consumed_power(device, |V|, base)`, power of a parallel device from each
+    of its buses at rest, P + j Q (p.u. of the base, MVA).
     """
 
     table: np.dtype[Any]
@@ -126,8 +126,8 @@ def losses_of(device: Series, magnitude: float) -> float:
 
 def consumed_power(device: Device, voltages: Sequence[float], base_power: float) -> list[complex]:
     """Power of a parallel device from each of its buses at rest, P + j Q, p.u. of the base (MVA)."""
-    drawn = KINDS[device.kind].consumed_power
-    return drawn(device, voltages, base_power) if drawn else [0j] * len(voltages)
+    power = KINDS[device.kind].consumed_power
+    return power(device, voltages, base_power) if power else [0j] * len(voltages)
 
 
 @compiled

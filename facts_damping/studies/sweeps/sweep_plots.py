@@ -33,7 +33,7 @@ CURVES = {
     "interarea_damping_ratio": "interarea damping ratio",
     "roughness": "roughness [p.u./s²]",
 }
-SHARES = {"unstable": "fraction of unstable runs", "not_damped": "fraction of runs not damped"}
+FRACTIONS = {"unstable": "fraction of unstable runs", "not_damped": "fraction of runs not damped"}
 BINS = 20  # of a random variable
 MINIMUM = 3  # number of values for an axis
 MAX_ACROSS = 5  # largest number of panels of a map per row
@@ -54,7 +54,7 @@ def draw(rows: Rows, swept: Sequence[str], margins: Rows, across: str, folder: P
         x = next((m["field"] for m in margins), axes[0])
         made["curves"] = draw_curves(sound, x, swept, axes)
         others = [name for name in axes if name != x]
-        for criterion, ending in zip(SHARES, ("", "_not_damped"), strict=True):
+        for criterion, ending in zip(FRACTIONS, ("", "_not_damped"), strict=True):
             made[f"probability{ending}"] = draw_probability(sound, x, swept, axes, criterion)
             made[f"map{ending}"] = draw_map(sound, x, others[0], swept, criterion) if others else None
     made["latency"] = draw_latency(sound, swept) if few else None
@@ -234,7 +234,7 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
 
 def _fraction_label(rows: Rows, criterion: str) -> str:
     horizons = sorted({row["horizon_s"] for row in rows})
-    return f"{SHARES[criterion]}, horizon {' / '.join(f'{one:g}' for one in horizons)} s"
+    return f"{FRACTIONS[criterion]}, horizon {' / '.join(f'{one:g}' for one in horizons)} s"
 
 
 def _ticked(axis: Axis, values: Sequence[float]) -> Sequence[float]:
