@@ -19,12 +19,12 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.case.supervision import unsupervised
 from facts_damping.simulation import loop
-from facts_damping.simulation.twins import twins_of
+from facts_damping.simulation.twins import twin_of
 from facts_damping.studies.margins.delay_margin import oscillations
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
 
 SOUND, GROWS = 0.01, 0.05  # damping ratio; 1/s
-SEEDS = range(301, 321)
+SEEDS = range(401, 421)
 DELAYS = (0.001, 0.1, 0.2, 0.3, 0.4)  # s
 COMMON = ("duration=40", "supervision=null", "arm_at=null")
 NOISE = ("load_noise={std: 0.01, time_constant: 1}",)
@@ -68,11 +68,11 @@ def truth(name: str, delay: float) -> tuple[float, float, float]:
 
 
 def seen(task: tuple[str, float, int]) -> tuple[str, float, str, str, float | None]:
-    """Verdict with and without twins, and the damping ratio of the strongest mode of the response."""
+    """Verdict with and without twin, and the damping ratio of the strongest mode of the response."""
     name, delay, seed = task
     run, sets = LOOPS[name]
     record = loop.run(load_case(run, [*COMMON, *sets, link(delay), f"seed={seed}"]))
-    plain, summary = summarise(record, method=None), summarise(record, twins=twins_of(record))
+    plain, summary = summarise(record, method=None), summarise(record, twin=twin_of(record))
     ratios = [mode["damping_ratio"] for mode in summary["modes"]]
     return name, delay, plain["verdict"], summary["verdict"], ratios[0] if ratios else None
 
@@ -89,7 +89,7 @@ def main(names: list[str]) -> None:
         found = list(pool.map(seen, tasks, chunksize=8))
     right: dict[str, list[bool]] = {"sound": [], "grows": []}
     unpaired: dict[str, list[bool]] = {"sound": [], "grows": []}
-    print("| loop | delay, ms | linear: damping ratio, % | response, % (seeds) | verdicts | without twins |")
+    print("| loop | delay, ms | linear: damping ratio, % | response, % (seeds) | verdicts | without twin |")
     print("|---|--:|--:|--:|---|---|")
     for name in names or LOOPS:
         for delay in DELAYS:
@@ -106,7 +106,7 @@ def main(names: list[str]) -> None:
             span = f"{np.median(ratios):.2f} [{ratios.min():.2f}, {ratios.max():.2f}]" if len(ratios) else "-"
             print(f"| {name} | {1e3 * delay:.0f} | {100 * ratio:.2f} | {span} |", end=" ")
             print(f"{words([row[3] for row in own])} | {words([row[2] for row in own])} |", flush=True)
-    print("\n| the linear loop | runs | called so | without twins |\n|---|--:|--:|--:|")
+    print("\n| the linear loop | runs | called so | without twin |\n|---|--:|--:|--:|")
     for kind, verdict in (("sound", "damped"), ("grows", "growing, limit cycle or lost")):
         n = len(right[kind])
         print(

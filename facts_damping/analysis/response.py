@@ -25,7 +25,7 @@ LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a setpoint at its
 SHORTEST = 10.0  # s, of a response whose ringdown is fitted
 STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
 AT_LIMITS = "setpoints are at their limits to the end"
-LOST_TWIN = "a twin of the run loses synchronism"
+LOST_TWIN = "the twin of the run loses synchronism"
 
 
 class Judged(NamedTuple):
@@ -42,19 +42,25 @@ def noisy(configuration: Mapping[str, object]) -> bool:
     return bool(configuration.get("load_noise")) or any(any((row.get("noise") or {}).values()) for row in rows)
 
 
-def response(twins: Sequence[Record], signals: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The response of a run with the signals (ticks, n) to its events, by its twins (simulation/twins.py).
+class Twin(NamedTuple):
+    """The twin of a run (simulation/twins.py): the same noise without events, or the same events and opposite noise."""
 
-    It is half the sum of the run and its mirror, less that of the same two without events. What is
-    of odd order in the noise cancels in the sums, and what is of even order in the difference, unless an event changes
-    the grid. None without twins, or if one of them loses synchronism.
+    record: Record
+    mirror: bool
+
+
+def response(twin: Twin | None, signals: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The response of a run with the signals (ticks, n) to its events, by its twin.
+
+    Half the sum of a run and its mirror, else the difference of a run and its twin. Noise cancels in it exactly where
+    the loop is linear. None without a twin, or if it loses synchronism.
     """
-    if not twins or not all(one.in_synchronism.all() for one in twins):
+    if twin is None or not twin.record.in_synchronism.all():
         return None
-    each = [signals, *(columns(speed_differences(one)) for one in twins)]
-    ticks = min(len(one) for one in each)
-    pairs = [(one[:ticks] + other[:ticks]) / 2.0 for one, other in zip(each[::2], each[1::2], strict=True)]
-    return np.asarray(pairs[0] - sum(pairs[1:]))
+    other = columns(speed_differences(twin.record))
+    ticks = min(len(signals), len(other))
+    own, other = signals[:ticks], other[:ticks]
+    return np.asarray((own + other) / 2.0 if twin.mirror else own - other)
 
 
 def until_faded(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float) -> int:
@@ -85,7 +91,7 @@ def judge_response(
     fit: Fit | None,
     limited: bool,
 ) -> Judged:
-    """Judge a run with the signals `own` by its response (ticks, n); None: a twin has lost synchronism.
+    """Judge a run with the signals `own` by its response (ticks, n); None: its twin has lost synchronism.
 
     `fit`: ringdown of the response; `limited`: setpoints are at their limits to the end. A loop at its limits, or one
     that grows, is not the image of its mirror: then the run itself counts, where it grows or does not decay.

@@ -21,6 +21,7 @@ from facts_damping.analysis.response import (
     LIMITED,
     RUN,
     Judged,
+    Twin,
     judge_ambient,
     judge_response,
     noisy,
@@ -65,13 +66,13 @@ def summarise(
     differences: Mapping[str, NDArray[np.float64]] | None = None,
     *,
     method: str | None = AUTO,
-    twins: Sequence[Record] = (),
+    twin: Twin | None = None,
 ) -> dict[str, Any]:
     """Figures of a run, ready for JSON: numbers, None and lists of them.
 
     `differences`: name -> (ticks,), p.u., the speed differences to judge; default: those of the configuration.
-    `twins`: of a run with noise (simulation/twins.py); verdict, modes and settling time are then those of its
-    response to the events, by the default differences. Without them, verdicts of runs with noise can be wrong.
+    `twin`: of a run with noise (simulation/twins.py); verdict, modes and settling time are then those of its
+    response to the events, by the default differences. Without it, verdicts of runs with noise can be wrong.
     `method`: how modes are identified, one of `analysis.poles.METHODS` or `ambient.METHOD`; AUTO: from the noise if the
     run has load noise and no event, else from the ringdown; None: not at all. For a run that is not stable, or of
     unknown stability (`stable` None), indices and settling time are None and there are no modes. `indices` count from t
@@ -82,7 +83,7 @@ def summarise(
     stable, t = is_stable(record), record.time_s
     smooth, swings = (
         record_roughness(record),
-        _oscillation(record, judged, method, stable, twins if differences is None else ()),
+        _oscillation(record, judged, method, stable, twin if differences is None else None),
     )
     duty, late = saturation_duty(record), latency(record)
     watched = supervision.supervision(record, find(swings, ("modes", 0, "frequency_hz")))
@@ -159,7 +160,7 @@ def _oscillation(
     differences: Mapping[str, NDArray[np.float64]],
     method: str | None,
     stable: bool | None,
-    twins: Sequence[Record],
+    twin: Twin | None,
 ) -> dict[str, Any]:
     """Figures that exist only for a run in synchronism to its end."""
     if not stable:
@@ -169,11 +170,11 @@ def _oscillation(
         return found | dict.fromkeys(none) | _modes(None)
     times = event_times(record) or [0.0]
     t, last, own = record.time_s, times[-1], columns(differences)
-    shared = response(twins, own)
+    shared = response(twin, own)
     signals = own if shared is None else shared
     ticks = len(own) if shared is None else until_faded(t[: len(shared)], shared, last)
     fit, how = _fit(record, signals[:ticks], last, method)
-    judged = _judge(record, shared, own, list(differences), (fit, how), twins)
+    judged = _judge(record, shared, own, list(differences), (fit, how), twin)
     if shared is not None and judged.of == RUN:  # it is not linear: its response has no modes
         fit, how = _fit(record, own, last, method)
     verdict = judged.judgement
@@ -198,14 +199,14 @@ def _judge(
     own: NDArray[np.float64],
     names: Sequence[str],
     modes: tuple[Fit | None, str | None],
-    twins: Sequence[Record],
+    twin: Twin | None,
 ) -> Judged:
     """The verdict of a run: of its response `shared`, of its modes in noise alone, or of itself."""
     fit, how = modes
     t, times = record.time_s, event_times(record)
     if not times and record.configuration.get("load_noise"):
         return judge_ambient(fit if how == ambient.METHOD else ambient.fit_ambient(t, own), own)
-    if twins and times:
+    if twin is not None and times:
         ticks = len(own if shared is None else shared)
         limited = max(saturation_duty(record, max(times[-1], t[-1] - LAST)).values(), default=0.0) > LIMITED
         if shared is not None and how != METHOD:

@@ -19,7 +19,7 @@ from facts_damping.extras import library
 from facts_damping.recording import reader
 from facts_damping.signals import Record
 from facts_damping.simulation import loop
-from facts_damping.simulation.twins import twins_of
+from facts_damping.simulation.twins import twin_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ class Result(Record):
     @cached_property
     def summary(self) -> dict[str, Any]:
         """The figures of the run, as JSON has them (docs/results_json.md)."""
-        return figures.summarise(self, twins=twins_of(self))
+        return figures.summarise(self, twin=twin_of(self))
 
     @property
     def indices(self) -> dict[str, float] | None:

@@ -51,10 +51,10 @@ def say(arguments: argparse.Namespace, *texts: str) -> None:
 def summarise(record: Record, wall_s: float | None, recording: str | None, method: str = "auto") -> dict[str, Any]:
     """JSON summary of a run (docs/results_json.md)."""
     from facts_damping.analysis import summary
-    from facts_damping.simulation.twins import twins_of
+    from facts_damping.simulation.twins import twin_of
 
     more = {"digest": digest(record), "versions": record.versions, "wall_s": wall_s, "recording": recording}
-    return {**summary.summarise(record, method=method, twins=twins_of(record)), **more}
+    return {**summary.summarise(record, method=method, twin=twin_of(record)), **more}
 
 
 def _report(arguments: argparse.Namespace, named: Named, results: Results, folder: Path | None, *more: str) -> None:

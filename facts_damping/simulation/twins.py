@@ -1,8 +1,9 @@
-"""The twins of a run with noise, from which its response to the events is computed (analysis/response.py).
+"""The twin of a run with noise, from which its response to the events is computed (analysis/response.py).
 
-They are its mirror, which is the same run with all noise, of loads and of PMUs, of the opposite sign, the run without
-events, and that run's mirror. Mirrors are antithetic variates (J. M. Hammersley and K. W. Morton, A new Monte Carlo
-technique: antithetic variates, Proc. Cambridge Phil. Soc. 52 (1956) 449-475).
+It has the same noise and no events, or, as a mirror, the same events and noise of the opposite sign, of loads and of
+PMUs. Mirrors are antithetic variates (J. M. Hammersley and K. W. Morton, A new Monte Carlo technique: antithetic
+variates, Proc. Cambridge Phil. Soc. 52 (1956) 449-475). A mirror is needed where an event changes the grid for good, as
+the same noise then moves another plant, and where a controller learns, as the event teaches it.
 """
 
 from __future__ import annotations
@@ -10,10 +11,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from facts_damping.analysis.response import noisy
+from facts_damping.analysis.response import Twin, noisy
 from facts_damping.case.loading import recorded_case
 from facts_damping.control.table import kind_of
 from facts_damping.errors import FactsDampingError
+from facts_damping.plant.events import topology_intervals
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.loop import build_loop, finish
 
@@ -21,7 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record, RunChange
+    from facts_damping.plant.events import TopologyInterval
+    from facts_damping.plant.grid.network import Topology
+    from facts_damping.signals import Record
     from facts_damping.simulation.tick import Loop
 
 EVENTS = ("event", "reset")  # changes that a run without events does not have
@@ -38,33 +42,46 @@ def without_events(case: Case) -> Case:
     return replace(case, scenario=case.scenario.model_copy(update={"events": []}))
 
 
-def twins(case: Case, record: Record, fresh: Callable[[Case], Loop] = build_loop) -> list[Record]:
-    """The twins of a run: its mirror, the run without events, and that run's mirror; empty without events or noise.
+def needs_mirror(case: Case, record: Record) -> bool:
+    """Whether an event changes the grid for good, or a controller is not linear."""
+    if any(change.kind in EVENTS for change in record.changes) or any(
+        c.scheme or c.policy or c.fmu for c in case.controllers
+    ):
+        return True
+    intervals = topology_intervals(case.system, case.scenario.events)
+    return _grid(intervals[0]) != _grid(intervals[-1])
 
-    `fresh` builds loops.
-    """
+
+def _grid(interval: TopologyInterval) -> tuple[Topology, dict[str, float], dict[str, float]]:
+    """What an interval's grid is: topology, and the loads and mechanical powers that differ from the start."""
+    loads, powers = (
+        {name: scale for name, scale in scales.items() if scale != 1.0}
+        for scales in (interval.topology.load_scale, interval.mechanical_scale)
+    )
+    return replace(interval.topology, load_scale={}), loads, powers
+
+
+def twin(case: Case, record: Record, fresh: Callable[[Case], Loop] = build_loop) -> Twin | None:
+    """The twin of a run; None without events or noise. `fresh` builds loops."""
     happens = case.scenario.events or any(change.kind in EVENTS for change in record.changes)
     if not (happens and noisy(record.configuration)):
-        return []
-
-    def run(case: Case, changes: list[RunChange], *, mirror: bool) -> Record:
-        loop = mirrored(fresh(case)) if mirror else fresh(case)
-        return rerun(case, changes, loop) if changes else finish(case, loop)
-
-    calm, kept = without_events(case), [change for change in record.changes if change.kind not in EVENTS]
-    return [run(case, record.changes, mirror=True), *(run(calm, kept, mirror=mirror) for mirror in (False, True))]
+        return None
+    mirror = needs_mirror(case, record)
+    other = case if mirror else without_events(case)
+    loop = mirrored(fresh(other)) if mirror else fresh(other)
+    return Twin(rerun(other, record.changes, loop) if record.changes else finish(other, loop), mirror)
 
 
-def twins_of(record: Record) -> list[Record]:
-    """The twins of a recorded run, simulated in process with its changes.
+def twin_of(record: Record) -> Twin | None:
+    """The twin of a recorded run, simulated in process with its changes.
 
-    Empty without noise or events, and if the run cannot be simulated: parts of it are missing or came from outside.
+    None without noise or events, and if the run cannot be simulated: parts of it are missing or came from outside.
     """
     if record.notes or not (record.configuration.get("scenario") or record.events):
-        return []
+        return None
     try:
         over = {"duration": len(record.time_ns) / record.frame_rate}  # it may have been stopped
         case = recorded_case({**record.configuration, **over}, "recording")
-        return [] if any(kind_of(one).node for one in case.controllers) else twins(case, record)
+        return None if any(kind_of(one).node for one in case.controllers) else twin(case, record)
     except FactsDampingError:
-        return []
+        return None

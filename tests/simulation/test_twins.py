@@ -15,7 +15,7 @@ from facts_damping.case.supervision import unsupervised
 from facts_damping.signals import Record, RunChange
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
-from facts_damping.simulation.twins import mirrored, twins_of
+from facts_damping.simulation.twins import mirrored, twin_of
 from facts_damping.studies.margins.delay_margin import oscillations
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
 
@@ -29,13 +29,19 @@ def speeds(record: Record) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
 
 def test_before_the_event_run_and_mirror_cancel_to_second_order() -> None:
     record = loop.run(load_case("two_area_deployment", SETS))
-    mirror = twins_of(record)[0]
+    twin = twin_of(record)
+    assert twin is not None
+    assert twin.mirror
+    mirror = twin.record
     before = record.time_s < 2.0
     own, other = speeds(record)[before], speeds(mirror)[before]
     assert np.abs(own + other).max() < 0.05 * np.abs(own).max()
     smaller = load_case("two_area_deployment", [*SETS, "load_noise.std=0.001", "measurement.noise={}"])
     record = loop.run(smaller)
-    mirror = twins_of(record)[0]
+    twin = twin_of(record)
+    assert twin is not None
+    assert twin.mirror
+    mirror = twin.record
     own, other = speeds(record)[before], speeds(mirror)[before]
     assert np.abs(own + other).max() < 0.005 * np.abs(own).max()
 
@@ -43,22 +49,28 @@ def test_before_the_event_run_and_mirror_cancel_to_second_order() -> None:
 @pytest.mark.parametrize("sets", [["load_noise=null", "measurement=ideal"], ["scenario=[]"]])
 def test_without_noise_or_without_events_there_is_none(sets: list[str]) -> None:
     case = load_case("two_area_deployment", [*SETS, *sets])
-    assert twins_of(loop.run(case)) == []
+    assert twin_of(loop.run(case)) is None
 
 
 def test_noise_of_pmus_alone_is_noise() -> None:
     case = load_case("two_area_deployment", [*SETS, "load_noise=null"])
     record = loop.run(case)
-    mirror = twins_of(record)[0]
+    twin = twin_of(record)
+    assert twin is not None
+    assert twin.mirror
+    mirror = twin.record
     assert not np.array_equal(record.frames, mirror.frames)
 
 
-def test_the_twins_of_a_recording_has_its_changes() -> None:
+def test_the_twin_of_a_recording_has_its_changes() -> None:
     case = load_case("two_area_deployment", [*SETS, "scenario=[]"])
     event = "{kind: load_step, load: load_1, change: 0.05}"
     change = RunChange(100, "/plant_sim", "plant", 0, "event", "", event)
     record = rerun(case, [change])
-    mirror = twins_of(record)[0]
+    twin = twin_of(record)
+    assert twin is not None
+    assert twin.mirror
+    mirror = twin.record
     asked = load_case("two_area_deployment", [*SETS, f"scenario=[{{time: 1.666666666, {event[1:]}]"])
     expected = loop.finish(asked, mirrored(loop.build_loop(asked)))
     assert np.array_equal(speeds(mirror), speeds(expected))
@@ -68,16 +80,17 @@ def test_the_twins_of_a_recording_has_its_changes() -> None:
 def test_a_damaged_recording_and_a_node_of_one_s_own_have_none(notes: list[str]) -> None:
     record = loop.run(load_case("two_area_deployment", SETS))
     own = {**record.configuration, "controllers": [{**record.configuration["controllers"][0], "external": True}]}
-    assert twins_of(replace(record, notes=notes) if notes else replace(record, configuration=own)) == []
+    assert twin_of(replace(record, notes=notes) if notes else replace(record, configuration=own)) is None
 
 
 def test_the_response_to_a_pulse_that_noise_hides_is_that_without_noise() -> None:
     pulse = "{kind: mechanical_power_step, machine: G1, change"
     scenario = f"scenario=[{pulse}: -0.02, time: 2.0}}, {pulse}: 0.0, time: 2.5}}]"
     record = loop.run(load_case("two_area_deployment", [*SETS, scenario]))
-    twins = twins_of(record)
-    assert len(twins) == 3
-    shared = response(twins, speeds(record))
+    twin = twin_of(record)
+    assert twin is not None
+    assert not twin.mirror  # the grid is as before
+    shared = response(twin, speeds(record))
     quiet = loop.run(load_case("two_area_deployment", [*SETS, scenario, "load_noise=null", "measurement.noise={}"]))
     assert shared is not None
     assert np.abs(shared[record.time_s < 2.0]).max() == 0.0
@@ -97,6 +110,6 @@ def test_the_response_is_damped_as_the_linear_loop(delay: float, seed: int) -> N
     modes = oscillations(made, eigen(made, sampled(made, min(link_delays(case)))), case)
     linear = min(mode.damping_ratio for mode in modes if mode.swings)
     record = loop.run(case)
-    found = summarise(record, twins=twins_of(record))
+    found = summarise(record, twin=twin_of(record))
     assert found["verdict"] == "damped"
     assert found["modes"][0]["damping_ratio"] == pytest.approx(linear, abs=0.005)

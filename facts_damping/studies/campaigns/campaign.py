@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from facts_damping.analysis.response import Twin
     from facts_damping.case.model import Case
     from facts_damping.parameters.campaign import BaseRun
     from facts_damping.signals import Record
@@ -183,7 +184,7 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
         if made.campaign.unsupervised:
             free = unsupervised(case)
             record = batch.closed_loop(free)
-            row |= without_supervision(record, batch.twins(free, record), reference)
+            row |= without_supervision(record, batch.twin(free, record), reference)
         if drawn.fault == NOTHING and made.campaign.unsupervised:
             row["sound"] = bool(row["unsupervised_damped"] and row["reversals"] <= MONITORS["reversals"].limit)
     except FactsDampingError as error:
@@ -193,12 +194,12 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
     return str(number), row
 
 
-def without_supervision(record: Record, twins: Sequence[Record], reference: Record) -> dict[str, Any]:
+def without_supervision(record: Record, twin: Twin | None, reference: Record) -> dict[str, Any]:
     """Figures of a draw without supervision relative to no control: whether it is damped, and not worse."""
     figures = invariants.beside(record, reference)
     found = {f"unsupervised_{name}": figures[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
     better = figures["ratio"] is None or figures["ratio"] <= 1.0
-    return found | {"unsupervised_damped": better and summarise(record, method=None, twins=twins)["verdict"] == DAMPED}
+    return found | {"unsupervised_damped": better and summarise(record, method=None, twin=twin)["verdict"] == DAMPED}
 
 
 def identity(drawn: Draw) -> dict[str, Any]:

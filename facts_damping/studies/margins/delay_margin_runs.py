@@ -16,7 +16,7 @@ from facts_damping.analysis.response import response
 from facts_damping.analysis.verdict import DAMPED, judge
 from facts_damping.parameters.run import Scenario
 from facts_damping.simulation import loop
-from facts_damping.simulation.twins import twins_of
+from facts_damping.simulation.twins import twin_of
 from facts_damping.studies.margins.linear_closed_loop import with_delay
 from facts_damping.studies.margins.margins import edge
 
@@ -112,10 +112,10 @@ def pulse_margin(case: Case, linear: float, looked: Callable[[], None] = lambda:
 def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
     """Whether a run of the scenario with a delay (s) meets each criterion over each horizon (s)."""
     record = loop.run(with_delay(_lasting(case, max(HORIZONS)), delay))
-    twins = twins_of(record)
+    twin = twin_of(record)
     t, signals, last = record.time_s, columns(speed_differences(record)), (event_times(record) or [0.0])[-1]
     lost = np.inf if record.in_synchronism.all() else t[-1]
-    shared = response(twins, signals)
+    shared = response(twin, signals)
     found = {}
     for horizon in HORIZONS:
         ticks = (
@@ -123,7 +123,7 @@ def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
         )
         found["in synchronism", horizon] = sound = bool(lost >= horizon)
         judged = judge(t[:ticks], (signals if shared is None else shared)[:ticks], last)
-        lost_twin = bool(twins) and shared is None
+        lost_twin = twin is not None and shared is None
         found["damped", horizon] = sound and not lost_twin and judged.verdict == DAMPED
     return found
 

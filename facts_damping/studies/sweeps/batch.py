@@ -21,8 +21,7 @@ from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.parameters.run import Run
 from facts_damping.plant.model import copy
-from facts_damping.simulation import loop
-from facts_damping.simulation import twins as run_twins
+from facts_damping.simulation import loop, twins
 from facts_damping.simulation.build import needs_residues, plant_residues, quiet_plant, with_load_noise
 from facts_damping.studies.margins import criteria
 from facts_damping.studies.sweeps import true_jacobian
@@ -30,6 +29,7 @@ from facts_damping.studies.sweeps import true_jacobian
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from facts_damping.analysis.response import Twin
     from facts_damping.case.model import Case
     from facts_damping.plant.build import Built
     from facts_damping.signals import Record
@@ -101,11 +101,11 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
         case = make(base, task.changes)
         row |= {**identity(case), **task.columns, "horizon_s": case.duration}
         record, finer = closed_loop(case), None
-        summary = summarise(record, method=AUTO if base.modes else None, twins=twins(case, record))
+        summary = summarise(record, method=AUTO if base.modes else None, twin=twin(case, record))
         if task.check_step:
             half = loop.with_half_step(case)
             finer_record = closed_loop(half)
-            finer = summarise(finer_record, method=None, twins=twins(half, finer_record))
+            finer = summarise(finer_record, method=None, twin=twin(half, finer_record))
         row |= figures(record, summary, finer, modes=base.modes)
         row |= criterion_columns(case, summary, base.criteria)
         if base.jacobian is not None:
@@ -160,9 +160,9 @@ def closed_loop(case: Case) -> Record:
     return loop.finish(case, fresh_loop(case))
 
 
-def twins(case: Case, record: Record) -> list[Record]:
-    """The twins of a run, which verdicts under noise need, with plant and residues shared between runs."""
-    return run_twins.twins(case, record, fresh_loop)
+def twin(case: Case, record: Record) -> Twin | None:
+    """The twin of a run, which verdicts under noise need, with plant and residues shared between runs."""
+    return twins.twin(case, record, fresh_loop)
 
 
 def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
