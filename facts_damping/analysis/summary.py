@@ -77,7 +77,8 @@ def summarise(
     run has load noise and no event, else from the ringdown; None: not at all. For a run that is not stable, or of
     unknown stability (`stable` None), indices and settling time are None and there are no modes. `indices` count from t
     = 0, `indices_since_event` from the first event; `roughness` is (5.34) over dt^2, `roughness_per_frame` without.
-    Raises InputError if the speed differences do not fit the record, or for an unknown method.
+    `indices_of_response` are those of the response. Raises InputError if the speed differences do not fit the record,
+    or for an unknown method.
     """
     judged = speed_differences(record) if differences is None else differences
     stable, t = is_stable(record), record.time_s
@@ -132,6 +133,9 @@ def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[st
     """Optional rows of a table of runs, as texts; each is there if one of the runs has a value for it."""
     converged = [s.get("converged") for s in summaries]  # whether, if the integration step was halved
     found = [("converged", [WORDS[value] for value in converged])] if any(c is not None for c in converged) else []
+    responses = [s.get("indices_of_response") for s in summaries]
+    if any(responses):
+        found.append(("ITAE of the response", [value_text(find(one, ("ITAE",)), ".4g") for one in responses]))
     found += _cycles(summaries) + supervision.rows(summaries) + releases.rows(summaries)
     if any(s.get("latencies_left_out") for s in summaries):
         found.append(("latencies that cannot be", [str(s.get("latencies_left_out", 0)) for s in summaries]))
@@ -165,9 +169,11 @@ def _oscillation(
     """Figures that exist only for a run in synchronism to its end."""
     if not stable:
         because = instability(record) or unknown(record)
-        none = ("verdict_of", "growth_per_s", "limit_cycle", "indices", "indices_since_event", "settling_time_s")
+        undefined = (
+            "verdict_of growth_per_s limit_cycle indices indices_since_event indices_of_response settling_time_s"
+        )
         found = {"verdict": LOST if stable is False else UNDECIDED, "verdict_because": because, "damped": False}
-        return found | dict.fromkeys(none) | _modes(None)
+        return found | dict.fromkeys(undefined.split()) | _modes(None)
     times = event_times(record) or [0.0]
     t, last, own = record.time_s, times[-1], columns(differences)
     shared = response(twin, own)
@@ -188,6 +194,7 @@ def _oscillation(
         "limit_cycle": cycle if verdict.verdict == LIMIT_CYCLE else None,
         "indices": performance_indices(t, own),
         "indices_since_event": performance_indices(t, own, times[0]),
+        "indices_of_response": None if shared is None else performance_indices(t[: len(shared)], shared),
         "settling_time_s": settling_time(t[: len(signals)], signals, last),
         **_modes(fit, how),
     }
