@@ -18,6 +18,7 @@ from facts_damping.simulation import loop
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
 KINDS = {
@@ -130,12 +131,13 @@ def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
     if summary["indices"] is None:
         return []
     if record.configuration.get("scenario"):
-        what, value = "ITAE", _itae
+        what, value = "ITAE", itae
     elif noisy(record.configuration):
         what, value = "speed differences in noise, rms", _rms
     else:
         return []
-    text = f"{what} {value(record):.3g}"
+    own = value(record)
+    text = f"{what} {own:.3g}"
     if not record.configuration.get("controllers"):
         return [text]
     try:
@@ -145,12 +147,13 @@ def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
     if not free.in_synchronism.all():
         return [f"{text}; without control synchronism is lost at {free.time_s[-1]:.1f} s"]
     other = value(free)
-    change = round(100.0 * (value(record) / other - 1.0))
+    change = round(100.0 * (own / other - 1.0))
     beside = f"{abs(change)} % {'more' if change > 0 else 'less'}" if change else "the same"
     return [f"{text}, without control {other:.3g}: {beside}"]
 
 
-def _itae(record: Record) -> float:
+def itae(record: Record) -> float:
+    """ITAE of the speed differences, p.u. s^2."""
     return float(performance_indices(record.time_s, columns(speed_differences(record)))["ITAE"])
 
 
@@ -162,4 +165,9 @@ def _rms(record: Record) -> float:
 def without_control(record: Record) -> Record:
     """The record's run without controllers, simulated in process over the same time. Raises `FactsDampingError`."""
     over = {"duration": len(record.time_ns) / record.frame_rate}
-    return loop.run(recorded_case({**record.configuration, **NO_CONTROL, **over}, "without control"))
+    return loop.run(uncontrolled({**record.configuration, **over}))
+
+
+def uncontrolled(configuration: Mapping[str, Any]) -> Case:
+    """The case of a record's configuration without controllers and supervision. Raises `FactsDampingError`."""
+    return recorded_case({**configuration, **NO_CONTROL}, "without control")

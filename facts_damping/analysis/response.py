@@ -12,7 +12,7 @@ from facts_damping.analysis.modes.ringdown import COVERED, SKIP
 from facts_damping.analysis.verdict import DAMPED, GROWING, HANN, LIMIT_CYCLE, UNDECIDED, Judgement, envelopes, judge
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -87,23 +87,25 @@ def judge_response(
     own: NDArray[np.float64],
     since: float,
     names: Sequence[str],
+    ringdown: Callable[[], Fit | None],
     *,
-    fit: Fit | None,
     limited: bool,
 ) -> Judged:
     """Judge a run with the signals `own` by its response (ticks, n); None: its twin has lost synchronism.
 
-    `fit`: ringdown of the response; `limited`: setpoints are at their limits to the end. A loop at its limits, or one
-    that grows, is not the image of its mirror: then the run itself counts, where it grows or does not decay.
+    `ringdown`: gives that of the response; `limited`: setpoints are at their limits to the end. A loop at its limits,
+    or one that grows, is not the image of its mirror: then the run itself counts, where it grows or does not decay.
     """
-    found = None if signals is None else judge(time_s, signals, since, names, lambda: fit)
+    ticks = len(own if signals is None else signals)
+    t, own = time_s[:ticks], own[:ticks]
+    found = None if signals is None else judge(t, signals, since, names, ringdown)
     if found is None or limited or found.verdict == UNDECIDED:
-        itself = judge(time_s, own, since, names)
-        if itself.verdict in (GROWING, LIMIT_CYCLE) and (limited or found is None or not _decays(fit)):
+        itself = judge(t, own, since, names)
+        if itself.verdict in (GROWING, LIMIT_CYCLE) and (limited or found is None or not _decays(ringdown())):
             return Judged(itself, RUN)
     if found is None or signals is None or limited:
         return Judged(itself._replace(verdict=UNDECIDED, because=AT_LIMITS if limited else LOST_TWIN), RUN)
-    if found.verdict == UNDECIDED and _decays(fit):
+    if found.verdict == UNDECIDED and _decays(ringdown()):
         found = found._replace(verdict=DAMPED, because="the modes of its response are damped")
     return Judged(found, RESPONSE)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -174,13 +175,23 @@ def _oscillation(
         )
         found = {"verdict": LOST if stable is False else UNDECIDED, "verdict_because": because, "damped": False}
         return found | dict.fromkeys(undefined.split()) | _modes(None)
-    times = event_times(record) or [0.0]
-    t, last, own = record.time_s, times[-1], columns(differences)
+    times = event_times(record)
+    first, last = (times[0], times[-1]) if times else (0.0, 0.0)
+    t, own = record.time_s, columns(differences)
     shared = response(twin, own)
     signals = own if shared is None else shared
     ticks = len(own) if shared is None else until_faded(t[: len(shared)], shared, last)
     fit, how = _fit(record, signals[:ticks], last, method)
-    judged = _judge(record, shared, own, list(differences), (fit, how), twin)
+    ringdown = cache(lambda: fit if how == METHOD else fit_ringdown(t[:ticks], signals[:ticks], last))
+    if not times and record.configuration.get("load_noise"):
+        judged = judge_ambient(fit if how == ambient.METHOD else ambient.fit_ambient(t, own), own)
+    elif twin is not None and times:
+        limited = max(saturation_duty(record, max(last, t[-1] - LAST)).values(), default=0.0) > LIMITED
+        judged = judge_response(t, shared, own, last, list(differences), ringdown, limited=limited)
+    else:
+        itself = judge(t, own, last, list(differences), ringdown)
+        noise = "; noise is in it" if noisy(record.configuration) else ""
+        judged = Judged(itself._replace(because=f"{itself.because}{noise}"), RUN)
     if shared is not None and judged.of == RUN:  # it is not linear: its response has no modes
         fit, how = _fit(record, own, last, method)
     verdict = judged.judgement
@@ -193,37 +204,11 @@ def _oscillation(
         "growth_per_s": verdict.growth and verdict.growth._asdict(),
         "limit_cycle": cycle if verdict.verdict == LIMIT_CYCLE else None,
         "indices": performance_indices(t, own),
-        "indices_since_event": performance_indices(t, own, times[0]),
+        "indices_since_event": performance_indices(t, own, first),
         "indices_of_response": None if shared is None else performance_indices(t[: len(shared)], shared),
         "settling_time_s": settling_time(t[: len(signals)], signals, last),
         **_modes(fit, how),
     }
-
-
-def _judge(
-    record: Record,
-    shared: NDArray[np.float64] | None,
-    own: NDArray[np.float64],
-    names: Sequence[str],
-    modes: tuple[Fit | None, str | None],
-    twin: Twin | None,
-) -> Judged:
-    """The verdict of a run: of its response `shared`, of its modes in noise alone, or of itself."""
-    fit, how = modes
-    t, times = record.time_s, event_times(record)
-    if not times and record.configuration.get("load_noise"):
-        return judge_ambient(fit if how == ambient.METHOD else ambient.fit_ambient(t, own), own)
-    if twin is not None and times:
-        ticks = len(own if shared is None else shared)
-        limited = max(saturation_duty(record, max(times[-1], t[-1] - LAST)).values(), default=0.0) > LIMITED
-        if shared is not None and how != METHOD:
-            end = until_faded(t[:ticks], shared, times[-1])
-            fit = fit_ringdown(t[:end], shared[:end], times[-1])
-        return judge_response(t[:ticks], shared, own[:ticks], times[-1], names, fit=fit, limited=limited)
-    found = judge(t, own, (times or [0.0])[-1], names, (lambda: fit) if how == METHOD else None)
-    if noisy(record.configuration):
-        found = found._replace(because=f"{found.because}; noise is in it")
-    return Judged(found, RUN)
 
 
 def _fit(

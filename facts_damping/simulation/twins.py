@@ -42,11 +42,19 @@ def without_events(case: Case) -> Case:
     return replace(case, scenario=case.scenario.model_copy(update={"events": []}))
 
 
+def has_twin(record: Record) -> bool:
+    """Whether a run has noise and events."""
+    return bool(record.configuration.get("scenario") or changed(record)) and noisy(record.configuration)
+
+
+def changed(record: Record) -> bool:
+    """Whether events happened that are not in the run's scenario."""
+    return any(change.kind in EVENTS for change in record.changes)
+
+
 def needs_mirror(case: Case, record: Record) -> bool:
     """Whether an event changes the grid for good, or a controller is not linear."""
-    if any(change.kind in EVENTS for change in record.changes) or any(
-        c.scheme or c.policy or c.fmu for c in case.controllers
-    ):
+    if changed(record) or any(c.scheme or c.policy or c.fmu for c in case.controllers):
         return True
     intervals = topology_intervals(case.system, case.scenario.events)
     return _grid(intervals[0]) != _grid(intervals[-1])
@@ -63,8 +71,7 @@ def _grid(interval: TopologyInterval) -> tuple[Topology, dict[str, float], dict[
 
 def twin(case: Case, record: Record, fresh: Callable[[Case], Loop] = build_loop) -> Twin | None:
     """The twin of a run; None without events or noise. `fresh` builds loops."""
-    happens = case.scenario.events or any(change.kind in EVENTS for change in record.changes)
-    if not (happens and noisy(record.configuration)):
+    if not has_twin(record):
         return None
     mirror = needs_mirror(case, record)
     other = case if mirror else without_events(case)
@@ -77,7 +84,7 @@ def twin_of(record: Record) -> Twin | None:
 
     None without noise or events, and if the run cannot be simulated: parts of it are missing or came from outside.
     """
-    if record.notes or not (record.configuration.get("scenario") or record.events):
+    if record.notes or not has_twin(record):  # before a case is made, which takes longer than a short run
         return None
     try:
         over = {"duration": len(record.time_ns) / record.frame_rate}  # it may have been stopped

@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, LOST
-from facts_damping.case.loading import recorded_case
 from facts_damping.case.supervision import unsupervised
-from facts_damping.findings import NO_CONTROL
 from facts_damping.parameters.study import DAMPING_RATIO
 from facts_damping.studies.margins.delay_margin import STILL
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
@@ -59,11 +57,6 @@ def lowest_damping_ratio(summary: Mapping[str, Any]) -> float | None:
         m["damping_ratio"] for m, size in zip(summary["modes"], sizes, strict=True) if size >= STRONG * max(sizes)
     ]
     return min(ratios, default=None)
-
-
-def without_control(case: Case) -> Case:
-    """The case without controllers and supervision, with the same seed."""
-    return recorded_case({**case.document(), **NO_CONTROL}, "without control")
 
 
 def linear_growth(case: Case) -> float:

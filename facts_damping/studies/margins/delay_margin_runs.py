@@ -116,15 +116,14 @@ def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
     t, signals, last = record.time_s, columns(speed_differences(record)), (event_times(record) or [0.0])[-1]
     lost = np.inf if record.in_synchronism.all() else t[-1]
     shared = response(twin, signals)
+    lost_twin = twin is not None and shared is None
+    signals = signals if shared is None else shared
     found = {}
     for horizon in HORIZONS:
-        ticks = (
-            int(np.searchsorted(t, horizon)) if shared is None else min(len(shared), int(np.searchsorted(t, horizon)))
-        )
+        ticks = int(np.searchsorted(t[: len(signals)], horizon))
         found["in synchronism", horizon] = sound = bool(lost >= horizon)
-        judged = judge(t[:ticks], (signals if shared is None else shared)[:ticks], last)
-        lost_twin = twin is not None and shared is None
-        found["damped", horizon] = sound and not lost_twin and judged.verdict == DAMPED
+        judged = sound and not lost_twin and judge(t[:ticks], signals[:ticks], last).verdict
+        found["damped", horizon] = judged == DAMPED
     return found
 
 

@@ -42,7 +42,7 @@ def grid(margin: Margin) -> list[float]:
 
 def bracket(failed: Mapping[float, bool | None]) -> Bracket:
     """The bracket of the first failure; undecided values (None) are ignored."""
-    known = sorted(value for value, fails in failed.items() if fails is not None)
+    known = _known(failed)
     first = next((i for i, value in enumerate(known) if failed[value]), None)
     if first is None:
         return Bracket(known[-1] if known else None, None, [])
@@ -62,7 +62,7 @@ def wanted(margin: Margin, failed: Mapping[float, bool | None]) -> list[float]:
 
 def changes(failed: Mapping[float, bool | None]) -> list[tuple[float, float]]:
     """Neighbouring values of which one fails and one holds; undecided values (None) are ignored."""
-    known = sorted(value for value, fails in failed.items() if fails is not None)
+    known = _known(failed)
     return [(low, high) for low, high in pairwise(known) if failed[low] != failed[high]]
 
 
@@ -71,17 +71,12 @@ def holding(searches: Sequence[Mapping[float, bool | None]]) -> list[list[float]
 
     An edge is the middle of the values that hold and fail beside it; the first and last value are those that were run.
     """
-    edges = [[(low + high) / 2 for low, high in changes(failed)] for failed in searches]
-    known = [sorted(value for value, fails in failed.items() if fails is not None) for failed in searches]
-    ends = [values for values in known if values]
-    points = sorted(
-        {*(edge for own in edges for edge in own), *(v for values in ends for v in (values[0], values[-1]))}
-    )
+    run = [(failed, values) for failed in searches if (values := _known(failed))]
+    points = {end for _, values in run for end in (values[0], values[-1])}
+    points |= {(low + high) / 2 for failed, _ in run for low, high in changes(failed)}
     found: list[list[float]] = []
-    for low, high in pairwise(points):
-        holds = [
-            _holds(failed, values, (low + high) / 2) for failed, values in zip(searches, known, strict=True) if values
-        ]
+    for low, high in pairwise(sorted(points)):
+        holds = [_holds(failed, values, (low + high) / 2) for failed, values in run]
         if 2 * sum(holds) < len(holds):
             continue
         if found and found[-1][1] == low:
@@ -89,6 +84,11 @@ def holding(searches: Sequence[Mapping[float, bool | None]]) -> list[list[float]
         else:
             found.append([low, high])
     return [[round(end, DIGITS) for end in one] for one in found]
+
+
+def _known(failed: Mapping[float, bool | None]) -> list[float]:
+    """The values whose runs were possible, ascending."""
+    return sorted(value for value, fails in failed.items() if fails is not None)
 
 
 def _holds(failed: Mapping[float, bool | None], values: Sequence[float], at: float) -> bool:

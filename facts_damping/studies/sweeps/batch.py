@@ -19,6 +19,7 @@ from facts_damping.analysis.summary import AUTO, summarise
 from facts_damping.analysis.supervision import trips
 from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError, one_line
+from facts_damping.findings import NO_CONTROL, itae, uncontrolled
 from facts_damping.parameters.run import Run
 from facts_damping.plant.model import copy
 from facts_damping.simulation import loop, twins
@@ -107,7 +108,7 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
             finer_record = closed_loop(half)
             finer = summarise(finer_record, method=None, twin=twin(half, finer_record))
         row |= figures(record, summary, finer, modes=base.modes)
-        row |= criterion_columns(case, summary, base.criteria)
+        row |= criterion_columns(case, record, summary, base.criteria)
         if base.jacobian is not None:
             row |= true_jacobian.figures(case, true_jacobian.follow(case, record, base.jacobian))
         row["error"] = None
@@ -118,15 +119,17 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
     return task.key, row
 
 
-def criterion_columns(case: Case, summary: Mapping[str, Any], wanted: Sequence[str]) -> dict[str, Any]:
+def criterion_columns(case: Case, record: Record, summary: Mapping[str, Any], wanted: Sequence[str]) -> dict[str, Any]:
     """Columns that the criteria of a margin need."""
     found: dict[str, Any] = {}
     if "damping" in wanted:
         found[criteria.LOWEST] = criteria.lowest_damping_ratio(summary)
     if "worse" in wanted:
-        free = criteria.without_control(case)
-        key = json.dumps({name: value for name, value in free.document().items() if name != "link"}, default=str)
-        found[criteria.FREE_INDEX] = shared(_free_indices, key, lambda: _index(closed_loop(free)))
+        plant = {name: value for name, value in record.configuration.items() if name not in ("link", *NO_CONTROL)}
+        free = json.dumps(plant, default=str)
+        found[criteria.FREE_INDEX] = shared(
+            _free_indices, free, lambda: _index(closed_loop(uncontrolled(record.configuration)))
+        )
     if "linear" in wanted:
         found[criteria.LINEAR] = criteria.linear_growth(case)
     return found
@@ -134,8 +137,7 @@ def criterion_columns(case: Case, summary: Mapping[str, Any], wanted: Sequence[s
 
 def _index(record: Record) -> float | None:
     """ITAE of a run; None if it has lost synchronism."""
-    indices = summarise(record, method=None)["indices"]
-    return None if indices is None else float(indices["ITAE"])
+    return itae(record) if record.in_synchronism.all() else None
 
 
 def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -184,7 +186,7 @@ def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
 
 def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
     """The cached value of a key, made if missing; the oldest value is dropped when the cache is full."""
-    if kept.get(key) is None:
+    if key not in kept:
         if len(kept) >= MAX_SHARED:
             kept.pop(next(iter(kept)), None)
         kept[key] = make()
