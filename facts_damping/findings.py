@@ -9,7 +9,7 @@ import numpy as np
 
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.response import noisy
+from facts_damping.analysis.response import noisy, variance_ratio
 from facts_damping.analysis.supervision import history_text
 from facts_damping.case.loading import recorded_case
 from facts_damping.errors import FactsDampingError, one_line
@@ -127,17 +127,13 @@ def _verdict(summary: Mapping[str, Any]) -> str:
 
 
 def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
-    """ITAE of a run with an event, or speed differences in noise alone, beside the same run without control."""
+    """ITAE of a run with an event, or the variance in noise alone, beside the same run without control."""
     if summary["indices"] is None:
         return []
-    if record.configuration.get("scenario"):
-        what, value = "ITAE", itae
-    elif noisy(record.configuration):
-        what, value = "speed differences in noise, rms", _rms
-    else:
+    event = bool(record.configuration.get("scenario"))
+    if not event and not noisy(record.configuration):
         return []
-    own = value(record)
-    text = f"{what} {own:.3g}"
+    text = f"ITAE {itae(record):.3g}" if event else f"speed differences in noise, rms {_rms(record):.3g}"
     if not record.configuration.get("controllers"):
         return [text]
     try:
@@ -146,10 +142,27 @@ def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
         return [f"{text}; without control it cannot be simulated: {one_line(error)}"]
     if not free.in_synchronism.all():
         return [f"{text}; without control synchronism is lost at {free.time_s[-1]:.1f} s"]
-    other = value(free)
-    change = round(100.0 * (own / other - 1.0))
-    beside = f"{abs(change)} % {'more' if change > 0 else 'less'}" if change else "the same"
-    return [f"{text}, without control {other:.3g}: {beside}"]
+    return [
+        f"{text}, without control {itae(free):.3g}: {_change(itae(record) / itae(free))}"
+        if event
+        else _variance(record, free, text)
+    ]
+
+
+def _variance(record: Record, free: Record, text: str) -> str:
+    """The variance in noise beside that without control, with its interval where the run is long enough."""
+    ratio = variance_ratio(record.time_s, *(columns(speed_differences(one)) for one in (record, free)))
+    if ratio is None:
+        change = f"{_change((_rms(record) / _rms(free)) ** 2)} (no interval: shorter than a minute)"
+    else:
+        change = f"{_change(ratio[0])} (90 % interval: {_change(ratio[1])} to {_change(ratio[2])})"
+    return f"{text}, without control {_rms(free):.3g}: variance {change}"
+
+
+def _change(ratio: float) -> str:
+    """A ratio as a change in percent."""
+    change = round(100.0 * (ratio - 1.0))
+    return f"{abs(change)} % {'more' if change > 0 else 'less'}" if change else "the same"
 
 
 def itae(record: Record) -> float:

@@ -121,6 +121,7 @@ def test_what_cannot_be_known_is_said() -> None:
 def test_without_an_event_the_noise_is_compared_with_no_control() -> None:
     found = fd.simulate("two_area_deployment", scenario=[], duration=70, supervision=None, arm_at=None, seed=3)
     assert found.summary["verdict_of"] == "ambient noise"
-    assert re.search(
-        r"^speed differences in noise, rms \S+, without control \S+: \d+ % less$", str(found), re.MULTILINE
-    )
+    words = r"speed differences in noise, rms \S+, without control \S+: variance \d+ % less"
+    assert re.search(rf"^{words} \(90 % interval: \d+ % less to \d+ % less\)$", str(found), re.MULTILINE)
+    short = fd.simulate("two_area_deployment", scenario=[], duration=30, supervision=None, arm_at=None, seed=3)
+    assert re.search(rf"^{words} \(no interval: shorter than a minute\)$", str(short), re.MULTILINE)

@@ -36,12 +36,13 @@ def record_roughness(record: Record) -> dict[str, float]:
     return {"per_second": roughness(setpoints, dt), "per_frame": roughness(setpoints)}
 
 
-def saturation_duty(record: Record, since: float = 0.0) -> dict[str, float]:
-    """Fraction of the frames at which a device's setpoint is at its limit, 0 to 1, by device; `since`: s.
+def saturation_duty(record: Record, since: float = 0.0, until: float = np.inf) -> dict[str, float]:
+    """Fraction of the frames at which a device's setpoint is at its limit, 0 to 1, by device; `since`, `until`: s.
 
     Only for devices whose limit is in the configuration (`setpoint_limits`).
     """
-    limits, kept = setpoint_limits(record.configuration), record.time_s >= since
+    limits, t = setpoint_limits(record.configuration), record.time_s
+    kept = (t >= since) & (t <= until)
     return {
         name: float(np.mean(np.abs(record.devices["setpoint"][kept, i]) >= limits[name] * (1 - 1e-9)))
         for i, name in enumerate(record.device_names)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,24 +12,13 @@ from facts_damping.analysis import convergence, releases, supervision
 from facts_damping.analysis.effort import max_injected_voltage, record_roughness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency, left_out
-from facts_damping.analysis.measures import columns, event_times, speed_differences
+from facts_damping.analysis.measures import event_times, speed_differences
 from facts_damping.analysis.modes import ambient
 from facts_damping.analysis.modes.oscillation import instability, is_stable, settling_time, unknown
 from facts_damping.analysis.modes.ringdown import METHOD, fit_ringdown
-from facts_damping.analysis.response import (
-    LAST,
-    LIMITED,
-    RUN,
-    Judged,
-    Twin,
-    judge_ambient,
-    judge_response,
-    noisy,
-    response,
-    until_faded,
-)
+from facts_damping.analysis.response import RUN, Twin, judge_run, swings_of
 from facts_damping.analysis.run_warnings import controller_warnings, limit_warnings
-from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED, judge
+from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -175,24 +163,17 @@ def _oscillation(
         )
         found = {"verdict": LOST if stable is False else UNDECIDED, "verdict_because": because, "damped": False}
         return found | dict.fromkeys(undefined.split()) | _modes(None)
-    times = event_times(record)
-    first, last = (times[0], times[-1]) if times else (0.0, 0.0)
-    t, own = record.time_s, columns(differences)
-    shared = response(twin, own)
-    signals = own if shared is None else shared
-    ticks = len(own) if shared is None else until_faded(t[: len(shared)], shared, last)
-    fit, how = _fit(record, signals[:ticks], last, method)
-    ringdown = cache(lambda: fit if how == METHOD else fit_ringdown(t[:ticks], signals[:ticks], last))
-    if not times and record.configuration.get("load_noise"):
-        judged = judge_ambient(fit if how == ambient.METHOD else ambient.fit_ambient(t, own), own)
-    elif twin is not None and times:
-        limited = max(saturation_duty(record, max(last, t[-1] - LAST)).values(), default=0.0) > LIMITED
-        judged = judge_response(t, shared, own, last, list(differences), ringdown, limited=limited)
-    else:
-        itself = judge(t, own, last, list(differences), ringdown)
-        noise = "; noise is in it" if noisy(record.configuration) else ""
-        judged = Judged(itself._replace(because=f"{itself.because}{noise}"), RUN)
-    if shared is not None and judged.of == RUN:  # it is not linear: its response has no modes
+    swings = swings_of(record, twin, differences)
+    t, own, last = record.time_s, swings.own, swings.last
+    fit, how = _fit(record, swings.judged[: swings.ringing], last, method)
+    judged = judge_run(
+        record,
+        twin,
+        swings,
+        (lambda: fit) if how == METHOD else None,
+        (lambda: fit) if how == ambient.METHOD else None,
+    )
+    if swings.response is not None and judged.of == RUN:  # it is not linear: its response has no modes
         fit, how = _fit(record, own, last, method)
     verdict = judged.judgement
     cycle = {"amplitude_pu": verdict.amplitude_pu, "saturation_duty": saturation_duty(record, verdict.start_s)}
@@ -204,9 +185,9 @@ def _oscillation(
         "growth_per_s": verdict.growth and verdict.growth._asdict(),
         "limit_cycle": cycle if verdict.verdict == LIMIT_CYCLE else None,
         "indices": performance_indices(t, own),
-        "indices_since_event": performance_indices(t, own, first),
-        "indices_of_response": None if shared is None else performance_indices(t[: len(shared)], shared),
-        "settling_time_s": settling_time(t[: len(signals)], signals, last),
+        "indices_since_event": performance_indices(t, own, (swings.times or [0.0])[0]),
+        "indices_of_response": swings.indices,
+        "settling_time_s": settling_time(t[: len(swings.judged)], swings.judged, last),
         **_modes(fit, how),
     }
 

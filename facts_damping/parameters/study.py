@@ -199,7 +199,7 @@ class Margin(Target):
     tolerance: float = quantity(..., "that of the field", "width of the last bracket", gt=0)
     coarse: int = quantity(21, "-", "number of values from `low` to `high` that are always run", ge=2, le=10_000)
     criteria: list[Criterion] = Field(
-        ["unstable"],
+        ["damping"],
         min_length=1,
         description="what counts as failure, with a margin for each ([criteria](studies.md#margins))",
     )

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from facts_damping.analysis.modes.ambient import fit_ambient
-from facts_damping.analysis.response import AMBIENT, LOST_TWIN, RESPONSE, RUN, Twin, judge_ambient
+from facts_damping.analysis.response import AMBIENT, LOST_TWIN, RESPONSE, RUN, Twin, judge_ambient, variance_ratio
 from facts_damping.analysis.summary import summarise
 from facts_damping.signals import NANOSECONDS, GridEvent
 
@@ -110,3 +111,19 @@ def test_noise_alone_is_judged_by_its_modes() -> None:
     assert judge_ambient(None, signals).judgement.verdict == "undecided"
     steady = 1e-3 * np.sin(2 * np.pi * 0.5 * t)[:, np.newaxis] + 1e-6 * signals
     assert judge_ambient(fit_ambient(t, steady), steady).judgement.verdict == "limit cycle"
+
+
+def test_the_interval_of_a_ratio_of_variances_holds_the_ratio() -> None:
+    """Two resonances of different damping in the same noise: the ratio of many seeds is in nine of ten intervals."""
+    dt, ticks, waves = 0.05, 2400, np.random.default_rng(7).standard_normal((150, 2400, 1))
+
+    def resonance(damping: float) -> Any:
+        pole = np.exp((-damping + 2j * np.pi * 0.6) * dt)
+        return np.array([lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], wave, axis=0) for wave in waves])
+
+    t: Any = dt * np.arange(ticks)
+    strong, weak = resonance(0.5), resonance(0.1)
+    truth = np.square(strong).sum() / np.square(weak).sum()
+    found: Any = [variance_ratio(t, a, b) for a, b in zip(strong, weak, strict=True)]
+    assert np.mean([low <= truth <= high for _, low, high in found]) > 0.85
+    assert variance_ratio(t[:1000], strong[0, :1000], weak[0, :1000]) is None

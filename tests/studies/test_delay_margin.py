@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,9 +19,10 @@ from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel
 from facts_damping.small_signal.zero_order_hold import held_for
 from facts_damping.studies.margins import delay_margin_runs
+from facts_damping.studies.margins.criteria import CRITERIA
 from facts_damping.studies.margins.delay_margin import Margin, first_limit, intervals, margin
 from facts_damping.studies.margins.delay_margin_pages import document, draw, margin_text
-from facts_damping.studies.margins.delay_margin_runs import bears, beside, bounds, pulse_margin, pulsed
+from facts_damping.studies.margins.delay_margin_runs import HORIZONS, bears, beside, holding, pulse_margin, pulsed
 from facts_damping.studies.margins.linear_closed_loop import (
     DelayedLoop,
     Discrete,
@@ -234,7 +236,8 @@ def test_a_small_pulse_of_the_nonlinear_loop_has_the_linear_margin() -> None:
 )
 def test_margins_of_scenarios_are_those_of_the_page(row: list[str]) -> None:
     """Each by its criterion and horizon: 3 ms below the run meets it, 3 ms above it does not."""
-    scenario, criterion, horizon, delay = row[0].strip("`"), row[1], float(row[2].split()[0]), float(row[3].split()[0])
+    scenario, horizon, delay = row[0].strip("`"), float(row[2].split()[0]), float(row[3].split()[0])
+    (criterion,) = [name for name, one in CRITERIA.items() if one.holds == row[1]]
     case = load_case(None, [f"scenario={scenario}"])
     assert bears(case, delay / 1e3 - 0.003)[criterion, horizon]
     assert not bears(case, delay / 1e3 + 0.003)[criterion, horizon]
@@ -253,27 +256,18 @@ def test_linear_figures_are_those_of_the_page() -> None:
             assert f"{mode.damping_ratio:.4f}" == ratio
 
 
-@pytest.fixture
-def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The search of a scenario's bounds takes fewer runs."""
-    monkeypatch.setattr(delay_margin_runs, "COARSE", 0.02)
+def test_edges_of_a_scenario_lie_between_two_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(delay_margin_runs, "CLOSE", 5e-3)
-
-
-@pytest.mark.usefixtures("coarse")
-def test_bounds_of_a_scenario_lie_between_two_runs() -> None:
     case = load_case(None, ["scenario=large"])
-    found_ = bounds(case, 0.22, lambda: None)
-    assert [(one.criterion, one.horizon) for one in found_] == list(bears(case, 0.0))[::2] + list(bears(case, 0.0))[
-        1::2
-    ]
+    found_ = holding(case, 0.22, lambda: None)
+    assert [(one.criterion, one.horizon) for one in found_] == list(product(CRITERIA, HORIZONS))[:6]
     for one in found_:
-        assert one.low is not None
-        assert one.high is not None
-        assert 0 < one.high - one.low <= 5e-3
-        assert bears(case, one.low)[one.criterion, one.horizon]
-        assert not bears(case, one.high)[one.criterion, one.horizon]
-    assert all(one.high is None for one in bounds(case, 0.05, lambda: None))
+        (first, *_) = one.holds
+        assert first[0] == 0.0
+        assert bears(case, first[1] - 4e-3)[one.criterion, one.horizon]
+        assert not bears(case, first[1] + 4e-3)[one.criterion, one.horizon]
+    in_synchronism = [one for one in holding(case, 0.04, lambda: None) if one.criterion == "unstable"]
+    assert all(one.holds == [[0.0, 0.04]] for one in in_synchronism)
 
 
 def test_ringdown_of_runs_is_that_of_the_linear_modes() -> None:
@@ -313,7 +307,6 @@ def test_command_gives_json_alone(inside: Callable[..., tuple[int, str, str]]) -
     assert "time_domain" not in made
 
 
-@pytest.mark.usefixtures("coarse")
 def test_command_gives_what_runs_say(inside: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     target = tmp_path / "found.json"
     status, out, err = inside("two_area_large", "--max-delay", "0.2", "--time-domain", "--json", str(target))
@@ -321,7 +314,7 @@ def test_command_gives_what_runs_say(inside: Callable[..., tuple[int, str, str]]
     made = json.loads(target.read_text())["time_domain"]
     assert made["pulse_s"] == pytest.approx(limit(found("speed")), abs=3e-3)
     assert {(row["criterion"], row["horizon_s"]) for row in made["scenario"]} == {
-        (criterion, horizon) for criterion in ("in synchronism", "damped") for horizon in (20.0, 40.0)
+        (criterion, horizon) for criterion in ("unstable", "not_damped", "damping") for horizon in (20.0, 40.0)
     }
     assert [row["delay_s"] for row in made["ringdown"]] == [0.0, 0.04, 0.08, 0.12, 0.16, 0.2]
     assert all(row["modes"] for row in made["ringdown"])

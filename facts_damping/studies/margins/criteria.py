@@ -16,13 +16,14 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
 STRONG = 0.1  # of the amplitude of the largest mode; weaker modes do not count for `damping`
-LOWEST, FREE_INDEX, LINEAR = "lowest_damping_ratio", "ITAE_without_control", "linear_growth_per_s"  # columns
+LOWEST, RATIO, LINEAR = "lowest_damping_ratio", "ITAE_ratio", "linear_growth_per_s"  # columns
 
 
 class Criterion(NamedTuple):
-    """What a run fails by, in words, and whether a row does; `ratio`: smallest damping ratio."""
+    """What a run fails by, and what it is otherwise, in words; whether a row fails, with the smallest damping ratio."""
 
     words: str
+    holds: str
     fails: Callable[[Mapping[str, Any], float], bool]
 
 
@@ -32,16 +33,18 @@ def _damped_too_little(row: Mapping[str, Any], ratio: float) -> bool:
 
 
 def _worse(row: Mapping[str, Any], _: float) -> bool:
-    free = row.get(FREE_INDEX)  # None: without control synchronism is lost
-    return row["verdict"] == LOST or (free is not None and row["ITAE"] > free)
+    ratio = row.get(RATIO)  # None: without control synchronism is lost
+    return row["verdict"] == LOST or (ratio is not None and ratio > 1.0)
 
 
 CRITERIA = {
-    "unstable": Criterion("loses synchronism", lambda row, _: row["verdict"] == LOST),
-    "not_damped": Criterion("is not damped", lambda row, _: row["verdict"] != DAMPED),
-    "damping": Criterion("is damped too little", _damped_too_little),
-    "worse": Criterion("is worse than without control", _worse),
-    "linear": Criterion("is unstable in the linear model", lambda row, _: row[LINEAR] > STILL),
+    "unstable": Criterion("loses synchronism", "in synchronism", lambda row, _: row["verdict"] == LOST),
+    "not_damped": Criterion("is not damped", "damped", lambda row, _: row["verdict"] != DAMPED),
+    "damping": Criterion("is damped too little", "damped by 3 %", _damped_too_little),
+    "worse": Criterion("is worse than without control", "better than no control", _worse),
+    "linear": Criterion(
+        "is unstable in the linear model", "stable in the linear model", lambda row, _: row[LINEAR] > STILL
+    ),
 }
 
 
@@ -66,3 +69,11 @@ def linear_growth(case: Case) -> float:
     """
     loop = delayed_loop(unsupervised(case))
     return float(eigen(loop, sampled(loop, min(link_delays(case), default=0.0))).growth)
+
+
+def itae_ratio(summary: Mapping[str, Any], free: Mapping[str, Any]) -> float | None:
+    """ITAE relative to the run without control, with noise that of the responses; None if either is lost."""
+    both = (summary, free)
+    of = "indices_of_response" if all(one["indices_of_response"] for one in both) else "indices"
+    own, other = (one[of] for one in both)
+    return None if own is None or other is None else float(own["ITAE"] / other["ITAE"])

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import brentq, linear_sum_assignment
 
 from facts_damping.case.supervision import unsupervised
+from facts_damping.parameters.study import DAMPING_RATIO
 from facts_damping.small_signal import linearisation
 from facts_damping.studies.margins.linear_closed_loop import approximate, delayed_loop, eigen, link_delays, sampled
 
@@ -43,6 +44,7 @@ class Margin(NamedTuple):
     worst: NDArray[np.complex128]  # 1/s, eigenvalue with the largest real part at each delay, imag >= 0
     tracks: list[Track]  # electromechanical modes, then others that become unstable
     stable: list[tuple[float, float]]  # s, intervals in which the loop is stable
+    damped: list[tuple[float, float]]  # s, intervals in which all electromechanical modes have DAMPING_RATIO or more
     margin: float | None  # s, smallest delay with an unstable loop; None: stable at all delays considered
     critical: linearisation.Eigenmode | None  # the mode at the stability limit
     pade: dict[str, float | None]  # s, margin in continuous time with a Pade approximation; empty: not requested
@@ -65,11 +67,24 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
 
     worst = np.array([one.values[0].real + 1j * abs(one.values[0].imag) for one in found])
     stable = intervals(lambda delay: eigen(loop, sampled(loop, delay)).growth, delays, worst.real)
+
+    def lacking(delay: float) -> float:
+        now = eigen(loop, sampled(loop, delay))
+        return _lacking(now, oscillations(loop, now, case))
+
+    lacks = np.array([_lacking(*now) for now in zip(found, listed, strict=True)])
+    damped = intervals(lacking, delays, lacks)
     limit = first_limit(stable, longest)
     critical = None if limit is None else _critical(loop, limit, case)
     holds = {} if order is None else {"held": 0.5 / loop.frame_rate, "continuous": 0.0}
     by_pade = {name: _pade_margin(loop, delays, order or 0, hold) for name, hold in holds.items()}
-    return Margin(case, link_delays(case), delays, worst, follow(listed), stable, limit, critical, by_pade)
+    return Margin(case, link_delays(case), delays, worst, follow(listed), stable, damped, limit, critical, by_pade)
+
+
+def _lacking(found: Eigen, modes: Sequence[linearisation.Eigenmode]) -> float:
+    """Above zero where the loop grows or a mode has less than DAMPING_RATIO."""
+    lowest = min((mode.damping_ratio for mode in modes if mode.swings), default=1.0)
+    return max(found.growth, DAMPING_RATIO - lowest)
 
 
 class Around(NamedTuple):

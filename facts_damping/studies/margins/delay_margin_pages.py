@@ -9,12 +9,14 @@ from matplotlib.figure import Figure
 
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.case.names import controller_names
+from facts_damping.parameters.study import DAMPING_RATIO
 from facts_damping.plant.grid import power_flow
 from facts_damping.small_signal.modal_analysis import figures
+from facts_damping.studies.margins.criteria import CRITERIA
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from facts_damping.small_signal import linearisation
@@ -77,8 +79,8 @@ def margin_text(found: Margin, beside: Beside | None) -> Iterator[str]:
     yield f"\ndelay margin, linear, sampled and held      {limit}"
     for name, value in found.pade.items():
         yield f"{f'  with a Pade term, {PADE[name]}':<43} {_limit(value, longest)}"
-    spans = ", ".join(f"{1e3 * a:.4g} to {_ms(b)}" for a, b in found.stable) or "nowhere"
-    yield f"{f'stable, of 0 to {_ms(longest)}':<43} {spans}"
+    yield f"{f'stable, of 0 to {_ms(longest)}':<43} {_spans(found.stable)}"
+    yield f"{f'damping ratios of at least {100 * DAMPING_RATIO:g} %':<43} {_spans(found.damped)}"
     if beside is not None:
         yield from _runs(found, beside)
     named = shown(found)
@@ -92,6 +94,10 @@ def margin_text(found: Margin, beside: Beside | None) -> Iterator[str]:
             yield f"{1e3 * found.delays[i]:8.0f}  {cells}{worst.real:13.4f}{worst.imag / (2.0 * np.pi):8.3f}"
     if len(named) < len(found.tracks):
         yield f"and {len(found.tracks) - len(named)} modes that the delay moves less, in --json"
+
+
+def _spans(intervals: Sequence[Sequence[float]]) -> str:
+    return ", ".join(f"{1e3 * a:.4g} to {_ms(b)}" for a, b in intervals) or "nowhere"
 
 
 def _ms(seconds: float) -> str:
@@ -110,8 +116,8 @@ def _runs(found: Margin, beside: Beside) -> Iterator[str]:
     near = "not near the linear margin" if beside.pulse is None else _ms(beside.pulse)
     yield f"time domain, a pulse of 0.01 %              {near}"
     for one in beside.scenario:
-        place = f"beyond {_ms(found.delays[-1])}" if one.high is None else f"below {_ms(one.high)}"
-        yield f"{f'  {found.case.scenario.name}, {one.criterion} over {one.horizon:g} s':<43} {place}"
+        words = f"  {found.case.scenario.name}, {CRITERIA[one.criterion].holds} over {one.horizon:g} s"
+        yield f"{words:<43} {_spans(one.holds)}"
     yield "\ndelay ms   ringdown of a run: Hz, ratio       linear: Hz, ratio"
     for delay, modes in beside.ringdown:
         for mode in modes:
@@ -134,6 +140,7 @@ def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
         "margin_s": found.margin,
         "critical": None if found.critical is None else figures(found.critical),
         "stable_s": [list(span) for span in found.stable],
+        "damped_s": [list(span) for span in found.damped],
         "longest_s": float(found.delays[-1]),
         "pade_s": found.pade,
         "delays": [
@@ -154,8 +161,7 @@ def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
         made["time_domain"] = {
             "pulse_s": beside.pulse,
             "scenario": [
-                {"criterion": x.criterion, "horizon_s": x.horizon, "low_s": x.low, "high_s": x.high}
-                for x in beside.scenario
+                {"criterion": x.criterion, "horizon_s": x.horizon, "holds_s": x.holds} for x in beside.scenario
             ],
             "ringdown": [
                 {"delay_s": delay, "modes": [{name: getattr(mode, name) for name in SHOWN} for mode in modes]}

@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
 
-from facts_damping.analysis.measures import columns, event_times, speed_differences
+from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.modes.oscillation import WINDOW, envelope
-from facts_damping.analysis.modes.ringdown import ringdown_modes
-from facts_damping.analysis.response import response
-from facts_damping.analysis.verdict import DAMPED, judge
+from facts_damping.analysis.modes.ringdown import fit_ringdown, ringdown_modes
+from facts_damping.analysis.response import judge_run, shortened, swings_of
+from facts_damping.analysis.verdict import LOST
 from facts_damping.parameters.run import Scenario
+from facts_damping.parameters.study import Margin
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of
+from facts_damping.studies.margins import margins
+from facts_damping.studies.margins.criteria import LOWEST, fails, lowest_damping_ratio
 from facts_damping.studies.margins.linear_closed_loop import with_delay
-from facts_damping.studies.margins.margins import edge
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from facts_damping.analysis.modes.ringdown import RingdownMode
+    from facts_damping.analysis.response import Swings, Twin
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
-    from facts_damping.studies.margins.delay_margin import Margin
+    from facts_damping.studies.margins.delay_margin import Margin as LinearMargin
 
 PULSE = 1e-4  # p.u. of a load or of a mechanical power
 BEGIN, END = 1.0, 1.5  # s, of the pulse
@@ -34,22 +36,18 @@ LENGTH = 40.0  # s, duration of a run after the pulse
 REACH = 0.04  # s, search range for the pulse's margin on both sides of the linear margin
 FINE = 5e-4  # s, resolution of the pulse's margin
 HORIZONS = (20.0, 40.0)  # s, from the start of a run of a scenario
-CRITERIA = ("in synchronism", "damped")
+CRITERIA = ("unstable", "not_damped", "damping")
 LOOKS = 6  # number of delays at which the ringdown is analysed
 RUNS = 90  # approximate number of runs, for the progress line
-COARSE, CLOSE = 0.005, 1e-3  # s, steps, then bisection in a scenario; narrower unstable intervals may be missed
+COARSE, CLOSE = 0.02, 1e-3  # s, steps, then bisection in a scenario; narrower intervals may be missed
 
 
-class Bound(NamedTuple):
-    """The delay at which a run first fails a criterion over a horizon: it holds at `low` and fails at `high`, s.
+class Holds(NamedTuple):
+    """The delays at which a run meets a criterion over a horizon."""
 
-    Either is None if no simulated delay is of that kind.
-    """
-
-    criterion: str  # in synchronism, or damped
-    horizon: float
-    low: float | None
-    high: float | None
+    criterion: str  # one of CRITERIA
+    horizon: float  # s
+    holds: list[list[float]]  # s, intervals
 
 
 class Beside(NamedTuple):
@@ -57,7 +55,7 @@ class Beside(NamedTuple):
 
     ringdown: list[tuple[float, list[RingdownMode]]]  # delay, s, and the modes after a pulse, the strongest first
     pulse: float | None  # s, the margin for a pulse; None: not near the linear margin
-    scenario: list[Bound]  # of the run's own scenario
+    scenario: list[Holds]  # of the run's own scenario
 
 
 def pulsed(case: Case, delay: float, length: float = LENGTH) -> Case:
@@ -112,42 +110,43 @@ def pulse_margin(case: Case, linear: float, looked: Callable[[], None] = lambda:
 def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
     """Whether a run of the scenario with a delay (s) meets each criterion over each horizon (s)."""
     record = loop.run(with_delay(_lasting(case, max(HORIZONS)), delay))
+    lost = np.inf if record.in_synchronism.all() else record.time_s[-1]
     twin = twin_of(record)
-    t, signals, last = record.time_s, columns(speed_differences(record)), (event_times(record) or [0.0])[-1]
-    lost = np.inf if record.in_synchronism.all() else t[-1]
-    shared = response(twin, signals)
-    lost_twin = twin is not None and shared is None
-    signals = signals if shared is None else shared
-    found = {}
+    swings, found = swings_of(record, twin), dict[tuple[str, float], bool]()
     for horizon in HORIZONS:
-        ticks = int(np.searchsorted(t[: len(signals)], horizon))
-        found["in synchronism", horizon] = sound = bool(lost >= horizon)
-        judged = sound and not lost_twin and judge(t[:ticks], signals[:ticks], last).verdict
-        found["damped", horizon] = judged == DAMPED
+        row = _row(record, twin, shortened(swings, horizon)) if lost >= horizon else {"verdict": LOST}
+        found |= {(criterion, horizon): not fails(criterion, row) for criterion in CRITERIA}
     return found
 
 
-def bounds(case: Case, longest: float, looked: Callable[[], None]) -> list[Bound]:
-    """The bounds of delay for each criterion and horizon in the run's scenario, by steps and then bisection.
+def _row(record: Record, twin: Twin | None, swings: Swings) -> dict[str, Any]:
+    """What the criteria need of a run."""
+    fit = fit_ringdown(swings.time_s[: swings.ringing], swings.judged[: swings.ringing], swings.last)
+    modes = [] if fit is None else [mode._asdict() for mode in fit.modes]
+    verdict = judge_run(record, twin, swings, lambda: fit).judgement.verdict
+    return {"verdict": verdict, LOWEST: lowest_damping_ratio({"modes": modes})}
 
-    `looked` is called after each run.
+
+def holding(case: Case, longest: float, looked: Callable[[], None]) -> list[Holds]:
+    """The delays up to the longest (s) at which the run's scenario meets each criterion over each horizon.
+
+    By steps, then by bisection of each change. `looked` is called after each run.
     """
+    search = Margin(field="delay", high=longest, coarse=round(longest / COARSE) + 1, tolerance=CLOSE)
+    seen: dict[float, dict[tuple[str, float], bool]] = {}
+    pairs = [(criterion, horizon) for criterion in CRITERIA for horizon in HORIZONS]
 
-    @cache
-    def met(delay: float) -> dict[tuple[str, float], bool]:
-        found = bears(case, delay)
-        looked()
-        return found
+    def failed(pair: tuple[str, float]) -> dict[float, bool | None]:
+        return {delay: not met[pair] for delay, met in seen.items()}
 
-    made, steps = [], np.arange(0.0, longest + 1e-9, COARSE).tolist()
-    for criterion in CRITERIA:
-        for horizon in HORIZONS:
-            low, high = edge(met, (criterion, horizon), steps, CLOSE)
-            made.append(Bound(criterion, horizon, low, high))
-    return made
+    while wanted := {delay for pair in pairs for delay in margins.wanted(search, failed(pair))}:
+        for delay in sorted(wanted):
+            seen[delay] = bears(case, delay)
+            looked()
+    return [Holds(*pair, margins.holding([failed(pair)])) for pair in pairs]
 
 
-def beside(found: Margin, progress: Callable[[int, int], None]) -> Beside:
+def beside(found: LinearMargin, progress: Callable[[int, int], None]) -> Beside:
     """Simulations to compare with a linear margin: ringdowns at some delays, margins of a pulse and of the scenario."""
     done = 0
 
@@ -163,4 +162,4 @@ def beside(found: Margin, progress: Callable[[int, int], None]) -> Beside:
         rung.append((delay, ringdown(case, delay)))
         looked()
     pulse = pulse_margin(case, found.margin, looked) if found.margin else None
-    return Beside(rung, pulse, bounds(case, longest, looked) if case.scenario.events else [])
+    return Beside(rung, pulse, holding(case, longest, looked) if case.scenario.events else [])

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import stats
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from facts_damping.parameters.study import Margin
 
@@ -100,22 +100,6 @@ def held(margin: Margin, searches: Sequence[Mapping[float, bool | None]]) -> flo
     """Fraction of the coarse grid's values at which the criterion holds, over all searches; None without any run."""
     known = [not failed[value] for failed in searches for value in grid(margin) if failed.get(value) is not None]
     return float(np.mean(known)) if known else None
-
-
-def edge(
-    met: Callable[[float], Mapping[Any, bool]], what: Any, grid: Sequence[float], tolerance: float
-) -> tuple[float | None, float | None]:
-    """The first failure of a criterion, by the grid and then bisection to the tolerance.
-
-    Returns the last value that holds and the first that fails. The first is None if the grid's first value fails, the
-    second if all hold. `met` gives the criteria met at a value.
-    """
-    high = next((value for value in grid if not met(value)[what]), None)
-    low = max((value for value in grid if high is None or value < high), default=None)
-    while high is not None and low is not None and high - low > tolerance:
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if met(middle)[what] else (low, middle)
-    return low, high
 
 
 def max_runs(margin: Margin) -> int:

@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.analysis.indices import THESIS_INDICES, performance_indices
-from facts_damping.analysis.measures import columns, event_times, setpoint_limits, speed_differences
-from facts_damping.analysis.verdict import GROWING, LIMIT_CYCLE, judge
+from facts_damping.analysis.measures import setpoint_limits
+from facts_damping.analysis.response import judge_run, swings_of
+from facts_damping.analysis.verdict import GROWING, LIMIT_CYCLE
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import make_case
 from facts_damping.errors import FactsDampingError, InputError
@@ -30,12 +31,13 @@ from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller
 from facts_damping.studies.sweeps import sweep
 from facts_damping.studies.sweeps.axes import drawn_columns
-from facts_damping.studies.sweeps.batch import CUSTOM, closed_loop, make, names
+from facts_damping.studies.sweeps.batch import CUSTOM, closed_loop, make, names, twin
 from facts_damping.studies.sweeps.enumerated_axes import NONE, SCENARIO
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from facts_damping.analysis.response import Twin
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
@@ -68,17 +70,17 @@ class Score(NamedTuple):
     undamped: float  # fraction of draws
 
 
-def figures(record: Record) -> Figures:
-    """Figures of a run; for a run that loses synchronism only how long it lasted."""
+def figures(record: Record, twin: Twin | None = None) -> Figures:
+    """Figures of a run with its twin; for a run that loses synchronism only how long it lasted."""
     if not record.in_synchronism.all():
         duration = float(record.configuration["duration"])
         return Figures(min(float(record.time_s[-1]) / duration, 1.0 - 1e-9), {}, 0.0, damped=False)
-    t, deviations = record.time_s, columns(speed_differences(record))
+    swings = swings_of(record, twin)
     limits = setpoint_limits(record.configuration)
     fraction = np.abs(record.devices["setpoint"]) / np.array([limits[name] for name in record.device_names])
-    verdict = judge(t, deviations, (event_times(record) or [0.0])[-1]).verdict
+    verdict = judge_run(record, twin, swings).judgement.verdict
     dies = verdict not in (GROWING, LIMIT_CYCLE)  # an undecided verdict is no failure: the last event was late
-    return Figures(1.0, performance_indices(t, deviations), float(fraction.mean()), dies)
+    return Figures(1.0, performance_indices(record.time_s, swings.own), float(fraction.mean()), dies)
 
 
 def draws(
@@ -164,7 +166,9 @@ def run(content: Mapping[str, Any], controller: Controller | None) -> Figures:
     own: dict[str, Any] = {"controllers": []}
     if controller is not None:
         own = {"devices": controller.devices, "controllers": [controller.model_dump()]}
-    return figures(closed_loop(make_case({**content, **own}, "search")))
+    case = make_case({**content, **own}, "search")
+    record = closed_loop(case)
+    return figures(record, twin(case, record))
 
 
 def score(controller: Controller, against: Sequence[Draw], worst: int = 100, *, medians: bool = False) -> Score:

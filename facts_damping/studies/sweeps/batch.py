@@ -19,7 +19,7 @@ from facts_damping.analysis.summary import AUTO, summarise
 from facts_damping.analysis.supervision import trips
 from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError, one_line
-from facts_damping.findings import NO_CONTROL, itae, uncontrolled
+from facts_damping.findings import NO_CONTROL, uncontrolled
 from facts_damping.parameters.run import Run
 from facts_damping.plant.model import copy
 from facts_damping.simulation import loop, twins
@@ -45,6 +45,7 @@ MAX_SHARED = 256  # largest number of plants cached per process; some kB each
 LATENCIES = ("latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms")
 SUMMED = ("settling_time_s", "roughness", "max_injected_voltage_pu")
 OUTCOME = ("verdict", "damped", "instability", "duration_s")
+RESPONSE_INDEX = "ITAE_of_response"  # of runs with noise
 GROWTH = {"value": "growth_per_s", "low": "growth_low_per_s", "high": "growth_high_per_s"}
 # Results with half the integration step; the second is the relative change of the index that changes most.
 CHECKED = ("converged", "step_change", "verdict_half_step")
@@ -55,7 +56,7 @@ IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # col
 
 _plants: dict[str, Built] = {}
 _residues: dict[str, Residues | None] = {}
-_free_indices: dict[str, float | None] = {}
+_free: dict[str, dict[str, Any]] = {}  # summaries without control
 
 
 class Base(NamedTuple):
@@ -126,18 +127,16 @@ def criterion_columns(case: Case, record: Record, summary: Mapping[str, Any], wa
         found[criteria.LOWEST] = criteria.lowest_damping_ratio(summary)
     if "worse" in wanted:
         plant = {name: value for name, value in record.configuration.items() if name not in ("link", *NO_CONTROL)}
-        free = json.dumps(plant, default=str)
-        found[criteria.FREE_INDEX] = shared(
-            _free_indices, free, lambda: _index(closed_loop(uncontrolled(record.configuration)))
-        )
+        free = shared(_free, json.dumps(plant, default=str), lambda: _summary(uncontrolled(record.configuration)))
+        found[criteria.RATIO] = criteria.itae_ratio(summary, free)
     if "linear" in wanted:
         found[criteria.LINEAR] = criteria.linear_growth(case)
     return found
 
 
-def _index(record: Record) -> float | None:
-    """ITAE of a run; None if it has lost synchronism."""
-    return itae(record) if record.in_synchronism.all() else None
+def _summary(case: Case) -> dict[str, Any]:
+    record = closed_loop(case)
+    return summarise(record, method=None, twin=twin(case, record))
 
 
 def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -195,7 +194,17 @@ def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
 
 def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
     """Columns of `figures`."""
-    found = ["stable", *OUTCOME, *INDICES, *SUMMED, "saturation_duty", *LATENCIES, "frames_lost", "trips"]
+    found = [
+        "stable",
+        *OUTCOME,
+        *INDICES,
+        RESPONSE_INDEX,
+        *SUMMED,
+        "saturation_duty",
+        *LATENCIES,
+        "frames_lost",
+        "trips",
+    ]
     found += [*GROWTH.values(), "warnings", *(CHECKED if check_step else ())]
     return [*found, *INTERAREA] if modes else found
 
@@ -208,6 +217,7 @@ def figures(
         "stable": summary["stable"] is True,
         **{name: summary[name] for name in OUTCOME},
         **(summary["indices"] or dict.fromkeys(INDICES)),
+        RESPONSE_INDEX: (summary["indices_of_response"] or {}).get("ITAE"),
         **{name: summary[name] for name in SUMMED},
         "saturation_duty": max(summary["saturation_duty"].values(), default=None),
         **_latency(record),
