@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -79,7 +80,7 @@ def grid_table(rows: Rows) -> list[str]:
         own = [row for row in rows if fits(row) and row["unsupervised_keeps_synchronism"] is not None]
         if own:
             cells = [
-                [str(sum(not row[f"{which}keeps_synchronism"] for row in own)), *_ratios(own, f"{which}ratio")]
+                [str(sum(not row[f"{which}keeps_synchronism"] for row in own)), *_ratios(own, which)]
                 for which in ("", "unsupervised_")
             ]
             lines.append([name, str(len(own)), *(" / ".join(pair) for pair in zip(*cells, strict=True))])
@@ -205,6 +206,10 @@ def _times(found: Sequence[float]) -> list[str]:
     return [f"{median(found):.2f}", f"{np.percentile(found, 99):.2f}"] if found else ["-", "-"]
 
 
-def _ratios(rows: Rows, name: str) -> list[str]:
-    known = [row[name] for row in rows if row[name] is not None]
-    return [f"{np.percentile(known, q):.2f}" for q in (50, 90, 99)] if known else ["-"] * 3
+def _ratios(rows: Rows, which: str) -> list[str]:
+    """Quantiles of ITAE relative to no control; a run that loses synchronism alone counts as the largest."""
+    values = [math.inf if not row[f"{which}keeps_synchronism"] else row[f"{which}ratio"] for row in rows]
+    known = [value for value in values if value is not None]
+    method = "higher" if math.inf in known else "linear"  # nothing lies between a number and infinity
+    found = [np.percentile(known, q, method=method) for q in (50, 90, 99)] if known else []  # type: ignore[call-overload]
+    return ["lost" if math.isinf(x) else f"{x:.2f}" for x in found] or ["-"] * 3

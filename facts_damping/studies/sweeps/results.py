@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import subprocess
 from statistics import median
@@ -19,7 +20,7 @@ from facts_damping.terminal import write_whole
 from facts_damping.version import versions
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     Rows = Sequence[dict[str, Any]]
@@ -130,6 +131,19 @@ def label(row: dict[str, Any], names: Sequence[str]) -> str:
 def by_scenario(rows: Rows) -> dict[str, list[dict[str, Any]]]:
     """Rows by scenario."""
     return {name: [r for r in rows if r["scenario"] == name] for name in dict.fromkeys(r["scenario"] for r in rows)}
+
+
+def counted(row: Mapping[str, Any], name: str) -> float:
+    """A figure of a run as medians count it: not a number if unknown, infinitely bad if synchronism is lost.
+
+    Damping ratios are the only figures of which larger ones are better.
+    """
+    if row.get("converged") is False:
+        return math.nan
+    if not row.get("stable"):
+        return -math.inf if "damping_ratio" in name else math.inf
+    value = row.get(name)
+    return math.nan if value is None else float(value)
 
 
 def margin_names(margins: Rows, across: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,16 +10,17 @@ from matplotlib.figure import Figure
 
 from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plotting.plots import COLOURS
+from facts_damping.parameters.base import ParameterModel
 from facts_damping.studies.margins.criteria import fails
 from facts_damping.studies.margins.margins import failed_fraction
 from facts_damping.studies.pages import save
 from facts_damping.studies.sweeps.batch import LATENCIES, QUANTILES
 from facts_damping.studies.sweeps.margin_plots import draw_margins
-from facts_damping.studies.sweeps.results import by_scenario, label, varying
+from facts_damping.studies.sweeps.results import by_scenario, counted, label, varying
 from facts_damping.studies.sweeps.sweep import differ
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -41,6 +43,8 @@ MAX_TICKS = 12  # largest number of ticks of a map with a tick per value
 MAX_GROUPS = 30  # largest number of distinguishable curves
 MAX_TOGETHER = 8  # largest number of groups with all figures in one picture
 SPREAD_MS = 1e-3  # a smaller variation of latency is not drawn as a distribution
+SUFFIXES = {"s": "s", "ms": "ms", "hz": "Hz", "pu": "p.u.", "mw": "MW", "percent": "%", "deg": "deg"}
+LOST_RUNS = "open circles: so many of the runs lose synchronism; they count as the worst. No line: half or more do."
 MAX_DISTINCT = 60  # a column with more values counts as random
 
 
@@ -91,20 +95,59 @@ def styles() -> Iterator[dict[str, Any]]:
             yield {"color": colour, "linestyle": style}
 
 
-def _panels(rows: Rows, titles: Sequence[str], label: str) -> tuple[Figure, dict[str, Any]]:
-    """A figure with a column of panels for each scenario, one below the other, and their axes."""
-    columns = by_scenario(rows)
+def settings(rows: Rows, axes: Sequence[str], x: str) -> dict[str, list[dict[str, Any]]]:
+    """Rows by scenario, and by the values of the other numeric axes, so that a curve over x is one setting.
+
+    Of an axis with many values a few are shown, the first and the last among them; random ones are not told apart.
+    """
+    found = by_scenario(rows)
+    for name in axes:
+        values = sorted({row[name] for row in rows})
+        if name == x or not 1 < len(values) <= MAX_DISTINCT:
+            continue
+        number = min(len(values), max(2, MAX_ACROSS // len(found)))
+        kept = [values[round(i * (len(values) - 1) / (number - 1))] for i in range(number)]
+        found = {
+            f"{title}, {axis_label(name)} {value:g}".removeprefix(", "): [row for row in own if row[name] == value]
+            for title, own in found.items()
+            for value in kept
+        }
+    return {title: own for title, own in found.items() if own}
+
+
+def axis_label(name: str) -> str:
+    """A column's name in words, with its unit: `delay_s` as `delay [s]`."""
+    last = name.rpartition(".")[2]
+    words, _, end = last.rpartition("_")
+    unit = SUFFIXES.get(end) if words else None
+    return f"{words.replace('_', ' ')} [{unit}]" if unit else f"{last.replace('_', ' ')}{_unit(last)}"
+
+
+@cache
+def _unit(field: str) -> str:
+    """Unit of the parameters of this name, in brackets; empty if they have several or none."""
+    models, units = [ParameterModel], set()
+    for model in models:
+        models += model.__subclasses__()
+        extra = model.model_fields[field].json_schema_extra if field in model.model_fields else None
+        units |= {extra.get("unit")} if isinstance(extra, dict) else set()
+    (unit,) = units if len(units) == 1 else ("-",)
+    return "" if unit in ("-", None) else f" [{unit}]"
+
+
+def _panels(columns: Mapping[str, Rows], titles: Sequence[str], x: str) -> tuple[Figure, dict[str, Any]]:
+    """A figure with a column of panels for each setting, one below the other, and their axes."""
     figure = Figure(figsize=(3.0 + 4.0 * len(columns), 1.2 + 2.6 * len(titles)), layout="constrained")
     made: Any = figure.subplots(len(titles), len(columns), sharex=True, sharey="row", squeeze=False)
-    for j, scenario in enumerate(columns):
-        made[0, j].set_title(scenario)
-        made[-1, j].set_xlabel(label)
+    for j, title in enumerate(columns):
+        made[0, j].set_title(title)
+        made[-1, j].set_xlabel(axis_label(x))
         for axes in made[:, j]:
             axes.grid(visible=True, lw=0.3)
             axes.spines[["top", "right"]].set_visible(False)
     for axes, title in zip(made[:, 0], titles, strict=True):
         axes.set_ylabel(title)
-    return figure, {scenario: made[:, j] for j, scenario in enumerate(columns)}
+    return figure, {title: made[:, j] for j, title in enumerate(columns)}
 
 
 def _legend(figure: Figure) -> None:
@@ -120,7 +163,8 @@ def _legend(figure: Figure) -> None:
 def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
     """Index, damping ratio and roughness against a numeric axis: medians, with points for random values.
 
-    Runs that are not converged are left out.
+    A run that loses synchronism counts as worse than all others: a median has a gap where half of the runs do, and an
+    open circle with their number where fewer do. Runs that are not converged are left out.
 
     With more than eight groups only ITAE is drawn, the direct and indirect schemes separately; controllers without
     adaptation appear in both.
@@ -128,36 +172,50 @@ def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
     shown = {name: title for name, title in CURVES.items() if any(row.get(name) is not None for row in rows)}
     if not shown:
         return None
+    columns = settings(rows, axes, x)
     schemes = [one for one in dict.fromkeys(row["scheme"] for row in rows) if one]
     if len(groups(rows, swept, axes)) <= MAX_TOGETHER or not schemes:
         parts = [(title, name, {None, *schemes}) for name, title in shown.items()]
     else:
         parts = [(f"{CURVES['ITAE']}, {one}", "ITAE", {None, one}) for one in schemes]
         axes = [*axes, "scheme", *(name for name in swept if all(row.get(name) == row["scheme"] for row in rows))]
-    figure, panels = _panels(rows, [title for title, _, _ in parts], x)
-    looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
-    for scenario, own in by_scenario(rows).items():
+    figure, panels = _panels(columns, [title for title, _, _ in parts], x)
+    looks, lost = dict(zip(groups(rows, swept, axes), styles(), strict=False)), False
+    for setting, own in columns.items():
         for group, some in groups(own, swept, axes, rows).items():
-            for panel, (_, name, kept) in zip(panels[scenario], parts, strict=True):
+            for panel, (_, name, kept) in zip(panels[setting], parts, strict=True):
                 plotted = [row for row in some if row["scheme"] in kept]
-                known = [row.get(name) if row.get("converged") is not False else None for row in plotted]
-                values = np.array([np.nan if value is None else value for value in known])
-                _curve(panel, np.array([row[x] for row in plotted], float), values, looks[group], group)
+                values = np.array([counted(row, name) for row in plotted])
+                lost |= _curve(panel, np.array([row[x] for row in plotted], float), values, looks[group], group)
                 panel.set_yscale("linear" if name.startswith("interarea") else "log")
+    if lost:
+        figure.suptitle(LOST_RUNS, fontsize="small")
     _legend(figure)
     return figure
 
 
-def _curve(panel: Axes, x: NDArray[np.float64], y: NDArray[np.float64], style: dict[str, Any], name: str) -> None:
-    """Values against x with gaps where missing; many values are points with the medians of bins."""
+def _curve(panel: Axes, x: NDArray[np.float64], y: NDArray[np.float64], style: dict[str, Any], name: str) -> bool:
+    """Medians of values against x, with gaps where they are missing or infinite; many values are points as well.
+
+    Returns whether runs were lost where there is a median.
+    """
     if not len(x):
-        return
+        return False
     if len(np.unique(x)) > MAX_DISTINCT:
         faint = max(0.05, min(0.5, 300 / len(x)))
         panel.plot(x, y, ".", color=style["color"], ms=2, alpha=faint)
     middles, parts = binned(x)
-    known = [y[part][np.isfinite(y[part])] for part in parts]
-    panel.plot(middles, [float(np.median(one)) if len(one) else np.nan for one in known], label=name, lw=1.2, **style)
+    known = [y[part][~np.isnan(y[part])] for part in parts]
+    medians = np.array([float(np.median(one)) if len(one) else np.nan for one in known])
+    medians[np.isinf(medians)] = np.nan
+    panel.plot(middles, medians, label=name, lw=1.2, **style)
+    marked = [i for i, one in enumerate(known) if np.isinf(one).any() and not np.isnan(medians[i])]
+    for i in marked:
+        place: dict[str, Any] = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": 6}
+        panel.plot(middles[i], medians[i], "o", color=style["color"], mfc="white", ms=4)
+        text = f"{np.isinf(known[i]).sum()}/{len(known[i])}"
+        panel.annotate(text, (middles[i], float(medians[i])), color=style["color"], **place)
+    return bool(marked)
 
 
 def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]]:
@@ -173,10 +231,11 @@ def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]
 
 def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str], criterion: str) -> Figure | None:
     """Fraction of failed runs against a numeric axis with Wilson's interval; None if no two runs share a value."""
-    figure, panels = _panels(rows, [f"{_fraction_label(rows, criterion)}, 95 % interval".replace(", ", ",\n", 1)], x)
+    columns = settings(rows, axes, x)
+    figure, panels = _panels(columns, [f"{_fraction_label(rows, criterion)}, 95 % interval".replace(", ", ",\n", 1)], x)
     looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
     several = False
-    for scenario, own in by_scenario(rows).items():
+    for setting, own in columns.items():
         for group, some in groups(own, swept, axes, rows).items():
             failed = np.array([fails(criterion, row) for row in some])
             middles, parts = binned(np.array([row[x] for row in some], float))
@@ -186,7 +245,7 @@ def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
             kept = [i for i, part in enumerate(parts) if part.sum() > maximum / 2 or len(parts) == BINS]
             middles, parts = [middles[i] for i in kept], [parts[i] for i in kept]
             fractions = [failed_fraction(int(failed[part].sum()), int(part.sum())) for part in parts]
-            (panel,) = panels[scenario]
+            (panel,) = panels[setting]
             panel.plot(middles, [one["fraction"] for one in fractions], label=group, lw=1.3, marker=".", **looks[group])
             ends = [[one[end] for one in fractions] for end in ("low", "high")]
             panel.fill_between(middles, *ends, color=looks[group]["color"], alpha=0.15, lw=0)
@@ -224,7 +283,7 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
             colour = "white" if fractions[i][j] < 0.5 else "black"  # cividis is dark for few failures
             axes.text(at[j], up[i], MARK, color=colour, ha="center", va="center", fontsize="large")
         marked |= bool(changed.any())
-        axes.set(title=title, xlabel=x, ylabel=y)
+        axes.set(title=title, xlabel=axis_label(x), ylabel=axis_label(y))
     for axes in grid[len(kept) :]:
         axes.set_visible(False)
     text = _fraction_label(rows, criterion) + (f"\n{MARK} some do otherwise with half the step" if marked else "")
@@ -259,7 +318,7 @@ def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
         if len({row[name] for row in rows}) <= MAX_DISTINCT:
             minimum = min(row[name] for row in kept)
             kept = [row for row in kept if row[name] == minimum]
-            title.append(f"{name} = {minimum:g}")
+            title.append(f"{axis_label(name)} {minimum:g}")
     figure = Figure(figsize=(7.5, 3.8), layout="constrained")
     axes = figure.subplots()
     apart = groups(kept, swept, ())

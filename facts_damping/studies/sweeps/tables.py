@@ -99,11 +99,17 @@ def _alone(row: dict[str, Any], figure: str) -> str:
 
 
 def _figure(runs: Sequence[dict[str, Any]], figure: str) -> str:
-    """A figure, the median of several runs; with a halved step, only the digits that hold in all, or marked."""
+    """A figure, the median of several runs; with a halved step, only the digits that hold in all, or marked.
+
+    A run that loses synchronism counts as worse than all others.
+    """
     values = [row[figure] for row in runs if row.get(figure) is not None]
     if not values or not isinstance(values[0], float):
         return cell(values[0] if values else None)
-    middle = float(np.median(values))
+    lost = -np.inf if "damping_ratio" in figure else np.inf
+    middle = float(np.median([*values, *(lost for row in runs if not row.get("stable"))]))
+    if np.isinf(middle):
+        return "-"
     unsure = any(row.get("converged") is False for row in runs)
     changes = [row["step_change"] for row in runs if row.get("step_change") is not None]
     if not changes or not (unsure or figure in INDICES):
@@ -123,4 +129,4 @@ def _among(runs: Sequence[dict[str, Any]], figure: str) -> str:
         return max(odd, key=lambda word: odd[word])
     if len(runs) == 1:
         return _figure(sound, figure) + ("" if not odd else f" ({words[0]})")
-    return _figure(sound, figure) + "".join(f" ({count} of {len(runs)} {word})" for word, count in odd.items())
+    return _figure(runs, figure) + "".join(f" ({count} of {len(runs)} {word})" for word, count in odd.items())
