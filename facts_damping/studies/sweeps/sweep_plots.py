@@ -44,7 +44,8 @@ MAX_GROUPS = 30  # largest number of distinguishable curves
 MAX_TOGETHER = 8  # largest number of groups with all figures in one picture
 SPREAD_MS = 1e-3  # a smaller variation of latency is not drawn as a distribution
 SUFFIXES = {"s": "s", "ms": "ms", "hz": "Hz", "pu": "p.u.", "mw": "MW", "percent": "%", "deg": "deg"}
-LOST_RUNS = "open circles: so many of the runs lose synchronism; they count as the worst. No line: half or more do."
+LOST_RUNS = "Open circles: so many of the runs lose synchronism, which counts as worst. No line: half or more do."
+LEFT_OUT = "Runs that do otherwise with half the integration step are left out."
 MAX_DISTINCT = 60  # a column with more values counts as random
 
 
@@ -108,7 +109,7 @@ def settings(rows: Rows, axes: Sequence[str], x: str) -> dict[str, list[dict[str
         number = min(len(values), max(2, MAX_ACROSS // len(found)))
         kept = [values[round(i * (len(values) - 1) / (number - 1))] for i in range(number)]
         found = {
-            f"{title}, {axis_label(name)} {value:g}".removeprefix(", "): [row for row in own if row[name] == value]
+            f"{title}, {value_label(name, value)}".removeprefix(", "): [row for row in own if row[name] == value]
             for title, own in found.items()
             for value in kept
         }
@@ -117,22 +118,30 @@ def settings(rows: Rows, axes: Sequence[str], x: str) -> dict[str, list[dict[str
 
 def axis_label(name: str) -> str:
     """A column's name in words, with its unit: `delay_s` as `delay [s]`."""
-    last = name.rpartition(".")[2]
-    words, _, end = last.rpartition("_")
-    unit = SUFFIXES.get(end) if words else None
-    return f"{words.replace('_', ' ')} [{unit}]" if unit else f"{last.replace('_', ' ')}{_unit(last)}"
+    words, unit = _words(name)
+    return f"{words} [{unit}]" if unit else words
+
+
+def value_label(name: str, value: float) -> str:
+    """A value of a column in words, with its unit: `delay 0.1 s`."""
+    words, unit = _words(name)
+    return f"{words} {value:g} {unit}".rstrip()
 
 
 @cache
-def _unit(field: str) -> str:
-    """Unit of the parameters of this name, in brackets; empty if they have several or none."""
+def _words(name: str) -> tuple[str, str]:
+    """A column's name in words, and its unit: by its ending, or that of all parameters of the name; may be empty."""
+    field = name.rpartition(".")[2]
+    words, _, end = field.rpartition("_")
+    if words and end in SUFFIXES:
+        return words.replace("_", " "), SUFFIXES[end]
     models, units = [ParameterModel], set()
     for model in models:
         models += model.__subclasses__()
         extra = model.model_fields[field].json_schema_extra if field in model.model_fields else None
         units |= {extra.get("unit")} if isinstance(extra, dict) else set()
-    (unit,) = units if len(units) == 1 else ("-",)
-    return "" if unit in ("-", None) else f" [{unit}]"
+    unit = str(units.pop()) if len(units) == 1 else "-"
+    return field.replace("_", " "), "" if unit == "-" else unit
 
 
 def _panels(columns: Mapping[str, Rows], titles: Sequence[str], x: str) -> tuple[Figure, dict[str, Any]]:
@@ -188,8 +197,9 @@ def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
                 values = np.array([counted(row, name) for row in plotted])
                 lost |= _curve(panel, np.array([row[x] for row in plotted], float), values, looks[group], group)
                 panel.set_yscale("linear" if name.startswith("interarea") else "log")
-    if lost:
-        figure.suptitle(LOST_RUNS, fontsize="small")
+    notes = [LOST_RUNS] if lost else []
+    notes += [LEFT_OUT] if any(row.get("converged") is False for row in rows) else []
+    figure.suptitle("\n".join(notes), fontsize="small")
     _legend(figure)
     return figure
 
@@ -318,7 +328,7 @@ def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
         if len({row[name] for row in rows}) <= MAX_DISTINCT:
             minimum = min(row[name] for row in kept)
             kept = [row for row in kept if row[name] == minimum]
-            title.append(f"{axis_label(name)} {minimum:g}")
+            title.append(value_label(name, minimum))
     figure = Figure(figsize=(7.5, 3.8), layout="constrained")
     axes = figure.subplots()
     apart = groups(kept, swept, ())
