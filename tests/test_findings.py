@@ -119,7 +119,7 @@ def test_what_cannot_be_known_is_said() -> None:
 
 
 def test_without_an_event_the_noise_is_compared_with_no_control() -> None:
-    found = fd.simulate("two_area_deployment", scenario=[], duration=70, supervision=None, arm_at=None, seed=3)
+    found = fd.simulate("two_area_deployment", scenario=[], duration=120, supervision=None, arm_at=None, seed=3)
     assert found.summary["verdict_of"] == "ambient noise"
     words = r"speed differences in noise, rms \S+, without control \S+: variance \d+ % less"
     assert re.search(rf"^{words} \(90 % interval: \d+ % less to \d+ % less\)$", str(found), re.MULTILINE)

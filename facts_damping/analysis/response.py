@@ -1,62 +1,54 @@
-"""Verdict of a run with noise: of its response to the events, or of its modes in noise alone."""
+"""The response of a run to its events, free of noise, by its twin; and the noise in it."""
 
 from __future__ import annotations
 
-from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from facts_damping.analysis.effort import saturation_duty
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, event_times, speed_differences
-from facts_damping.analysis.modes.ambient import fit_ambient
 from facts_damping.analysis.modes.oscillation import BAND
-from facts_damping.analysis.modes.ringdown import COVERED, SKIP, fit_ringdown
-from facts_damping.analysis.verdict import DAMPED, GROWING, HANN, LIMIT_CYCLE, UNDECIDED, Judgement, envelopes, judge
+from facts_damping.analysis.modes.ringdown import SKIP
+from facts_damping.analysis.verdict import HANN, envelopes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from facts_damping.analysis.modes.ringdown import Fit
     from facts_damping.signals import Record
 
-RESPONSE, RUN, AMBIENT = "response", "run", "ambient noise"  # what a verdict is of
-CLEAR_DB = 10.0  # signal-to-residual ratio of a ringdown of a response that may decide
-LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a setpoint at its limit; above, a loop is at its limits
-WINDOW, FEWEST = 20.0, 3  # s, and number, of windows of noise whose variances are compared
 SHORTEST = 10.0  # s, of a response whose ringdown is fitted
-STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
-AT_LIMITS = "setpoints are at their limits to the end"
-LOST_TWIN = "the twin of the run loses synchronism"
+WINDOW, FEWEST = 20.0, 3  # s, and number, of windows of noise whose variances are compared
+PULSE_END = 1.5  # s, end of the pulse in the twin of a run without events
+WITHOUT_EVENTS, MIRROR, PULSED = "without events", "mirror", "pulsed"  # kinds of twins
 
-
-class Judged(NamedTuple):
-    """A verdict, and what it is of: RESPONSE, RUN or AMBIENT."""
-
-    judgement: Judgement
-    of: str
+PARTS = ("response", "noise", "pulse")  # of swings
 
 
 class Twin(NamedTuple):
-    """The twin of a run (simulation/twins.py): the same noise without events, or the same events and opposite noise."""
+    """The twin of a run, and its kind (simulation/twins.py)."""
 
     record: Record
-    mirror: bool
+    kind: str
 
 
 class Swings(NamedTuple):
-    """What is judged of a run: its speed differences, and their response to the events where there is a twin."""
+    """What is judged of a run: its speed differences, and where there is a twin their parts; (ticks, n), p.u.
+
+    A twin may have fewer ticks than the run, and a response and a pulse have as many.
+    """
 
     time_s: NDArray[np.float64]  # (ticks,)
     names: tuple[str, ...]  # of the differences
-    own: NDArray[np.float64]  # (ticks, n), p.u.
-    response: NDArray[np.float64] | None  # (ticks, n), p.u.; the twin may have fewer ticks
+    own: NDArray[np.float64]
     times: list[float]  # s, of the events; empty without one
     ringing: int  # ticks until the response has faded
+    response: NDArray[np.float64] | None = None  # to the events
+    noise: NDArray[np.float64] | None = None  # what is not the response
+    pulse: NDArray[np.float64] | None = None  # the response to the twin's pulse, of a run without events
 
     @property
     def last(self) -> float:
@@ -78,44 +70,35 @@ class Swings(NamedTuple):
 def swings_of(
     record: Record, twin: Twin | None, differences: Mapping[str, NDArray[np.float64]] | None = None
 ) -> Swings:
-    """The swings of a run; `differences`: those to judge, (ticks,) each, if not those of its configuration."""
+    """The swings of a run; `differences`: those to judge, (ticks,) each, if not those of its configuration.
+
+    With the swings w of the run and w' of its twin, the response is w - w' to a twin without events, (w + w') / 2 to a
+    mirror, and w' - w to a pulse; noise is w' or (w - w') / 2. Noise cancels in a response exactly where the loop is
+    linear. Without a twin, or if it loses synchronism, there are no parts.
+    """
     differences = speed_differences(record) if differences is None else differences
-    own, times = columns(differences), event_times(record)
-    found = response(twin, own)
-    ticks = len(own) if found is None else until_faded(record.time_s[: len(found)], found, (times or [0.0])[-1])
-    return Swings(record.time_s, tuple(differences), own, found, times, ticks)
+    whole, times = columns(differences), event_times(record)
+    plain = Swings(record.time_s, tuple(differences), whole, times, len(whole))
+    if twin is None or not twin.record.in_synchronism.all():
+        return plain
+    other = columns(speed_differences(twin.record))
+    ticks = min(len(whole), len(other))
+    own, other = whole[:ticks], other[:ticks]
+    if twin.kind == PULSED:
+        return plain._replace(pulse=other - own)
+    response, noise = ((own + other) / 2.0, (own - other) / 2.0) if twin.kind == MIRROR else (own - other, other)
+    return plain._replace(
+        response=response, noise=noise, ringing=until_faded(record.time_s[:ticks], response, plain.last)
+    )
 
 
 def shortened(swings: Swings, end: float) -> Swings:
     """Swings up to a time (s)."""
     ticks = int(np.searchsorted(swings.time_s, end))
-    part = None if swings.response is None else swings.response[:ticks]
+    part: Any = {name: None if (x := getattr(swings, name)) is None else x[:ticks] for name in PARTS}
     return swings._replace(
-        time_s=swings.time_s[:ticks], own=swings.own[:ticks], response=part, ringing=min(ticks, swings.ringing)
+        time_s=swings.time_s[:ticks], own=swings.own[:ticks], ringing=min(ticks, swings.ringing), **part
     )
-
-
-def judge_run(
-    record: Record,
-    twin: Twin | None,
-    swings: Swings,
-    ringdown: Callable[[], Fit | None] | None = None,
-    noise: Callable[[], Fit | None] | None = None,
-) -> Judged:
-    """Judge a run in synchronism: by its modes in the noise without event, by its response with a twin, else itself.
-
-    `ringdown`, `noise`: give fits that were made already, of what is judged and of the run.
-    """
-    t, last = swings.time_s, swings.last
-    ringdown = ringdown or cache(lambda: fit_ringdown(t[: swings.ringing], swings.judged[: swings.ringing], last))
-    if not swings.times and record.configuration.get("load_noise"):
-        return judge_ambient(noise() if noise else fit_ambient(t, swings.own), swings.own)
-    if twin is not None and swings.times:
-        duty = saturation_duty(record, max(last, t[-1] - LAST), t[-1])
-        return judge_response(swings, ringdown, limited=max(duty.values(), default=0.0) > LIMITED)
-    itself = judge(t, swings.own, last, swings.names, ringdown)
-    words = "; noise is in it" if noisy(record.configuration) else ""
-    return Judged(itself._replace(because=f"{itself.because}{words}"), RUN)
 
 
 def noisy(configuration: Mapping[str, object]) -> bool:
@@ -123,20 +106,6 @@ def noisy(configuration: Mapping[str, object]) -> bool:
     measurement = configuration.get("measurement")
     rows = [measurement, *(measurement.get("pmus") or {}).values()] if isinstance(measurement, dict) else []
     return bool(configuration.get("load_noise")) or any(any((row.get("noise") or {}).values()) for row in rows)
-
-
-def response(twin: Twin | None, signals: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The response of a run with the signals (ticks, n) to its events, by its twin.
-
-    Half the sum of a run and its mirror, else the difference of a run and its twin. Noise cancels in it exactly where
-    the loop is linear. None without a twin, or if it loses synchronism.
-    """
-    if twin is None or not twin.record.in_synchronism.all():
-        return None
-    other = columns(speed_differences(twin.record))
-    ticks = min(len(signals), len(other))
-    own, other = signals[:ticks], other[:ticks]
-    return np.asarray((own + other) / 2.0 if twin.mirror else own - other)
 
 
 def until_faded(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float) -> int:
@@ -155,33 +124,6 @@ def until_faded(time_s: NDArray[np.float64], signals: NDArray[np.float64], since
     last = int(np.flatnonzero(largest >= BAND * largest.max())[-1])
     end = since + SKIP + max(float(points[last]) + HANN / 2, SHORTEST)
     return min(len(signals), int(np.searchsorted(time_s, end)))
-
-
-def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limited: bool) -> Judged:
-    """Judge a run by its response; without one, its twin has lost synchronism.
-
-    `ringdown`: gives that of the response; `limited`: setpoints are at their limits to the end. A loop at its limits,
-    or one that grows, is not the image of its mirror: then the run itself counts, where it grows or does not decay.
-    """
-    ticks = len(swings.judged)
-    t, own = swings.time_s[:ticks], swings.own[:ticks]
-    found = None if swings.response is None else judge(t, swings.response, swings.last, swings.names, ringdown)
-    if found is None or limited or found.verdict == UNDECIDED:
-        itself = judge(t, own, swings.last, swings.names)
-        if itself.verdict in (GROWING, LIMIT_CYCLE) and (limited or found is None or not _decays(ringdown())):
-            return Judged(itself, RUN)
-    if found is None or limited:
-        return Judged(itself._replace(verdict=UNDECIDED, because=AT_LIMITS if limited else LOST_TWIN), RUN)
-    if found.verdict == UNDECIDED and _decays(ringdown()):
-        found = found._replace(verdict=DAMPED, because="the modes of its response are damped")
-    return Judged(found, RESPONSE)
-
-
-def _decays(fit: Fit | None) -> bool:
-    """Whether a ringdown is clear, and the damping ratios of all its modes are above zero with their intervals."""
-    if fit is None or not fit.modes or fit.snr_db < CLEAR_DB:
-        return False
-    return all(mode.damping_ratio > COVERED * np.nan_to_num(mode.damping_ratio_error, nan=np.inf) for mode in fit.modes)
 
 
 def variance_ratio(
@@ -206,23 +148,3 @@ def variance_ratio(
     middle, half = np.log(a.sum() / b.sum()), stats.t.ppf(0.975, count - 1) * error
     low, value, high = np.exp([middle - half, middle, middle + half])
     return float(value), float(low), float(high)
-
-
-def judge_ambient(fit: Fit | None, signals: NDArray[np.float64]) -> Judged:
-    """Judge a run with noise and no event by its modes and their 95 % intervals."""
-    if fit is None or not fit.modes:
-        return _ambient(UNDECIDED, "no event, and no mode found in the noise", signals)
-    halves = [COVERED * np.nan_to_num(mode.damping_ratio_error, nan=np.inf) for mode in fit.modes]
-    ends = [
-        (mode.damping_ratio - half, mode.damping_ratio + half) for mode, half in zip(fit.modes, halves, strict=True)
-    ]
-    if min(high for _, high in ends) < STEADY:
-        return _ambient(LIMIT_CYCLE, "a mode neither grows nor decays in the noise", signals)
-    if min(low for low, _ in ends) > 0.0:
-        return _ambient(DAMPED, "no event: its modes in the noise are damped", signals)
-    return _ambient(UNDECIDED, "no event: the interval of a mode's damping ratio in the noise holds zero", signals)
-
-
-def _ambient(verdict: str, because: str, signals: NDArray[np.float64]) -> Judged:
-    amplitude = float(np.sqrt(2.0) * signals.std(axis=0).max())
-    return Judged(Judgement(verdict, because, None, 0.0, amplitude), AMBIENT)

@@ -11,12 +11,13 @@ from facts_damping import terminal
 from facts_damping.analysis import convergence, releases, supervision
 from facts_damping.analysis.effort import max_injected_voltage, record_roughness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
+from facts_damping.analysis.judging import RUN, judge_run
 from facts_damping.analysis.latency import frames_lost, latency, left_out
 from facts_damping.analysis.measures import event_times, speed_differences
 from facts_damping.analysis.modes import ambient
 from facts_damping.analysis.modes.oscillation import instability, is_stable, settling_time, unknown
 from facts_damping.analysis.modes.ringdown import METHOD, fit_ringdown
-from facts_damping.analysis.response import RUN, Twin, judge_run, swings_of
+from facts_damping.analysis.response import Twin, swings_of
 from facts_damping.analysis.run_warnings import controller_warnings, limit_warnings
 from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED
 

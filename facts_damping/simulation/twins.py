@@ -1,9 +1,13 @@
-"""The twin of a run with noise, from which its response to the events is computed (analysis/response.py).
+"""The twin of a run with noise, from which its response is computed (analysis/response.py).
 
-It has the same noise and no events, or, as a mirror, the same events and noise of the opposite sign, of loads and of
-PMUs. Mirrors are antithetic variates (J. M. Hammersley and K. W. Morton, A new Monte Carlo technique: antithetic
-variates, Proc. Cambridge Phil. Soc. 52 (1956) 449-475). A mirror is needed where an event changes the grid for good, as
-the same noise then moves another plant, and where a controller learns, as the event teaches it.
+It has
+
+- the same noise and no events;
+- or, as a mirror, the same events and all noise of the opposite sign, of loads and of PMUs. Mirrors are antithetic
+  variates (J. M. Hammersley and K. W. Morton, A new Monte Carlo technique: antithetic variates, Proc. Cambridge Phil.
+  Soc. 52 (1956) 449-475). A mirror is needed where an event changes the grid for good, as the same noise then moves
+  another plant, and where a controller learns, as the event teaches it;
+- or the same noise and a pulse, if the run has no event.
 """
 
 from __future__ import annotations
@@ -11,10 +15,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from facts_damping.analysis.response import Twin, noisy
+from facts_damping.analysis.response import MIRROR, PULSE_END, PULSED, WITHOUT_EVENTS, Twin, noisy
 from facts_damping.case.loading import recorded_case
 from facts_damping.control.table import kind_of
 from facts_damping.errors import FactsDampingError
+from facts_damping.parameters.run import Scenario
 from facts_damping.plant.events import topology_intervals
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.loop import build_loop, finish
@@ -28,6 +33,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
     from facts_damping.simulation.tick import Loop
 
+PULSE = 0.01  # of a load or, p.u., of a mechanical power
 EVENTS = ("event", "reset")  # changes that a run without events does not have
 
 
@@ -42,9 +48,17 @@ def without_events(case: Case) -> Case:
     return replace(case, scenario=case.scenario.model_copy(update={"events": []}))
 
 
-def has_twin(record: Record) -> bool:
-    """Whether a run has noise and events."""
-    return bool(record.configuration.get("scenario") or changed(record)) and noisy(record.configuration)
+def with_pulse(case: Case, size: float = PULSE) -> Case:
+    """A case whose one event is a pulse of half a second, of a fraction of the first load.
+
+    Without loads, the pulse is in the first machine's mechanical power, p.u.
+    """
+    if case.system.loads:
+        kind = {"kind": "load_step", "load": case.system.loads[0].name}
+    else:
+        kind = {"kind": "mechanical_power_step", "machine": case.system.machines[0].name}
+    rows = [{**kind, "time": PULSE_END - 0.5, "change": size}, {**kind, "time": PULSE_END, "change": 0.0}]
+    return replace(case, scenario=Scenario.model_validate({"name": "pulse", "events": rows}))
 
 
 def changed(record: Record) -> bool:
@@ -70,21 +84,25 @@ def _grid(interval: TopologyInterval) -> tuple[Topology, dict[str, float], dict[
 
 
 def twin(case: Case, record: Record, fresh: Callable[[Case], Loop] = build_loop) -> Twin | None:
-    """The twin of a run; None without events or noise. `fresh` builds loops."""
-    if not has_twin(record):
+    """The twin of a run; None without noise. `fresh` builds loops."""
+    if not noisy(record.configuration):
         return None
-    mirror = needs_mirror(case, record)
-    other = case if mirror else without_events(case)
-    loop = mirrored(fresh(other)) if mirror else fresh(other)
-    return Twin(rerun(other, record.changes, loop) if record.changes else finish(other, loop), mirror)
+    if not case.scenario.events and not changed(record):
+        kind, other = PULSED, with_pulse(case)
+    elif needs_mirror(case, record):
+        kind, other = MIRROR, case
+    else:
+        kind, other = WITHOUT_EVENTS, without_events(case)
+    loop = mirrored(fresh(other)) if kind == MIRROR else fresh(other)
+    return Twin(rerun(other, record.changes, loop) if record.changes else finish(other, loop), kind)
 
 
 def twin_of(record: Record) -> Twin | None:
     """The twin of a recorded run, simulated in process with its changes.
 
-    None without noise or events, and if the run cannot be simulated: parts of it are missing or came from outside.
+    None without noise, and if the run cannot be simulated: parts of it are missing or came from outside.
     """
-    if record.notes or not has_twin(record):  # before a case is made, which takes longer than a short run
+    if record.notes or not noisy(record.configuration):  # before a case is made, which takes longer than a short run
         return None
     try:
         over = {"duration": len(record.time_ns) / record.frame_rate}  # it may have been stopped

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from facts_damping.analysis.judging import AMBIENT, LOST_TWIN, PULSE, RESPONSE, RUN, judge_ambient
 from facts_damping.analysis.modes.ambient import fit_ambient
-from facts_damping.analysis.response import AMBIENT, LOST_TWIN, RESPONSE, RUN, Twin, judge_ambient, variance_ratio
+from facts_damping.analysis.response import MIRROR, WITHOUT_EVENTS, Swings, Twin, variance_ratio
 from facts_damping.analysis.summary import summarise
 from facts_damping.signals import NANOSECONDS, GridEvent
 
@@ -55,7 +56,7 @@ def pair(swing_record: Callable[..., Record]) -> Callable[..., tuple[Record, Twi
             record.frames[:, :2, 2] = np.column_stack([moved, 0.0 * T])
             record.machines["speed_deviation"] = record.frames[:, :2, 2]
             records.append(record)
-        return records[0], Twin(records[1], mirror)
+        return records[0], Twin(records[1], MIRROR if mirror else WITHOUT_EVENTS)
 
     return make
 
@@ -100,17 +101,40 @@ def test_a_mirror_that_is_shorter_is_compared_as_far_as_it_goes(pair: Any) -> No
     record, twin = pair(swing(-0.2), noise(3))
     names = ("time_ns", "frames", "measured_ns", "status", "machines", "devices", "in_synchronism")
     short = replace(twin.record, **{name: getattr(twin.record, name)[:1500] for name in names})
-    assert summarise(record, twin=Twin(short, mirror=False))["verdict"] == "damped"
+    assert summarise(record, twin=Twin(short, WITHOUT_EVENTS))["verdict"] == "damped"
 
 
-def test_noise_alone_is_judged_by_its_modes() -> None:
+def judged(record: Record, twin: Twin) -> dict[str, Any]:
+    return summarise(record, twin=twin)
+
+
+def ambient(signals: np.ndarray[Any, Any], pulse: np.ndarray[Any, Any] | None = None) -> Swings:
+    t = np.arange(len(signals)) / 60
+    return Swings(t, ("w12",), signals[:, np.newaxis], [], len(t), pulse=pulse)
+
+
+def test_noise_alone_is_judged_by_its_modes_or_by_a_pulse() -> None:
     t = np.arange(len(T) * 4) / 60
-    signals = np.concatenate([noise(k) for k in range(4)])[:, np.newaxis]
-    found = judge_ambient(fit_ambient(t, signals), signals)
+    signals = np.concatenate([noise(k) for k in range(4)])
+    swings = ambient(signals)
+    found = judge_ambient(fit_ambient(t, swings.own), swings)
     assert (found.judgement.verdict, found.of) == ("damped", AMBIENT)
-    assert judge_ambient(None, signals).judgement.verdict == "undecided"
-    steady = 1e-3 * np.sin(2 * np.pi * 0.5 * t)[:, np.newaxis] + 1e-6 * signals
-    assert judge_ambient(fit_ambient(t, steady), steady).judgement.verdict == "limit cycle"
+    assert judge_ambient(None, swings).judgement.verdict == "undecided"
+    steady = ambient(1e-3 * np.sin(2 * np.pi * 0.5 * t) + 1e-6 * signals)
+    assert judge_ambient(fit_ambient(t, steady.own), steady).judgement.verdict == "limit cycle"
+    for sigma, verdict in ((-0.1, "damped"), (0.1, "growing")):
+        found = judge_ambient(None, ambient(signals[: len(T)], swing(sigma)[:, np.newaxis]))
+        assert (found.judgement.verdict, found.of) == (verdict, PULSE)
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("seed", range(6))
+def test_noise_that_grows_late_is_growth(pair: Any, seed: int, mirror: bool) -> None:
+    """The response has decayed before the loop changes; what grows then is noise."""
+    late = noise(seed, 1e-4) * np.exp(0.25 * np.maximum(T - 22.0, 0.0))
+    found = judged(*pair(swing(-0.5), late, mirror=mirror))
+    assert (found["verdict"], found["verdict_of"]) == ("growing", RUN)
+    assert judged(*pair(swing(-0.5), noise(seed, 1e-4), mirror=mirror))["verdict"] == "damped"
 
 
 def test_the_interval_of_a_ratio_of_variances_holds_the_ratio() -> None:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.response import response
+from facts_damping.analysis.response import MIRROR, PULSED, WITHOUT_EVENTS, swings_of
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.case.supervision import unsupervised
 from facts_damping.signals import Record, RunChange
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
-from facts_damping.simulation.twins import mirrored, twin_of
+from facts_damping.simulation.twins import mirrored, twin_of, with_pulse
 from facts_damping.studies.margins.delay_margin import oscillations
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
 
@@ -31,7 +31,7 @@ def test_before_the_event_run_and_mirror_cancel_to_second_order() -> None:
     record = loop.run(load_case("two_area_deployment", SETS))
     twin = twin_of(record)
     assert twin is not None
-    assert twin.mirror
+    assert twin.kind == MIRROR
     mirror = twin.record
     before = record.time_s < 2.0
     own, other = speeds(record)[before], speeds(mirror)[before]
@@ -40,16 +40,27 @@ def test_before_the_event_run_and_mirror_cancel_to_second_order() -> None:
     record = loop.run(smaller)
     twin = twin_of(record)
     assert twin is not None
-    assert twin.mirror
+    assert twin.kind == MIRROR
     mirror = twin.record
     own, other = speeds(record)[before], speeds(mirror)[before]
     assert np.abs(own + other).max() < 0.005 * np.abs(own).max()
 
 
-@pytest.mark.parametrize("sets", [["load_noise=null", "measurement=ideal"], ["scenario=[]"]])
-def test_without_noise_or_without_events_there_is_none(sets: list[str]) -> None:
-    case = load_case("two_area_deployment", [*SETS, *sets])
+def test_without_noise_there_is_none() -> None:
+    case = load_case("two_area_deployment", [*SETS, "load_noise=null", "measurement=ideal"])
     assert twin_of(loop.run(case)) is None
+
+
+def test_without_events_the_twin_has_a_pulse_whose_response_is_that_without_noise() -> None:
+    case = load_case("two_area_deployment", [*SETS, "scenario=[]"])
+    record = loop.run(case)
+    twin = twin_of(record)
+    assert twin is not None
+    assert twin.kind == PULSED
+    found = swings_of(record, twin).pulse
+    quiet = loop.run(with_pulse(load_case("two_area_deployment", [*SETS, "load_noise=null", "measurement.noise={}"])))
+    assert found is not None
+    assert np.abs(found - speeds(quiet)).max() < 0.05 * np.abs(speeds(quiet)).max()
 
 
 def test_noise_of_pmus_alone_is_noise() -> None:
@@ -57,7 +68,7 @@ def test_noise_of_pmus_alone_is_noise() -> None:
     record = loop.run(case)
     twin = twin_of(record)
     assert twin is not None
-    assert twin.mirror
+    assert twin.kind == MIRROR
     mirror = twin.record
     assert not np.array_equal(record.frames, mirror.frames)
 
@@ -69,7 +80,7 @@ def test_the_twin_of_a_recording_has_its_changes() -> None:
     record = rerun(case, [change])
     twin = twin_of(record)
     assert twin is not None
-    assert twin.mirror
+    assert twin.kind == MIRROR
     mirror = twin.record
     asked = load_case("two_area_deployment", [*SETS, f"scenario=[{{time: 1.666666666, {event[1:]}]"])
     expected = loop.finish(asked, mirrored(loop.build_loop(asked)))
@@ -89,8 +100,8 @@ def test_the_response_to_a_pulse_that_noise_hides_is_that_without_noise() -> Non
     record = loop.run(load_case("two_area_deployment", [*SETS, scenario]))
     twin = twin_of(record)
     assert twin is not None
-    assert not twin.mirror  # the grid is as before
-    shared = response(twin, speeds(record))
+    assert twin.kind == WITHOUT_EVENTS  # the grid is as before
+    shared = swings_of(record, twin).response
     quiet = loop.run(load_case("two_area_deployment", [*SETS, scenario, "load_noise=null", "measurement.noise={}"]))
     assert shared is not None
     assert np.abs(shared[record.time_s < 2.0]).max() == 0.0

@@ -12,8 +12,8 @@ from facts_damping.studies.sweeps.sweep_plots import LOST_RUNS, axis_label, draw
 
 def row(delay: float, jitter: float, seed: int, itae: float | None) -> dict[str, Any]:
     """A row of a sweep; without ITAE synchronism is lost."""
-    found: dict[str, Any] = {"system": "two_area", "scenario": "large", "controller": "LLC", "scheme": None, "link": "custom"}
-    found |= {"delay_s": delay, "jitter_s": jitter, "seed": seed, "horizon_s": 30.0, "error": None}
+    found: dict[str, Any] = {"system": "two_area", "scenario": "large", "controller": "LLC", "scheme": None}
+    found |= {"link": "custom", "delay_s": delay, "jitter_s": jitter, "seed": seed, "horizon_s": 30.0, "error": None}
     return found | {"stable": itae is not None, "ITAE": itae}
 
 

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from facts_damping.analysis.judging import judge_run
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.modes.oscillation import WINDOW, envelope
 from facts_damping.analysis.modes.ringdown import fit_ringdown, ringdown_modes
-from facts_damping.analysis.response import judge_run, shortened, swings_of
+from facts_damping.analysis.response import PULSE_END, shortened, swings_of
 from facts_damping.analysis.verdict import LOST
-from facts_damping.parameters.run import Scenario
 from facts_damping.parameters.study import Margin
 from facts_damping.simulation import loop
-from facts_damping.simulation.twins import twin_of
+from facts_damping.simulation.twins import twin_of, with_pulse
 from facts_damping.studies.margins import margins
 from facts_damping.studies.margins.criteria import LOWEST, fails, lowest_damping_ratio
 from facts_damping.studies.margins.linear_closed_loop import with_delay
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from facts_damping.studies.margins.delay_margin import Margin as LinearMargin
 
 PULSE = 1e-4  # p.u. of a load or of a mechanical power
-BEGIN, END = 1.0, 1.5  # s, of the pulse
 LENGTH = 40.0  # s, duration of a run after the pulse
 REACH = 0.04  # s, search range for the pulse's margin on both sides of the linear margin
 FINE = 5e-4  # s, resolution of the pulse's margin
@@ -59,17 +58,8 @@ class Beside(NamedTuple):
 
 
 def pulsed(case: Case, delay: float, length: float = LENGTH) -> Case:
-    """The run with a delay (s) and one event: a pulse of 0.01 % of the first load for half a second.
-
-    Without loads, the pulse is in the first machine's mechanical power.
-    """
-    if case.system.loads:
-        kind = {"kind": "load_step", "load": case.system.loads[0].name}
-    else:
-        kind = {"kind": "mechanical_power_step", "machine": case.system.machines[0].name}
-    rows = [{**kind, "time": BEGIN, "change": PULSE}, {**kind, "time": END, "change": 0.0}]
-    scenario = Scenario.model_validate({"name": "pulse", "events": rows})
-    return replace(with_delay(_lasting(case, length), delay), scenario=scenario)
+    """The run with a delay (s) and one event: a pulse of 0.01 % of the first load for half a second."""
+    return with_pulse(with_delay(_lasting(case, length), delay), PULSE)
 
 
 def _lasting(case: Case, duration: float) -> Case:
@@ -79,7 +69,7 @@ def _lasting(case: Case, duration: float) -> Case:
 def ringdown(case: Case, delay: float) -> list[RingdownMode]:
     """Modes of the nonlinear run after a pulse, the strongest first."""
     record = loop.run(pulsed(case, delay))
-    return ringdown_modes(record.time_s, columns(speed_differences(record)), END)
+    return ringdown_modes(record.time_s, columns(speed_differences(record)), PULSE_END)
 
 
 def growth(record: Record) -> float:

@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.analysis.indices import THESIS_INDICES, performance_indices
+from facts_damping.analysis.judging import judge_run
 from facts_damping.analysis.measures import setpoint_limits
-from facts_damping.analysis.response import judge_run, swings_of
+from facts_damping.analysis.response import swings_of
 from facts_damping.analysis.verdict import GROWING, LIMIT_CYCLE
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import make_case

@@ -1,0 +1,124 @@
+"""Verdict of a run: of its response to the events where there is a twin, of its modes in noise alone, or of itself."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.analysis.effort import saturation_duty
+from facts_damping.analysis.modes.ambient import fit_ambient
+from facts_damping.analysis.modes.ringdown import COVERED, SKIP, fit_ringdown
+from facts_damping.analysis.response import PULSE_END, noisy
+from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, Judgement, envelopes, judge
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from facts_damping.analysis.modes.ringdown import Fit
+    from facts_damping.analysis.response import Swings, Twin
+    from facts_damping.signals import Record
+
+RESPONSE, RUN, AMBIENT, PULSE = "response", "run", "ambient noise", "response to a pulse"  # what a verdict is of
+CLEAR_DB = 10.0  # signal-to-residual ratio of a ringdown of a response that may decide
+LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a setpoint at its limit; above, a loop is at its limits
+GROWN, END = 4.0, 4.0  # s: noise grows if its envelope in the last seconds is so many times that of the first half
+STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
+AT_LIMITS = "setpoints are at their limits to the end"
+LOST_TWIN = "the twin of the run loses synchronism"
+
+
+class Judged(NamedTuple):
+    """A verdict, and what it is of: RESPONSE, RUN, AMBIENT or PULSE."""
+
+    judgement: Judgement
+    of: str
+
+
+def judge_run(
+    record: Record,
+    twin: Twin | None,
+    swings: Swings,
+    ringdown: Callable[[], Fit | None] | None = None,
+    noise: Callable[[], Fit | None] | None = None,
+) -> Judged:
+    """Judge a run in synchronism.
+
+    `ringdown`, `noise`: give fits that were made already, of what is judged and of the run.
+    """
+    t, last = swings.time_s, swings.last
+    if swings.times and twin is not None:
+        ringdown = ringdown or cache(lambda: fit_ringdown(t[: swings.ringing], swings.judged[: swings.ringing], last))
+        duty = saturation_duty(record, max(last, t[-1] - LAST), t[-1])
+        return judge_response(swings, ringdown, limited=max(duty.values(), default=0.0) > LIMITED)
+    if not swings.times and (twin is not None or record.configuration.get("load_noise")):
+        return judge_ambient(noise() if noise else fit_ambient(t, swings.own), swings)
+    itself = judge(t, swings.own, last, swings.names, ringdown)
+    words = "; noise is in it" if noisy(record.configuration) else ""
+    return Judged(itself._replace(because=f"{itself.because}{words}"), RUN)
+
+
+def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limited: bool) -> Judged:
+    """Judge a run by its response; without one, its twin has lost synchronism.
+
+    `ringdown`: gives that of the response; `limited`: setpoints are at their limits to the end. A loop at its limits,
+    or one that grows, is not the image of its mirror: then the run itself counts, where it grows or does not decay. It
+    counts as well if the noise in it grows, as after a change that is no event.
+    """
+    ticks = len(swings.judged)
+    t, own = swings.time_s[:ticks], swings.own[:ticks]
+    found = None if swings.response is None else judge(t, swings.response, swings.last, swings.names, ringdown)
+    if found is None or limited or found.verdict == UNDECIDED:
+        itself = judge(t, own, swings.last, swings.names)
+        if itself.verdict in (GROWING, LIMIT_CYCLE) and (limited or found is None or not _decays(ringdown())):
+            return Judged(itself, RUN)
+    if found is None or limited:
+        return Judged(itself._replace(verdict=UNDECIDED, because=AT_LIMITS if limited else LOST_TWIN), RUN)
+    if found.verdict == UNDECIDED and _decays(ringdown()):
+        found = found._replace(verdict=DAMPED, because="the modes of its response are damped")
+    if found.verdict == DAMPED and (grows := _noise_grows(swings)) is not None:
+        return Judged(grows, RUN)
+    return Judged(found, RESPONSE)
+
+
+def _noise_grows(swings: Swings) -> Judgement | None:
+    """The judgement of the noise in a run after the last event if it grows, else None.
+
+    Noise of a sound loop has envelopes that vary by a factor of 2 to 4, and may look as if it grew for a while.
+    """
+    if swings.noise is None:
+        return None
+    t = swings.time_s[: len(swings.noise)]
+    points, sizes = envelopes(swings.noise[t >= swings.last + SKIP], float(np.median(np.diff(t))))
+    if len(points) < 2:
+        return None
+    usual = np.median(sizes[: len(sizes) // 2], axis=0)
+    if not np.any(sizes[points > points[-1] - END].max(axis=0) > GROWN * usual):
+        return None
+    found = judge(t, swings.noise, swings.last, swings.names)
+    return None if found.verdict == DAMPED else found._replace(verdict=GROWING, because="the noise in it grows")
+
+
+def _decays(fit: Fit | None) -> bool:
+    """Whether a ringdown is clear, and the damping ratios of all its modes are above zero with their intervals."""
+    if fit is None or not fit.modes or fit.snr_db < CLEAR_DB:
+        return False
+    return all(mode.damping_ratio > COVERED * np.nan_to_num(mode.damping_ratio_error, nan=np.inf) for mode in fit.modes)
+
+
+def judge_ambient(fit: Fit | None, swings: Swings) -> Judged:
+    """Judge a run with noise and no event: by its modes and their 95 % intervals, else by the response to a pulse."""
+    halves = [COVERED * np.nan_to_num(mode.damping_ratio_error, nan=np.inf) for mode in fit.modes] if fit else []
+    ratios = [mode.damping_ratio for mode in fit.modes] if fit else []
+    verdict, because = UNDECIDED, "no event, and no mode found in the noise"
+    if fit and min((ratio + half for ratio, half in zip(ratios, halves, strict=True)), default=1.0) < STEADY:
+        verdict, because = LIMIT_CYCLE, "a mode neither grows nor decays in the noise"
+    elif ratios and min(ratio - half for ratio, half in zip(ratios, halves, strict=True)) > 0.0:
+        verdict, because = DAMPED, "no event: its modes in the noise are damped"
+    elif swings.pulse is not None:
+        return Judged(judge(swings.time_s[: len(swings.pulse)], swings.pulse, PULSE_END, swings.names), PULSE)
+    elif ratios:
+        because = "no event: the interval of a mode's damping ratio in the noise holds zero"
+    amplitude = float(np.sqrt(2.0) * swings.own.std(axis=0).max())
+    return Judged(Judgement(verdict, because, None, 0.0, amplitude), AMBIENT)
