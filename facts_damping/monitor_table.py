@@ -154,12 +154,9 @@ MONITORS = {
     "growing": Monitor(
         "grid",
         "how much faster the oscillation grows, or slower it fades, than without control: the least of three cycles, "
-        "while the output is above a fifth of its limit",
-        "1/s", 0.15, 0.0, 10.0, 0.4, CYCLES, "trip",
-        "three cycles, as at the Pacific DC Intertie; beside the plant's own rate, so that an oscillation that control "
-        "sustains counts where there would be none, and one that it contains does not. Chosen on 3,000 "
-        "training cases: of 40 controllers that do harm with nothing else amiss it finds 38. If it need not last, it "
-        "trips a lead-lag that just holds a grid which has lost a line",
+        "while the output drives it, and once it is larger than earlier ones would be by now without control",
+        "1/s", 0.15, 0.0, 10.0, 0.6, CYCLES, "trip",
+        "REASON",
     ),
     "frequency": Monitor(
         "grid",

@@ -87,6 +87,8 @@ SUPERVISOR = np.dtype(
         ("probe_ns", "i8"),  # start of the running probe; UNSET: none
         ("probed", "i8"),  # number of devices already probed
         ("squares", "f8"),  # sum of the signal's squares in a probe's fit
+        ("slow", "f8", (2,)),  # sections of the signal's slow part
+        ("free", "f8"),  # largest range of that over a cycle, as it would be by now without control
         ("finite", "i8"),  # controller's health: 1: all outputs are finite
         ("norm", "f8"),  # Euclidean norm of its network's parameters
         ("lyapunov", "f8"),  # its Lyapunov function
@@ -127,6 +129,7 @@ COMMANDED = np.dtype(
         ("begun", "f8"),  # p.u., output at the start of the newest change of state
         ("extreme", "f8"),  # p.u., extreme since the last turn of the output, and its direction, +1 or -1
         ("direction", "f8"),
+        ("slow", "f8", (2,)),  # p.u., sections of the output's slow part
         ("gain", "f8"),  # probed response / known response; NaN: not probed
         ("phase", "f8"),  # rad, lead over the known response
         ("coherence", "f8"),
@@ -157,7 +160,8 @@ class SupervisorState(Struct):
     held: LatestSamples
     pmus: Annotated[NDArray[Any], Array(PMU, 2)]  # (supervisors, PMUs) of PMU
     commanded: Annotated[NDArray[Any], Array(COMMANDED, 2)]  # (supervisors, most devices) of COMMANDED
-    past: Float3  # (supervisors, ticks, 4): signal, largest acting output / limit, limit hit (+1, -1), reversals
+    # (supervisors, ticks, 5): slow signal, largest acting output / limit, limit hit (+1, -1), reversals, slow output
+    past: Float3
     phasors: Float3  # (supervisors, 1 + most devices, 3): of the first signal, then of each output
     expected: Complex2  # (supervisors, ticks): modal state during a probe
     sums: Float4  # (supervisors, 2, UNKNOWNS + 1, UNKNOWNS + 1): products of a probe's fit; work space
@@ -216,7 +220,7 @@ def supervisors(
         held=held,
         pmus=np.zeros((n, len(pmus)), PMU),
         commanded=np.zeros((n, maximum), COMMANDED),
-        past=np.zeros((n, ticks, 4)),
+        past=np.zeros((n, ticks, 5)),
         phasors=np.zeros((n, 1 + maximum, 3)),
         expected=np.zeros((n, round(LATEST_S * frame_rate) + 1), np.complex128),
         sums=np.zeros((n, 2, UNKNOWNS + 1, UNKNOWNS + 1)),
@@ -234,6 +238,7 @@ def begin(state: SupervisorState, s: int) -> None:
     row.tick = row.start_ns = -1
     row.begun_ns, row.ramp, row.issued_ns, row.sound_ns, row.now_ns = 0, 0.0, 0, 0, 0
     row.arrived_ns = row.owed_ns = row.reserve_ns = row.probe_ns = UNSET
+    row.slow[0] = row.slow[1] = row.free = 0.0
     row.squares = row.spent = row.norm_at_start = row.latency = row.jitter = row.since = 0.0
     row.probed = 0
     held.entry[s], held.entry_ns[s], held.newest_ns[s] = math.nan, UNSET, UNSET
@@ -250,6 +255,7 @@ def begin(state: SupervisorState, s: int) -> None:
         device = state.commanded[s, d]
         device.given[0] = device.given[1] = device.given[2] = 0.0
         device.output = device.begun = device.extreme = device.direction = 0.0
+        device.slow[0] = device.slow[1] = 0.0
         device.gain = device.phase = device.coherence = math.nan
         device.added = 0j
 

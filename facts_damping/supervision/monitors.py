@@ -17,7 +17,7 @@ from facts_damping.supervision.probe import gain_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.compiling.structs import Float2
+    from facts_damping.compiling.structs import Float1, Float2
     from facts_damping.supervision.model import Supervisors, SupervisorState
 
 (MISSING, STALE, JITTER, MISALIGNED, STUCK, RANGE, ANGLE, SPEED, POWERS, STATUS, CLOCK, LOCAL) = range(12)
@@ -35,7 +35,11 @@ STILL_HZ = 5e-4  # Hz: this close to the nominal frequency an angle may stay con
 SATURATION = 2.0  # s, window
 REVERSAL = 0.1  # fraction of the limit: least swing back that counts as a reversal
 ACTS = 0.05  # fraction of the limit: least output that affects the grid
-WORKS = 0.2  # fraction of the limit: least output that must damp the oscillation
+WORKS = 0.5  # fraction of the limit: least output, in a cycle, of a controller that may drive an oscillation
+SWINGS = 0.15  # fraction of the limit: least slow part of that output
+SLOW = 2.0  # rate of the two sections that leave the slow part / omega of the mode
+MORE = 1.6  # least size of a driven oscillation / that of earlier swings as they would be by now without control
+FORGET = 0.2  # 1/s, least rate at which earlier swings are forgotten
 MIN_POWER = 0.1  # p.u., least base for comparing powers
 MIN_LYAPUNOV = 1e-3  # least base for its relative rise: an error of 1/20 of `scale`
 PHASOR = 0.25  # rate of the phasor filters / omega of the mode
@@ -96,23 +100,32 @@ def update_filters(made: Supervisors, state: SupervisorState, s: int, tick: int)
     The outputs are those that act; if none acts, the controller's setpoints, limited to the authority.
     """
     row, own, size = state.rows[s], made.settings[s], state.past.shape[1]
-    place, before = state.past[s, tick % size], state.past[s, (tick - 1) % size]
-    y = state.held.signal[s, 0]
-    place[0] = y if math.isfinite(y) else before[0]
-    place[1] = place[2] = place[3] = 0.0
+    place, y = state.past[s, tick % size], state.held.signal[s, 0]
+    gain = 1.0 - exp(-SLOW * own.omega / own.frame_rate)
+    place[0] = _slow(row.slow, gain, y if math.isfinite(y) else row.slow[0])
+    place[1] = place[2] = place[3] = place[4] = 0.0
     for d in range(made.devices.shape[1]):
         device, limit = state.commanded[s, d], made.devices[s, d].limit
         if made.devices[s, d].place == UNSET:
             continue
         acting = row.state in (ARMED, FALLBACK)
         u = device.output if acting else min(max(device.given[CONTROLLER], -limit), limit)
+        slow = _slow(device.slow, gain, u if acting else 0.0)
         if acting:
-            place[1] = max(place[1], abs(u) / limit)
+            place[1], place[4] = max(place[1], abs(u) / limit), max(place[4], abs(slow) / limit)
         if abs(u) >= limit:
             place[2] = math.copysign(1.0, u)
         place[3] += _turn(device, u, REVERSAL * limit)
         if own.omega > 0.0:
             phasor(own.omega, 0.0, PHASOR * own.omega, state.phasors[s, 1 + d], u, 1.0 / own.frame_rate)
+
+
+@compiled
+def _slow(sections: Float1, gain: float, x: float) -> float:
+    """A step of two first-order sections in a row: what is left of fast noise and of fast cycles is small."""
+    sections[0] += gain * (x - sections[0])
+    sections[1] += gain * (sections[0] - sections[1])
+    return sections[1]  # type: ignore[no-any-return]
 
 
 @compiled
@@ -260,26 +273,33 @@ def _harm(made: Supervisors, state: SupervisorState, s: int) -> float:
 
 @compiled
 def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
-    """Least growth rate over three cycles minus the mode's open-loop rate sigma, 1/s.
+    """Mean growth rate of the slow signal over three cycles minus the mode's open-loop rate sigma, 1/s.
 
-    A cycle's growth rate: ln(range of the signal / range in the cycle before) / cycle. 0 unless the output exceeds
-    WORKS in each of the three cycles: the controller does not cause the growth after an event in a quiet grid.
+    A cycle's growth rate: ln(range / range in the cycle before) / cycle. The value is 0 unless
+
+    - the signal grows faster than sigma in each of the three cycles: not by an event only;
+    - in each of them the output exceeds WORKS and its slow part SWINGS: the controller may drive it;
+    - the newest range is MORE times the earlier ones as they would be by now without control: `row.free` is the
+      largest of them three cycles ago.
     """
-    past, own, size = state.past[s], made.settings[s], state.past.shape[1]
-    tick, cycle = state.rows[s].tick, own.cycle
-    if tick + 1 < CYCLES_KEPT * cycle:
+    row, past, own, size = state.rows[s], state.past[s], made.settings[s], state.past.shape[1]
+    cycle = own.cycle
+    if row.tick + 1 < CYCLES_KEPT * cycle:
         return 0.0
-    minimum, later = math.inf, 0.0
+    least, newest, later, works = math.inf, 0.0, 0.0, True
     for k in range(CYCLES_KEPT):
-        low, high, maximum = math.inf, -math.inf, 0.0
+        low, high, most, slow = math.inf, -math.inf, 0.0, 0.0
         for i in range(k * cycle, (k + 1) * cycle):
-            place = past[(tick - i) % size]
-            low, high, maximum = min(low, place[0]), max(high, place[0]), max(maximum, place[1])
-        if k < CYCLES_KEPT - 1 and maximum <= WORKS:
-            return 0.0
-        if k > 0:
-            minimum = min(minimum, later / (high - low) if high > low else math.inf)
+            place = past[(row.tick - i) % size]
+            low, high = min(low, place[0]), max(high, place[0])
+            most, slow = max(most, place[1]), max(slow, place[4])
+        if k == 0:
+            newest = high - low
+        else:
+            least = min(least, later / (high - low) if high > low else 0.0)
+        works = works and (k == CYCLES_KEPT - 1 or (most > WORKS and slow > SWINGS))
         later = high - low
-    if not 0.0 < minimum < math.inf:
-        return 0.0
-    return float(log(minimum) * own.frame_rate / cycle - own.sigma)
+    fades, lasts = min(own.sigma, -FORGET), (CYCLES_KEPT - 1) * cycle / own.frame_rate
+    row.free = max(row.free * exp(fades / own.frame_rate), later)
+    driven = newest > MORE * row.free * exp(fades * lasts) and least > exp(own.sigma * cycle / own.frame_rate)
+    return float(log(newest / later) / lasts - own.sigma) if works and driven and later > 0.0 else 0.0

@@ -10,13 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.analysis.summary import summarise
-from facts_damping.analysis.verdict import DAMPED
 from facts_damping.case.loading import changed_case, read_run
 from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
 from facts_damping.input_files import read_text
-from facts_damping.monitor_table import MONITORS
 from facts_damping.parameters.campaign import Campaign
 from facts_damping.parameters.files import find, new_folder, read_sets, read_table
 from facts_damping.parameters.validation import check
@@ -33,7 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from facts_damping.analysis.response import Twin
     from facts_damping.case.model import Case
     from facts_damping.parameters.campaign import BaseRun
     from facts_damping.signals import Record
@@ -179,27 +175,17 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
         row |= identity(drawn)
         case = case_of(made, drawn)
         row |= {"controller": case.controllers[0].name, "scheme": case.controllers[0].scheme}
+        row |= {"horizon_s": case.duration}
         reference = uncontrolled(made, drawn)
         row |= judged(case, batch.closed_loop(case), reference, drawn)
         if made.campaign.unsupervised:
-            free = unsupervised(case)
-            record = batch.closed_loop(free)
-            row |= without_supervision(record, batch.twin(free, record), reference)
-        if drawn.fault == NOTHING and made.campaign.unsupervised:
-            row["sound"] = bool(row["unsupervised_damped"] and row["reversals"] <= MONITORS["reversals"].limit)
+            figures = invariants.beside(batch.closed_loop(unsupervised(case)), reference)
+            row |= {f"unsupervised_{name}": figures[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
     except FactsDampingError as error:
         row["error"] = one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a draw dies of, the others go on)
         row["error"] = f"{type(error).__name__}: {one_line(error)}"
     return str(number), row
-
-
-def without_supervision(record: Record, twin: Twin | None, reference: Record) -> dict[str, Any]:
-    """Figures of a draw without supervision relative to no control: whether it is damped, and not worse."""
-    figures = invariants.beside(record, reference)
-    found = {f"unsupervised_{name}": figures[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
-    better = figures["ratio"] is None or figures["ratio"] <= 1.0
-    return found | {"unsupervised_damped": better and summarise(record, method=None, twin=twin)["verdict"] == DAMPED}
 
 
 def identity(drawn: Draw) -> dict[str, Any]:

@@ -36,18 +36,113 @@ WORDS = {
     "nothing_forged_acts": "no forged message has an effect",
 }
 CYCLING, FREQUENT = "limit cycle at the control rate", MONITORS["reversals"].limit
+TURNED = ("wrong_sign", "sign_swapped")  # faults by which control adds to an oscillation
+LONG_S = 5.0  # s: a fault that lasts as long should be found
+WHICH = ("", "unsupervised_", "uncontrolled_")  # prefixes of a row's figures
 LISTED = 4  # number of places listed for a violated invariant
 
 
 def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> list[str]:
-    """Invariants: number of draws in which each holds; faults, systems and scenarios in which it does not."""
+    """Invariants: of the draws that can violate each, how many do; faults, systems and scenarios of these."""
     lines = []
     for name in names:
         asked = [row for row in rows if row.get(name) is not None]
         failed = [row for row in asked if not row[name]]
         places = _max(failed, lambda row: f"{row['fault']}, {row['base_run']} {row.get('scenario', '')}".strip())
-        lines.append([WORDS[name], str(len(asked)), str(len(failed)), percent(len(failed), len(asked)), places])
-    return table(["what must hold", "cases", "violated", "%", "most frequent"], lines, 1, markdown=True)
+        lines.append([WORDS[name], str(len(asked)), _share(len(failed), len(asked)), places])
+    heads = ["what must hold", "cases that can violate it", "violated", "most frequent"]
+    return table(heads, lines, 1, markdown=True)
+
+
+def outcome_table(rows: Rows) -> list[str]:
+    """With supervision, without it, and without control: synchronism of all draws, harm to those that can be harmed."""
+    able = [row for row in rows if row["does_no_harm"] is not None]
+    known = [which for which in WHICH if any(f"{which}lost_s" in row for row in rows)]
+    found = [["synchronism lost", str(len(rows)), *(_lost(rows, which) for which in known)]]
+    found.append(["the same, if it is kept without control", str(len(able)), *(_lost(able, which) for which in known)])
+    harms = [sum(row[f"{which}does_no_harm"] is False for row in able) for which in known if which != WHICH[-1]]
+    words = f"ITAE above {HARM:g} times that without control, or synchronism lost; of those that keep it without"
+    found.append([words, str(len(able)), *(_share(count, len(able)) for count in harms), "-"])
+    titles = {"": "with supervision", "unsupervised_": "without supervision", "uncontrolled_": "without control"}
+    return table(["what", "cases", *(titles[which] for which in known)], found, 1, markdown=True)
+
+
+def _lost(rows: Rows, which: str) -> str:
+    return _share(sum(row[f"{which}lost_s"] is not None for row in rows), len(rows))
+
+
+def healthy_table(rows: Rows) -> list[str]:
+    """Of all draws in which nothing fails, by system and monitor: how many were taken off, and how many with harm."""
+    healthy, lines = [row for row in rows if row["fault"] == NOTHING], []
+    for system in [*sorted({row["base_run"] for row in healthy}), ""]:
+        own = [row for row in healthy if system in ("", row["base_run"])]
+        off = [row for row in own if _taken_off(row)]
+        monitors = sorted({_cause(row) for row in off})
+        for monitor in ["", *monitors] if system else [""]:
+            by = [row for row in off if monitor in ("", _cause(row))]
+            counts = [sum(which(row) for row in by) for which in (_harmed, _helped)]
+            never = str(sum(row["armed_s"] is None for row in own)) if not monitor else ""
+            lines.append([system or "all", monitor or "all", str(len(own)), never, _share(len(by), len(own))])
+            lines[-1] += [_share(count, len(own)) for count in counts]
+    heads = ["system", "monitor", "healthy cases", "never armed", "fell back or tripped", "harmful", "helpful"]
+    return table(heads, lines, 2, markdown=True)
+
+
+def missed_table(rows: Rows) -> list[str]:
+    """Faults by which control adds to an oscillation and which last: how many were never found, and with what harm."""
+    long = [row for row in rows if row["fault"] in TURNED and (not row["lasts"] or float(row["lasts"]) >= LONG_S)]
+    acting = [row for row in long if row["armed_s"] is not None and not row["early"]]
+    lines = []
+    for fault, system in sorted({(row["fault"], row["base_run"]) for row in acting}):
+        own = [row for row in acting if (row["fault"], row["base_run"]) == (fault, system)]
+        missed = [row for row in own if row["detected_s"] is None]
+        harmed = sum(row["does_no_harm"] is False for row in missed)
+        lines.append([fault, system, str(len(own)), _share(len(missed), len(own)), str(harmed)])
+    heads = [
+        "fault",
+        "system",
+        f"armed cases, {LONG_S:g} s or longer",
+        "missed",
+        "% (95 %)",
+        f"of these above {HARM:g}",
+    ]
+    return table(heads, lines, 2, markdown=True)
+
+
+def limit_table(rows: Rows) -> list[str]:
+    """By the limit that was drawn: harm to healthy draws, and turned control that is found."""
+    lines = []
+    for name in sorted({row["limit"] for row in rows}, key=float):
+        own = [row for row in rows if row["limit"] == name]
+        healthy = [row for row in own if row["fault"] == NOTHING]
+        wrong = [row for row in own if row["fault"] in TURNED and row["armed_s"] is not None and not row["early"]]
+        found = [row["detected_s"] for row in wrong if row["detected_s"] is not None]
+        counts = [sum(which(row) for row in healthy) for which in (_taken_off, _harmed)]
+        cells = [str(len(healthy)), *(_share(count, len(healthy)) for count in counts)]
+        lines.append([name, *cells, str(len(wrong)), _share(len(found), len(wrong)), _times(found)[0]])
+    heads = ["limit, 1/s", "healthy cases", "tripped", "harmful", "wrong signs", "found", "median, s"]
+    return table(heads, lines, 1, markdown=True)
+
+
+def _taken_off(row: dict[str, Any]) -> bool:
+    """Whether a controller fell back or was tripped."""
+    return row["fallback_s"] is not None or row["tripped_s"] is not None
+
+
+def _cause(row: dict[str, Any]) -> str:
+    return str(row["fallback_cause"] or row["cause"])
+
+
+def _harmed(row: dict[str, Any]) -> bool:
+    """Whether it was taken off with harm: beside the same controller without supervision."""
+    own, free = row["ITAE"], row.get("unsupervised_ITAE")
+    return _taken_off(row) and free is not None and (own is None or own > HARM * free)
+
+
+def _helped(row: dict[str, Any]) -> bool:
+    """Whether it was taken off to the grid's benefit, by the same measure."""
+    own, free = row["ITAE"], row.get("unsupervised_ITAE")
+    return _taken_off(row) and own is not None and (free is None or HARM * own < free)
 
 
 def fault_table(rows: Rows) -> list[str]:
@@ -77,14 +172,21 @@ def grid_table(rows: Rows) -> list[str]:
     calm = f"nothing fails, {CYCLING}"
     groups[calm] = lambda row: row["fault"] == NOTHING and row["reversals"] > FREQUENT
     for name, fits in groups.items():
-        own = [row for row in rows if fits(row) and row["unsupervised_keeps_synchronism"] is not None]
+        own = [row for row in rows if fits(row)]
+        able = [row for row in own if row["does_no_harm"] is not None]
         if own:
             cells = [
-                [str(sum(not row[f"{which}keeps_synchronism"] for row in own)), *_ratios(own, which)]
-                for which in ("", "unsupervised_")
+                [
+                    str(sum(row[f"{which}lost_s"] is not None for row in own)),
+                    str(sum(row[f"{which}does_no_harm"] is False for row in able)),
+                    *_ratios(able, which),
+                ]
+                for which in WHICH[:2]
             ]
-            lines.append([name, str(len(own)), *(" / ".join(pair) for pair in zip(*cells, strict=True))])
-    heads = ["what is wrong", "cases", "synchronism lost", "ITAE, median", "ITAE, 90 %", "ITAE, 99 %"]
+            pairs = [" / ".join(pair) for pair in zip(*cells, strict=True)]
+            lines.append([name, str(len(own)), pairs[0], str(len(able)), *pairs[1:]])
+    heads = ["what is wrong", "cases", "synchronism lost", "compared", f"above {HARM:g}"]
+    heads += ["ITAE, median", "ITAE, 90 %", "ITAE, 99 %"]
     return table(heads, lines, 1, markdown=True)
 
 
@@ -93,36 +195,29 @@ def place_table(rows: Rows) -> list[str]:
     lines = []
     for place in sorted({(row["base_run"], row.get("scenario", "")) for row in rows}):
         own = [row for row in rows if (row["base_run"], row.get("scenario", "")) == place]
-        above = [row for row in own if not row["does_no_harm"]]
+        above = [row for row in own if row["does_no_harm"] is False]
+        able = [row for row in own if row["does_no_harm"] is not None]
         calm = sum(row["early"] or row["fault"] == NOTHING for row in above)
         bare = [row for row in own if row.get("unsupervised_does_no_harm") is False]
         plain = [row["uncontrolled_ITAE"] for row in own if row["uncontrolled_ITAE"] is not None]
         without = f"{median(plain):.3g}" if plain else "synchronism lost"
-        lines.append([" ".join(place), str(len(own)), without, str(len(above)), str(calm), str(len(bare))])
-    heads = ["system, scenario", "cases", "ITAE without control", f"above {HARM:g}", "of these before a fault"]
-    heads.append("unsupervised")
+        cells = [without, str(len(able)), str(len(above)), percent(len(above), len(able)), str(calm), str(len(bare))]
+        lines.append([" ".join(place), str(len(own)), *cells])
+    heads = ["system, scenario", "cases", "ITAE without control", "can violate", f"above {HARM:g}, or lost", "%"]
+    heads += ["of these before a fault", "without supervision"]
     return table(heads, lines, 1, markdown=True)
 
 
 def cost_table(rows: Rows) -> list[str]:
-    """Cost of supervision without faults: false trips, and loss of damping."""
-    healthy = [row for row in rows if row["fault"] == NOTHING]
-    sound = [row for row in healthy if row.get("sound")]
-    false = [row for row in sound if row["tripped_s"] is not None or row["fallback_s"] is not None]
-    interval = "-"
-    if sound:
-        of = {name: 100 * value for name, value in failed_fraction(len(false), len(sound)).items()}
-        interval = f"{of['fraction']:.2f} % ({of['low']:.2f} to {of['high']:.2f} %)"
-    pairs = [row["ITAE"] / row["unsupervised_ITAE"] for row in sound if row["ITAE"] and row["unsupervised_ITAE"]]
-    both = f"{median(pairs):.3f}, {np.percentile(pairs, 99):.3f}" if pairs else "-"
-    is_sound = f"damped without supervision, ITAE at most that without control, no {CYCLING}"
-    found = [
-        ["cases in which nothing fails", str(len(healthy))],
-        [f"of these sound: {is_sound}", str(len(sound))],
-        ["of these tripped or fallen back", f"{len(false)}: {interval}"],
-        ["ITAE with supervision relative to without: median, 99 %", both],
-    ]
-    return table(["what", "found"], found, 1, markdown=True)
+    """Cost of supervision without faults: loss of damping of those that are taken off, and of the others."""
+    healthy, lines = [row for row in rows if row["fault"] == NOTHING], []
+    for name, off in (("stays armed", False), ("falls back or is tripped", True)):
+        own = [row for row in healthy if _taken_off(row) == off]
+        pairs = [row["ITAE"] / row["unsupervised_ITAE"] for row in own if row["ITAE"] and row.get("unsupervised_ITAE")]
+        found = [f"{np.percentile(pairs, q):.3f}" for q in (50, 90, 99)] if pairs else ["-"] * 3
+        lines.append([name, str(len(own)), *found])
+    heads = ["the controller", "healthy cases", "ITAE beside no supervision, median", "90 %", "99 %"]
+    return table(heads, lines, 1, markdown=True)
 
 
 def controller_table(rows: Rows) -> list[str]:
@@ -132,11 +227,15 @@ def controller_table(rows: Rows) -> list[str]:
         own = [row for row in rows if (row["controller"], row["scheme"]) == name]
         calm = [row for row in own if row["fault"] == NOTHING and row["armed_s"] is not None]
         tripped = sum(row["tripped_s"] is not None for row in calm)
-        harmful = sum(not row["does_no_harm"] for row in own)
-        kept = sum(not row["keeps_synchronism"] for row in own)
-        counts = [str(len(own)), f"{tripped} of {len(calm)}", str(harmful), str(kept)]
+        able = sum(row["does_no_harm"] is not None for row in own)
+        harmful = sum(row["does_no_harm"] is False for row in own)
+        lost, never = (
+            sum(row[name] is kind for row in own) for name, kind in (("keeps_synchronism", False), ("armed_s", None))
+        )
+        counts = [str(len(own)), str(never), f"{tripped} of {len(calm)}", f"{harmful} of {able}", str(lost)]
         lines.append([" ".join(part for part in name if part), *counts])
-    heads = ["controller", "cases", "tripped although nothing failed", f"ITAE above {HARM:g}", "synchronism lost"]
+    heads = ["controller", "cases", "never armed", "tripped although nothing failed"]
+    heads += [f"ITAE above {HARM:g}, or lost", "synchronism lost that is kept without"]
     return table(heads, sorted(lines), 1, markdown=True)
 
 
@@ -159,7 +258,7 @@ def holds(row: dict[str, Any]) -> bool:
 def overview(rows: Rows, graphs: Rows) -> list[str]:
     """Summary for a terminal."""
     found = sections(rows, graphs)
-    shown = [counts(rows), *found["invariants"], "", *found["cost"]]
+    shown = [counts(rows), *found["invariants"], "", *found["outcomes"], "", *found["healthy"]]
     return shown + (["", f"{len(graphs)} graphs", *found["graphs"]] if graphs else [])
 
 
@@ -169,6 +268,10 @@ def sections(rows: Rows, graphs: Rows) -> dict[str, list[str]]:
     wrong = [row for row in good if row["wrong"]]
     found = {
         "invariants": invariant_table(good),
+        "outcomes": outcome_table(good),
+        "healthy": healthy_table(good),
+        "missed": missed_table(good),
+        "limits": limit_table(good) if all("limit" in row for row in good) else [],
         "wrong": invariant_table(wrong, ("does_no_harm",)),
         "faults": fault_table(good),
         "controllers": controller_table(good),
@@ -183,9 +286,10 @@ def sections(rows: Rows, graphs: Rows) -> dict[str, list[str]]:
 def counts(rows: Rows) -> str:
     """The numbers of cases as a sentence."""
     errors = sum(row["error"] is not None for row in rows)
+    horizons = " or ".join(f"{each:g}" for each in sorted({row["horizon_s"] for row in rows if row["error"] is None}))
     kinds = len({row["fault"] for row in rows if row["error"] is None} - {NOTHING})
     faults = {0: "without a fault", 1: "with one fault"}.get(kinds, f"with {kinds} faults")
-    return f"{len(rows)} cases {faults}" + (f", {errors} with an error" if errors else "")
+    return f"{len(rows)} cases {faults}, of {horizons} s each" + (f", {errors} with an error" if errors else "")
 
 
 def _max(rows: Rows, what: Callable[[dict[str, Any]], str]) -> str:
@@ -195,6 +299,14 @@ def _max(rows: Rows, what: Callable[[dict[str, Any]], str]) -> str:
     ranked = sorted(found.items(), key=lambda one: -one[1])
     more = [f"{len(ranked) - LISTED} others"] if len(ranked) > LISTED else []
     return "; ".join([*(f"{name} {count}" for name, count in ranked[:LISTED]), *more]) or "-"
+
+
+def _share(part: int, of: int) -> str:
+    """A count, and what fraction it is, in per cent with Wilson's interval."""
+    if not of:
+        return f"{part}"
+    low, high = (100.0 * failed_fraction(part, of)[name] for name in ("low", "high"))
+    return f"{part}: {percent(part, of)} % ({low:.2f} to {high:.2f})"
 
 
 def percent(part: int, of: int) -> str:

@@ -147,18 +147,21 @@ def lost_s(record: Record) -> float | None:
 
 
 def beside(record: Record, uncontrolled: Record) -> dict[str, Any]:
-    """Figures of a run relative to the same without control; a ratio exists if both stay in synchronism."""
+    """Figures of a run relative to the same without control.
+
+    If that one falls out of step, control cannot make it worse: both conditions are None. If it does not, a run that
+    falls out of step violates both. A ratio exists if neither does.
+    """
     own, none = itae(record), itae(uncontrolled)
-    ratio = own / none if own is not None and none else None
     lost, none_lost = lost_s(record), lost_s(uncontrolled)
     return {
         "lost_s": lost,
         "uncontrolled_lost_s": none_lost,
         "ITAE": own,
         "uncontrolled_ITAE": none,
-        "ratio": ratio,
-        "keeps_synchronism": lost is None or none_lost is not None,
-        "does_no_harm": ratio is None or ratio <= HARM,
+        "ratio": own / none if own is not None and none else None,
+        "keeps_synchronism": None if none_lost is not None else lost is None,
+        "does_no_harm": None if none is None else own is not None and own <= HARM * none,
     }
 
 
