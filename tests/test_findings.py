@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 import facts_damping as fd
+from facts_damping.analysis import details
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.cli.main import main
 from facts_damping.findings import names, names_of_seeds, title, without_control
+from facts_damping.report.build import build
+from facts_damping.report.contents import ReportedRun
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 PDCI = "LLC-tuned over the Pacific DC Intertie's network"
 
@@ -95,6 +102,8 @@ def test_the_run_without_control_has_the_same_noise_and_time() -> None:
     ("fields", "said"),
     [
         ({"link": "satellite"}, "controller_0_LLC_tuned was never armed (stale 0.45 s, more than 0.4): it controlled"),
+        ({"arm_at": None}, "controller_0_LLC_tuned was never armed (nobody armed it): it controlled nothing"),
+        ({"arm_at": 9, "duration": 3}, "controller_0_LLC_tuned was never armed (due at 9 s): it"),
         (
             {"link.up.1.delay": 25, "supervision": "off"},
             "no setpoint of controller_0_LLC_tuned came to a device in 20 s",
@@ -109,6 +118,30 @@ def test_the_run_without_control_has_the_same_noise_and_time() -> None:
 def test_what_is_odd_is_said(fields: dict[str, Any], said: str) -> None:
     result = fd.simulate("two_area_deployment", **fields)
     assert any(line.startswith(f"warning: {said}") for line in result.findings)
+
+
+def test_a_controller_that_was_never_armed_is_a_warning_wherever_results_are_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In Python, a command's lines and JSON, its report, the table of runs, and the tables of a sweep."""
+    said, told = "was never armed (nobody armed it): it controlled nothing", tmp_path / "told.json"
+    record = fd.simulate("two_area_deployment", arm_at=None, duration=3)
+    assert said in str(record)
+    assert said in record.summary["warnings"][0]
+    page = tmp_path / "page.html"
+    sets = ["--set", "arm_at=null", "--set", "duration=3"]
+    assert main(["simulate", "two_area_deployment", *sets, "--json", str(told)]) == 0
+    shown = capsys.readouterr().out
+    assert said in shown
+    assert "never armed, shadow to the end" in shown
+    assert said in json.loads(told.read_text())["warnings"][0]
+    found = build([ReportedRun("it", record, record.summary | details.details(record), "-")])
+    assert any(said in remark for remark in found.remarks)
+    study = tmp_path / "study.yaml"
+    study.write_text("run: two_area_deployment\nset: {arm_at: null, duration: 3}\nsweep: [{field: link, values: [ideal, fibre]}]\n")
+    assert main(["sweep", str(study), "--jobs", "1", "--out", str(tmp_path / "out"), "--json", str(told)]) == 0
+    assert "2 with a controller that was never armed" in capsys.readouterr().out
+    assert all(said in row["warnings"] for row in json.loads(told.read_text())["rows"])
 
 
 def test_what_cannot_be_known_is_said() -> None:

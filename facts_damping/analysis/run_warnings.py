@@ -27,6 +27,7 @@ VOLTAGE = (0.7, 1.2)  # p.u., at machines and PMUs outside of faults
 LATE_S = 2.0  # s; a longer mean latency suggests a mistake of units
 MOSTLY = 0.5  # fraction of the frames
 DRIFT = 0.5  # Hz, change of the machines' common frequency from start to end, without governors or an infinite bus
+NEVER_ARMED = "never armed"
 VOLTAGE_CHANNEL = list(CHANNELS).index("voltage_magnitude")
 
 
@@ -163,11 +164,13 @@ def controller_warnings(
 
 
 def _not_armed(record: Record, supervision: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Controllers that `arm_at` should have armed but that never were."""
+    """Supervised controllers that were never armed, with the reason."""
+    arm_at = record.configuration.get("arm_at")
     for one in supervision:
-        if record.configuration.get("arm_at") is not None and one["fractions"][STATES[ARMED]] == 0.0:
-            why = f" ({cause_text(one['refusals'][-1])})" if one["refusals"] else ""
-            yield f"{one['controller']} was never armed{why}: it controlled nothing"
+        if one["fractions"][STATES[ARMED]] == 0.0:
+            due = "nobody armed it" if arm_at is None else f"due at {arm_at:g} s"
+            why = cause_text(one["refusals"][-1]) if one["refusals"] else due
+            yield f"{one['controller']} was {NEVER_ARMED} ({why}): it controlled nothing"
 
 
 def _without_effect(record: Record) -> Iterator[str]:

@@ -205,7 +205,7 @@ def history_text(history: Mapping[str, Any]) -> str:
         texts.append(change_text(row, again=state in seen))
         seen.add(state)
     if not history["changes"]:
-        texts.append(f"{STATES[SHADOW]} to the end")
+        texts.append(f"never armed, {STATES[SHADOW]} to the end")
     if len(texts) > MAXIMUM:
         texts[MAXIMUM - 2 : -1] = [f"{len(texts) - MAXIMUM + 1} more changes"]
     return "; ".join(texts)

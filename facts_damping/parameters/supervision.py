@@ -32,7 +32,7 @@ class Arming(ParameterModel):
     ramp: float = quantity(
         1.0, "s", "time in which the fraction of the controller's output rises from 0 to 1 after arming", ge=0, le=1e3
     )
-    trip_ramp: float = quantity(0.1, "s", "time in which the output goes to zero after a trip", ge=0, le=1e3)
+    trip_ramp: float = quantity(0.05, "s", "time in which the output goes to zero after a trip", ge=0, le=1e3)
     fall_back_ramp: float = quantity(
         0.5, "s", "time in which the fallback takes over from the controller, or gives back", ge=0, le=1e3
     )

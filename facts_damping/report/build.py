@@ -76,7 +76,7 @@ def _remarks(run: ReportedRun) -> list[str]:
         found.append(f"{run.name} is not stable: {run.summary['instability']} at {end:.2f} s. It has no indices.")
     if run.summary["stable"] is None:
         found.append(f"Whether {run.name} is stable is not known: {run.summary['verdict_because']}. It has no indices.")
-    return found
+    return [*found, *(f"{run.name}: {line}." for line in run.summary["warnings"])]
 
 
 def _events(run: ReportedRun, name: str) -> Iterator[tuple[float, str]]:

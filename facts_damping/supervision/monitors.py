@@ -39,6 +39,7 @@ WORKS = 0.5  # fraction of the limit: least output, in a cycle, of a controller 
 SWINGS = 0.15  # fraction of the limit: least slow part of that output
 SLOW = 2.0  # rate of the two sections that leave the slow part / omega of the mode
 MORE = 1.6  # least size of a driven oscillation / that of earlier swings as they would be by now without control
+SLACK = 0.05  # 1/s, by which the growth of a single cycle may be less than without control
 FORGET = 0.2  # 1/s, least rate at which earlier swings are forgotten
 MIN_POWER = 0.1  # p.u., least base for comparing powers
 MIN_LYAPUNOV = 1e-3  # least base for its relative rise: an error of 1/20 of `scale`
@@ -277,7 +278,7 @@ def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
 
     A cycle's growth rate: ln(range / range in the cycle before) / cycle. The value is 0 unless
 
-    - the signal grows faster than sigma in each of the three cycles: not by an event only;
+    - the signal grows faster than sigma, less SLACK, in each of the three cycles: not by an event only;
     - in each of them the output exceeds WORKS and its slow part SWINGS: the controller may drive it;
     - the newest range is MORE times the earlier ones as they would be by now without control: `row.free` is the
       largest of them three cycles ago.
@@ -301,5 +302,6 @@ def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
         later = high - low
     fades, lasts = min(own.sigma, -FORGET), (CYCLES_KEPT - 1) * cycle / own.frame_rate
     row.free = max(row.free * exp(fades / own.frame_rate), later)
-    driven = newest > MORE * row.free * exp(fades * lasts) and least > exp(own.sigma * cycle / own.frame_rate)
+    steady = least > exp((own.sigma - SLACK) * cycle / own.frame_rate)
+    driven = steady and newest > MORE * row.free * exp(fades * lasts)
     return float(log(newest / later) / lasts - own.sigma) if works and driven and later > 0.0 else 0.0

@@ -42,7 +42,7 @@ def make_record(ticks: int = 1200, damping: float = 0.3, **changes: Any) -> Reco
     delivered["measured_ns"] = time_ns[arrived]
     delivered["arrival_ns"] = delivered["measured_ns"] + 100_000_000
     machines = np.zeros((ticks, 2), MACHINE_TRUTH)
-    machines["speed_deviation"] = frames[:, :2, 2]
+    machines["speed_deviation"], machines["terminal_voltage"] = frames[:, :2, 2], 1.0
     record: dict[str, Any] = {
         "configuration": {
             "asked": {"system": "pair", "controllers": []},

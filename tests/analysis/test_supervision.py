@@ -102,7 +102,7 @@ def test_changes_have_time_cause_value_and_the_run_s_limit(watched: Callable[[An
 def test_a_supervisor_that_never_arms_says_so(watched: Callable[[Any], dict[str, Any]]) -> None:
     found = watched(told(1200))
     assert (found["changes"], found["state"], tripped_texts([found])) == ([], "shadow", [])
-    assert history_text(found) == "shadow to the end"
+    assert history_text(found) == "never armed, shadow to the end"
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ def test_why_it_was_not_armed(
     own["refused"][120:] = cause
     found = watched(own)
     assert (len(found["refusals"]), found["refusals"][0]["time_s"]) == (1, 2.0)
-    assert history_text(found).startswith(f"not armed at 2.00 s: {text}; shadow to the end")
+    assert history_text(found).startswith(f"not armed at 2.00 s: {text}; never armed, shadow to the end")
 
 
 def test_a_supervisor_that_fails_is_silent(watched: Callable[[Any], dict[str, Any]]) -> None:
@@ -166,7 +166,7 @@ def test_the_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:
         }
     )
     texts = dict(rows([{"supervision": [watched(own)]}, {}]))
-    assert texts["controller_0_LLC"] == ["shadow to the end", "-"]
+    assert texts["controller_0_LLC"] == ["never armed, shadow to the end", "-"]
     assert texts["controller_0_LLC probe"] == [
         (
             "1.10 times the known answer, +6 deg; coherence 0.90; adds 0.2 1/s of damping; "

@@ -14,6 +14,7 @@ from pyarrow import csv, parquet
 
 from facts_damping import terminal
 from facts_damping.analysis.convergence import MARK
+from facts_damping.analysis.run_warnings import NEVER_ARMED
 from facts_damping.input_files import share_folder
 from facts_damping.studies.margins.margins import failed_fraction
 from facts_damping.terminal import write_whole
@@ -88,6 +89,9 @@ def sweep_tables(rows: Rows, margins: Rows, fractions: Rows, across: str = "scen
     open_ = sum(row.get("converged") is False for row in sound)
     if open_:
         lines[0] += f", {open_} not converged"
+    never = sum(NEVER_ARMED in (row.get("warnings") or "") for row in sound)
+    if never:
+        lines[0] += f", {never} with a controller that was {NEVER_ARMED}"
     if failed:
         lines.append(f"{len(failed)} could not be made, the first: {failed[0]}")
     if margins:
