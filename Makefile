@@ -103,6 +103,8 @@ pages: demo
 	cp $(PAGES)/wrong_control/page.md docs/wrong_control.md
 	$(BIN)/facts-damping campaign healthy --out $(PAGES)/healthy
 	cp $(PAGES)/healthy/page.md docs/false_trips.md
+	$(BIN)/facts-damping campaign growing --out $(PAGES)/growing
+	cp $(PAGES)/growing/page.md docs/growing.md
 	$(BIN)/facts-damping reproduce --out $(PAGES)/reproduction
 	$(BIN)/facts-damping reproduce --profile deployment --out $(PAGES)/deployment
 	sed 's|](what_holds.png)|](images/deployment/what_holds.png)|' $(PAGES)/deployment/what_holds.md > docs/what_holds.md

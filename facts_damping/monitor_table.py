@@ -156,7 +156,9 @@ MONITORS = {
         "how much faster the oscillation grows, or slower it fades, than without control: the least of three cycles, "
         "while the output drives it, and once it is larger than earlier ones would be by now without control",
         "1/s", 0.15, 0.0, 10.0, 0.6, CYCLES, "trip",
-        "REASON",
+        "chosen on 3,400 training cases: of sound controllers on one machine it trips 4 in 1,000 with harm, and it "
+        "finds as many wrong ones as when it tripped 14 in 100. Beside the plant's own rate, so that an oscillation "
+        "that control sustains counts where there would be none, and one that it contains does not",
     ),
     "frequency": Monitor(
         "grid",

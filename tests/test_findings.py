@@ -128,7 +128,6 @@ def test_a_controller_that_was_never_armed_is_a_warning_wherever_results_are_sho
     record = fd.simulate("two_area_deployment", arm_at=None, duration=3)
     assert said in str(record)
     assert said in record.summary["warnings"][0]
-    page = tmp_path / "page.html"
     sets = ["--set", "arm_at=null", "--set", "duration=3"]
     assert main(["simulate", "two_area_deployment", *sets, "--json", str(told)]) == 0
     shown = capsys.readouterr().out
@@ -138,7 +137,9 @@ def test_a_controller_that_was_never_armed_is_a_warning_wherever_results_are_sho
     found = build([ReportedRun("it", record, record.summary | details.details(record), "-")])
     assert any(said in remark for remark in found.remarks)
     study = tmp_path / "study.yaml"
-    study.write_text("run: two_area_deployment\nset: {arm_at: null, duration: 3}\nsweep: [{field: link, values: [ideal, fibre]}]\n")
+    study.write_text(
+        "run: two_area_deployment\nset: {arm_at: null, duration: 3}\nsweep: [{field: link, values: [ideal, fibre]}]\n"
+    )
     assert main(["sweep", str(study), "--jobs", "1", "--out", str(tmp_path / "out"), "--json", str(told)]) == 0
     assert "2 with a controller that was never armed" in capsys.readouterr().out
     assert all(said in row["warnings"] for row in json.loads(told.read_text())["rows"])

@@ -141,6 +141,41 @@ def test_invariants_notice_what_does_not_hold() -> None:
     assert not invariants.lets_go(case, replace(sound, applied=cut, devices=devices))
 
 
+def test_a_run_that_falls_out_of_step_violates_what_it_can_violate() -> None:
+    """Beside a run without control that keeps synchronism; beside one that loses it, nothing can be violated."""
+    kept = loop.run(load_case(None, ["duration=2"]))
+    ends = np.copy(kept.in_synchronism)
+    ends[-10:] = False
+    lost = replace(kept, in_synchronism=ends)
+    for own, none, holds in ((kept, kept, True), (lost, kept, False), (kept, lost, None), (lost, lost, None)):
+        found = invariants.beside(own, none)
+        assert [found[name] for name in invariants.BESIDE] == [holds, holds]
+
+
+def drawn_row(**more: Any) -> dict[str, Any]:
+    """A row of a campaign: nothing fails, and the controller stays armed."""
+    figures = {"ITAE": 1.0, "unsupervised_ITAE": 1.0, "tripped_s": None, "fallback_s": None, "fallback_cause": None}
+    known = {"fault": "none", "base_run": "smib", "armed_s": 0.5, "cause": None, "lasts": "", "early": False}
+    return {**known, **figures, "detected_s": None, "does_no_harm": True, **more}
+
+
+def test_harmful_trips_are_counted_of_all_healthy_draws() -> None:
+    off = {"tripped_s": 5.0, "cause": "growing"}
+    harmful = [drawn_row(**off, ITAE=1.06), drawn_row(**off, ITAE=None)]
+    others = [drawn_row(**off, ITAE=0.9), drawn_row(**off, ITAE=1.04), drawn_row(ITAE=2.0), drawn_row(armed_s=None)]
+    rows = [*harmful, *others, drawn_row(**off, ITAE=9.0, fault="wrong_sign")]
+    of_all = [cell.strip() for cell in campaign_pages.healthy_table(rows)[2].split("|")[1:-1]]
+    assert of_all[:4] == ["smib", "all", "6", "1"]
+    assert [cell.split(" (")[0] for cell in of_all[4:]] == ["4: 66.67 %", "2: 33.33 %", "1: 16.67 %"]
+
+
+def test_a_wrong_sign_that_was_never_found_is_missed() -> None:
+    long = [drawn_row(fault="wrong_sign", detected_s=found) for found in (2.0, None)]
+    beside = [drawn_row(fault="wrong_sign", lasts="0.1"), drawn_row(fault="wrong_sign", armed_s=None), drawn_row()]
+    (row,) = campaign_pages.missed_table([*long, *beside])[2:]
+    assert "| 2 | 1: 50.00 % (9.45 to 90.55) | 0 |" in " ".join(row.split())
+
+
 def test_a_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, told = tmp_path / "out", tmp_path / "told.json"
     given = ["campaign", str(small), "--set", "seed=1", "--out", str(folder), "--jobs", "1", "--json", str(told)]

@@ -107,7 +107,7 @@ TRIALS = {
     "weights": Trial([*NETWORK, fault("weights", size=50)], [*NETWORK, fault("weights", size=1)]),
     "lyapunov": Trial([*RUNAWAY, *CHATTERING, "supervision.monitors.lyapunov.lasts=0.1"], [*NETWORK, LARGE]),
     "harm": Trial([LARGE, fault("wrong_sign")], [LARGE]),
-    "growing": Trial([*SLOWLY, fault("wrong_sign"), "supervision.monitors.harm=off", "duration=11"], SLOWLY),
+    "growing": Trial([*SLOWLY, fault("wrong_sign"), "supervision.monitors.harm=off"], SLOWLY),
     "frequency": Trial([LARGE, "supervision.monitors.frequency.limit=0.3"], [LARGE]),
     "islanding": Trial([LARGE, "supervision.monitors.islanding.limit=20"], [LARGE]),
     "device": Trial([link("down", LOST)], [link("down", {**LOST, "duration": 0.15})]),

@@ -110,18 +110,18 @@ def missed_table(rows: Rows) -> list[str]:
 
 
 def limit_table(rows: Rows) -> list[str]:
-    """By the limit that was drawn: harm to healthy draws, and turned control that is found."""
+    """By the limit that was drawn, with `harm` and without it: harm to healthy draws, and wrong signs found."""
     lines = []
-    for name in sorted({row["limit"] for row in rows}, key=float):
-        own = [row for row in rows if row["limit"] == name]
+    for name, harm in sorted({(row["limit"], row["harm"]) for row in rows}, key=lambda pair: (float(pair[0]), pair[1])):
+        own = [row for row in rows if (row["limit"], row["harm"]) == (name, harm)]
         healthy = [row for row in own if row["fault"] == NOTHING]
         wrong = [row for row in own if row["fault"] in TURNED and row["armed_s"] is not None and not row["early"]]
         found = [row["detected_s"] for row in wrong if row["detected_s"] is not None]
         counts = [sum(which(row) for row in healthy) for which in (_taken_off, _harmed)]
         cells = [str(len(healthy)), *(_share(count, len(healthy)) for count in counts)]
-        lines.append([name, *cells, str(len(wrong)), _share(len(found), len(wrong)), _times(found)[0]])
-    heads = ["limit, 1/s", "healthy cases", "tripped", "harmful", "wrong signs", "found", "median, s"]
-    return table(heads, lines, 1, markdown=True)
+        lines.append([name, harm, *cells, str(len(wrong)), _share(len(found), len(wrong)), _times(found)[0]])
+    heads = ["limit, 1/s", "harm", "healthy cases", "tripped", "harmful", "wrong signs", "found", "median, s"]
+    return table(heads, lines, 2, markdown=True)
 
 
 def _taken_off(row: dict[str, Any]) -> bool:
