@@ -172,7 +172,8 @@ def test_harmful_trips_are_counted_of_all_healthy_draws() -> None:
 def test_a_wrong_sign_that_was_never_found_is_missed() -> None:
     long = [drawn_row(fault="wrong_sign", detected_s=found) for found in (2.0, None)]
     beside = [drawn_row(fault="wrong_sign", lasts="0.1"), drawn_row(fault="wrong_sign", armed_s=None), drawn_row()]
-    (row,) = campaign_pages.missed_table([*long, *beside])[2:]
+    head, _, row = campaign_pages.missed_table([*long, *beside])
+    assert head.count("|") == row.count("|")
     assert "| 2 | 1: 50.00 % (9.45 to 90.55) | 0 |" in " ".join(row.split())
 
 

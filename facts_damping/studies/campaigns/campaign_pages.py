@@ -103,25 +103,27 @@ def missed_table(rows: Rows) -> list[str]:
         "system",
         f"armed cases, {LONG_S:g} s or longer",
         "missed",
-        "% (95 %)",
         f"of these above {HARM:g}",
     ]
     return table(heads, lines, 2, markdown=True)
 
 
 def limit_table(rows: Rows) -> list[str]:
-    """By the limit that was drawn, with `harm` and without it: harm to healthy draws, and wrong signs found."""
+    """By the limit that was drawn: harm to healthy draws, and wrong signs found with the monitor `harm` and without."""
     lines = []
-    for name, harm in sorted({(row["limit"], row["harm"]) for row in rows}, key=lambda pair: (float(pair[0]), pair[1])):
-        own = [row for row in rows if (row["limit"], row["harm"]) == (name, harm)]
+    for name in sorted({row["limit"] for row in rows}, key=float):
+        own = [row for row in rows if row["limit"] == name]
         healthy = [row for row in own if row["fault"] == NOTHING]
+        lines.append([name, str(len(healthy))])
+        lines[-1] += [_share(sum(which(row) for row in healthy), len(healthy)) for which in (_taken_off, _harmed)]
         wrong = [row for row in own if row["fault"] in TURNED and row["armed_s"] is not None and not row["early"]]
-        found = [row["detected_s"] for row in wrong if row["detected_s"] is not None]
-        counts = [sum(which(row) for row in healthy) for which in (_taken_off, _harmed)]
-        cells = [str(len(healthy)), *(_share(count, len(healthy)) for count in counts)]
-        lines.append([name, harm, *cells, str(len(wrong)), _share(len(found), len(wrong)), _times(found)[0]])
-    heads = ["limit, 1/s", "harm", "healthy cases", "tripped", "harmful", "wrong signs", "found", "median, s"]
-    return table(heads, lines, 2, markdown=True)
+        for harm in ("on", "off"):
+            asked = [row for row in wrong if row["harm"] == harm]
+            found = [row["detected_s"] for row in asked if row["detected_s"] is not None]
+            lines[-1] += [str(len(asked)), _share(len(found), len(asked)), _times(found)[0]]
+    heads = ["limit, 1/s", "healthy cases", "tripped", "harmful", "wrong signs", "found", "median, s"]
+    heads += ["wrong signs without harm", "found", "median, s"]
+    return table(heads, lines, 1, markdown=True)
 
 
 def _taken_off(row: dict[str, Any]) -> bool:
@@ -148,7 +150,7 @@ def _helped(row: dict[str, Any]) -> bool:
 def fault_table(rows: Rows) -> list[str]:
     """By fault: armed draws, how many fell back and tripped, how soon, and the most frequent cause."""
     lines = []
-    for fault in FAULTS:
+    for fault in [name for name in FAULTS if name != NOTHING]:
         own = [row for row in rows if row["fault"] == fault and row["armed_s"] is not None and not row["early"]]
         if own:
             counts = [sum(row[name] is not None for row in own) for name in ("fallback_s", "tripped_s")]
