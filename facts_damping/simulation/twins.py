@@ -66,10 +66,16 @@ def changed(record: Record) -> bool:
     return any(change.kind in EVENTS for change in record.changes)
 
 
-def needs_mirror(case: Case, record: Record) -> bool:
-    """Whether an event changes the grid for good, or a controller is not linear."""
-    if changed(record) or any(c.scheme or c.policy or c.fmu for c in case.controllers):
-        return True
+def kind_of_twin(case: Case, record: Record) -> str:
+    """The kind of twin that a run needs."""
+    if not case.scenario.events and not changed(record):
+        return PULSED
+    learns = any(c.scheme or c.policy or c.fmu for c in case.controllers)  # or is not known to be linear
+    return MIRROR if changed(record) or learns or grid_changes(case) else WITHOUT_EVENTS
+
+
+def grid_changes(case: Case) -> bool:
+    """Whether the grid is another one after the events."""
     intervals = topology_intervals(case.system, case.scenario.events)
     return _grid(intervals[0]) != _grid(intervals[-1])
 
@@ -83,16 +89,14 @@ def _grid(interval: TopologyInterval) -> tuple[Topology, dict[str, float], dict[
     return replace(interval.topology, load_scale={}), loads, powers
 
 
-def twin(case: Case, record: Record, fresh: Callable[[Case], Loop] = build_loop) -> Twin | None:
-    """The twin of a run; None without noise. `fresh` builds loops."""
+def twin(
+    case: Case, record: Record, fresh: Callable[[Case], Loop] = build_loop, kind: str | None = None
+) -> Twin | None:
+    """The twin of a run; None without noise. `fresh` builds loops; `kind`: another than the run needs."""
     if not noisy(record.configuration):
         return None
-    if not case.scenario.events and not changed(record):
-        kind, other = PULSED, with_pulse(case)
-    elif needs_mirror(case, record):
-        kind, other = MIRROR, case
-    else:
-        kind, other = WITHOUT_EVENTS, without_events(case)
+    kind = kind or kind_of_twin(case, record)
+    other = with_pulse(case) if kind == PULSED else without_events(case) if kind == WITHOUT_EVENTS else case
     loop = mirrored(fresh(other)) if kind == MIRROR else fresh(other)
     return Twin(rerun(other, record.changes, loop) if record.changes else finish(other, loop), kind)
 
