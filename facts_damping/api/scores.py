@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.api.cases import plain, short_traceback
 from facts_damping.parameters.files import new_folder
 from facts_damping.studies.score import card as cards
 from facts_damping.studies.score import pages
@@ -43,6 +44,7 @@ class Score:
         return "\n".join([*pages.answer(self.content), "", *pages.kinds_table(self.content)])
 
 
+@short_traceback
 def score(
     controller: Any,
     cases: str = "two_area_1.0",
@@ -59,7 +61,7 @@ def score(
     """
     refuse_within()
     case_set = cards.read_set(cases)
-    name, rows = controllers_of(controller, case_set)
+    name, rows = controllers_of(plain(controller), case_set)
     others = dict(controllers_of(other, case_set) for other in (against or case_set.content.beside))
     with Progress("score", "cases", shown=progress) as shown:
         found = cards.run_set(case_set, {name: rows, **others}, jobs or os.cpu_count() or 1, shown)

@@ -11,8 +11,9 @@ import numpy as np
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.terminal import write_whole
 
+Random = np.random.Generator
 START = 2.0  # s, of events and disturbances
-RANDOM = np.random.default_rng(20261128)
+SEED = 20261128
 LOADS: dict[str, float] = {
     "system.loads.0.P": 967,
     "system.loads.0.Q": 100,
@@ -44,11 +45,11 @@ KINDS = {
 }
 
 
-def number(low: float, high: float, logarithmic: bool = False) -> float:
+def number(random: Random, low: float, high: float, *, logarithmic: bool = False) -> float:
     """A random number of four digits."""
-    value = float(RANDOM.uniform(low, high))
+    value = float(random.uniform(low, high))
     if logarithmic:
-        value = float(np.exp(RANDOM.uniform(np.log(low), np.log(high))))
+        value = float(np.exp(random.uniform(np.log(low), np.log(high))))
     return float(f"{value:.4g}")
 
 
@@ -57,28 +58,34 @@ def scaled(fields: dict[str, float], factor: float) -> dict[str, float]:
     return {name: float(f"{value * factor:.6g}") for name, value in fields.items()}
 
 
-def event(i: int) -> list[dict[str, Any]]:
+def event(random: Random, i: int, start: float = START) -> list[dict[str, Any]]:
     """One of six kinds of events."""
-    line, place = f"line_{RANDOM.integers(1, 5)}", number(0.1, 0.9)
-    fault = {"time": START, "kind": "fault", "line": line, "location": place}
-    end, step = round(START + number(0.05, 0.1), 3), number(0.05, 0.15)
+    line, place = f"line_{random.integers(1, 5)}", number(random, 0.1, 0.9)
+    fault = {"time": start, "kind": "fault", "line": line, "location": place}
+    end, step = round(start + number(random, 0.05, 0.1), 3), number(random, 0.05, 0.15)
     return [
         [fault, {"time": end, "kind": "line_out", "line": line}],
         [fault, {"time": end, "kind": "clear", "line": line}],
-        [{"time": START, "kind": "load_step", "load": "load_2", "change": -step}],
-        [{"time": START, "kind": "mechanical_power_step", "machine": "G3", "change": -step}],
-        [{"time": START, "kind": "line_out", "line": line}],
-        [{"time": START, "kind": "load_step", "load": "load_1", "change": step}],
+        [{"time": start, "kind": "load_step", "load": "load_2", "change": -step}],
+        [{"time": start, "kind": "mechanical_power_step", "machine": "G3", "change": -step}],
+        [{"time": start, "kind": "line_out", "line": line}],
+        [{"time": start, "kind": "load_step", "load": "load_1", "change": step}],
     ][i % 6]
 
 
-def usual() -> dict[str, Any]:
+def usual(random: Random) -> dict[str, Any]:
     """What varies in every case: loads, dispatch, noise, delay, loss, seed."""
-    found: dict[str, Any] = scaled(LOADS, number(0.97, 1.03))
-    found |= {name: float(f"{value * number(0.95, 1.05):.6g}") for name, value in UNITS.items()}
-    found |= {"load_noise.std": number(0.005, 0.015), "measurement.noise.frequency": number(3e-4, 3e-3, True)}
-    found |= {"link.up.1.delay": number(0.003, 0.063), "link.up.4.loss": number(1e-3, 0.02, True)}
-    return found | {"seed": int(RANDOM.integers(2**31))}
+    found: dict[str, Any] = scaled(LOADS, number(random, 0.97, 1.03))
+    found |= {name: float(f"{value * number(random, 0.95, 1.05):.6g}") for name, value in UNITS.items()}
+    found |= {
+        "load_noise.std": number(random, 0.005, 0.015),
+        "measurement.noise.frequency": number(random, 3e-4, 3e-3, logarithmic=True),
+    }
+    found |= {
+        "link.up.1.delay": number(random, 0.003, 0.063),
+        "link.up.4.loss": number(random, 1e-3, 0.02, logarithmic=True),
+    }
+    return found | {"seed": int(random.integers(2**31))}
 
 
 def late(kind: str) -> float:
@@ -86,27 +93,27 @@ def late(kind: str) -> float:
     return round(0.003 + int(kind.split()[1]) / 1e3, 3)
 
 
-def case(kind: str, i: int) -> dict[str, Any]:
+def case(random: Random, kind: str, i: int) -> dict[str, Any]:
     """A case of a kind."""
-    found = {**usual(), "scenario": event(i)}
+    found = {**usual(random), "scenario": event(random, i)}
     if kind == "drift":
-        found |= scaled(LOADS, number(0.92, 1.08))
-        found |= {"system.machines.2.P": number(520, 850), "system.machines.0.P": number(620, 780)}
+        found |= scaled(LOADS, number(random, 0.92, 1.08))
+        found |= {"system.machines.2.P": number(random, 520, 850), "system.machines.0.P": number(random, 620, 780)}
     elif kind == "wrong model":
         for fields in WRONG.values():
-            found |= scaled(fields, number(0.7, 1.3))
+            found |= scaled(fields, number(random, 0.7, 1.3))
         found |= {"system.lines.5.x": 10.0, "system.lines.5.b": 0.0} if i % 3 == 0 else {}
-        found["scenario"] = event(1) if i % 3 == 0 else found["scenario"]
+        found["scenario"] = event(random, 1) if i % 3 == 0 else found["scenario"]
         if i % 3 == 0:
             found["scenario"] = [{**one, "line": "line_1"} for one in found["scenario"]]
     elif kind == "loss" and i % 2:
-        found["link.up.4.loss"] = number(0.1, 0.4)
+        found["link.up.4.loss"] = number(random, 0.1, 0.4)
     elif kind == "loss":
         bursts: dict[str, Any] = {
             "stage": "network",
             "model": "gilbert_elliott",
             "p_GB": 0.02,
-            "p_BG": number(0.05, 0.2),
+            "p_BG": number(random, 0.05, 0.2),
         }
         found["link.up.+"] = {**bursts, "loss_G": 0.0, "loss_B": 1.0}
     elif kind == "bad PMU":
@@ -141,13 +148,14 @@ NUMBERS = {
 
 def main(path: str) -> None:
     """Write the set."""
-    delayed = [{**usual(), "scenario": event(i)} for i in (0, 1, 1, 2, 3, 4)]
+    random = np.random.default_rng(SEED)
+    delayed = [{**usual(random), "scenario": event(random, i)} for i in (0, 1, 1, 2, 3, 4)]
     cases = []
     for kind in KINDS:
         if kind.startswith("delay"):  # the same cases with each delay
             cases += [{"kind": kind, "set": {**one, "link.up.1.delay": late(kind)}} for one in delayed]
         else:
-            cases += [case(kind, i) for i in range(NUMBERS.get(kind, 4))]
+            cases += [case(random, kind, i) for i in range(NUMBERS.get(kind, 4))]
     controllers: dict[str, Any] = {name: [{"name": name}] for name in ("LLC", "LLC-tuned", "LQG", "Hinf")}
     controllers |= {
         f"{name} {scheme}": [{"name": name, "scheme": scheme}]

@@ -3,7 +3,7 @@
     change = 100 (exp mean_k mean_c r_c - 1),  r_c = log(measure / measure without control)
 
 in percent: k over the kinds of cases, c over the cases of a kind. Where one of the two loses synchronism, r_c is LOST
-or -LOST; where both do it is 0. Its 95 % interval is a bootstrap by resampling cases within their kinds (B. Efron, R. J.
+or -LOST; where both do it is 0. Its 95 % interval is a bootstrap by resampling cases within kinds (B. Efron, R. J.
 Tibshirani, An Introduction to the Bootstrap, 1993, 13). The score is what can be claimed: the reduction in percent at
 the worse end of the interval. No control has a score of 0.
 """

@@ -19,13 +19,11 @@ KEPT = ("link", "namespace")  # fields of a run's controllers that belong to its
 
 
 def controllers_of(given: Any, case_set: Set) -> tuple[str, list[dict[str, Any]]]:
-    """Name, and rows of controllers, of what is given: a name or a file, a class, a row, or a list of rows.
+    """Name, and rows of controllers, of what is given: text, a row, or a list of rows.
 
     Text may be a name in the set, in `facts-damping list controllers` or of a run, `module:Class` or `file.py:Class`, a
     run file, an FMU, or a linear law. Raises `InputError`.
     """
-    if isinstance(given, type) or callable(given):
-        return str(getattr(given, "__name__", "controller")), [{"name": "own", "policy": given}]
     if isinstance(given, dict):
         return str(given.get("name", "controller")), [given]
     if not isinstance(given, str):
