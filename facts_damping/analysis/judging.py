@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 RESPONSE, RUN, AMBIENT, PULSE = "response", "run", "ambient noise", "response to a pulse"  # what a verdict is of
 CLEAR_DB = 10.0  # signal-to-residual ratio of a ringdown of a response that may decide
 LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a setpoint at its limit; above, a loop is at its limits
-GROWN, END = 4.0, 4.0  # s: noise grows if its envelope in the last seconds is so many times that of the first half
+GROWN, END = 4.5, 4.0  # s: noise grows if its envelope in the last seconds is so many times that of the first half
 STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
 AT_LIMITS = "setpoints are at their limits to the end"
 LOST_TWIN = "the twin of the run loses synchronism"
@@ -83,7 +83,7 @@ def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limite
 
 
 def _noise_grows(swings: Swings) -> Judgement | None:
-    """The judgement of the noise in a run after the last event if it grows, else None.
+    """The judgement of the noise in a run after the last event if its largest envelope grows, else None.
 
     Noise of a sound loop has envelopes that vary by a factor of 2 to 4, and may look as if it grew for a while.
     """
@@ -93,8 +93,8 @@ def _noise_grows(swings: Swings) -> Judgement | None:
     points, sizes = envelopes(swings.noise[t >= swings.last + SKIP], float(np.median(np.diff(t))))
     if len(points) < 2:
         return None
-    usual = np.median(sizes[: len(sizes) // 2], axis=0)
-    if not np.any(sizes[points > points[-1] - END].max(axis=0) > GROWN * usual):
+    usual = np.median(sizes[: len(sizes) // 2], axis=0).max()
+    if sizes[points > points[-1] - END].max() <= GROWN * usual:
         return None
     found = judge(t, swings.noise, swings.last, swings.names)
     return None if found.verdict == DAMPED else found._replace(verdict=GROWING, because="the noise in it grows")

@@ -73,7 +73,7 @@ def _new_event(random: Random, i: int, t: float) -> list[dict[str, Any]]:
             {"time": round(again + 0.06, 3), "kind": "line_out", "line": line},
         ],
         [{"time": t, "kind": "fault", "bus": bus, "duration": number(random, 0.03, 0.08)}],
-        [power],
+        [{"time": t, "kind": "line_out", "line": line}, {"time": again, "kind": "line_in", "line": line}],
         [power, {"time": t, "kind": "line_out", "line": line}],
     ][i % 4]
 

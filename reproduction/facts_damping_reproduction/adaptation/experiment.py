@@ -1,4 +1,4 @@
-"""Searches and evaluates all arms, for each seed of the search; what was made is kept in a folder and not made again."""
+"""Searches and evaluates all arms, for each seed of the search; a folder keeps what was made."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
 PLAN = Path(__file__).with_name("adaptation.yaml")
-NONE = "no control"
+NONE, PROFILE = "no control", "deployment"
 FIRST_GENERATIONS = 6  # of the choice of the network
 
 

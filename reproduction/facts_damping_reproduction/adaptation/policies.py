@@ -1,4 +1,4 @@
-"""Two adaptive controllers that are no networks: a gain that grows with the oscillation, and an LQG on identified data."""
+"""Two adaptive controllers that are no networks: a gain that follows the oscillation, and an LQG on identified data."""
 
 from __future__ import annotations
 
