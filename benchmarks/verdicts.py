@@ -32,6 +32,7 @@ FEW = (0.001, 0.2, 0.4)  # s
 MANY = (0.001, 0.1, 0.2, 0.3, 0.4)
 BARE = ("supervision=null", "arm_at=null")
 FREE = (*BARE, "controllers=[]")
+OUT = ("system.lines.4.x=10", "system.lines.4.b=0")  # the line of the recommended run's own event, after it
 NONE, EARLY = (0.0,), (0.001, 0.1)  # s, delays
 LOADS = "load_noise={std: 0.01, time_constant: 1}"
 
@@ -84,6 +85,9 @@ NEW_ENGLAND = ("duration=40", LOADS, "measurement=p_class", fault("line_4_14", 0
 ROWS: dict[str, Row] = {
     "two areas, pulse": two_area(pulse("G1"), delays=MANY),
     "two areas, fault": two_area(fault("line_1"), delays=MANY),
+    "two areas, trip": two_area(delays=MANY, linear=OUT),
+    "two areas, trip, LLC-tuned": Row("two_area_deployment", ("duration=40", *BARE), linear=OUT),
+    "two areas, trip, no control": Row("two_area_deployment", (*FREE, "duration=40"), NONE, OUT),
     "two areas, fault, LLC-tuned": Row("two_area_deployment", ("duration=40", *BARE, fault("line_1")), MANY),
     "two areas, fault, wrong sign": two_area(fault("line_1"), gain=-20, delays=MANY),
     "two areas, fault, double gain": two_area(fault("line_1"), gain=20, delays=MANY),

@@ -75,11 +75,18 @@ def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limite
             return Judged(itself, RUN)
     if found is None or limited:
         return Judged(itself._replace(verdict=UNDECIDED, because=AT_LIMITS if limited else LOST_TWIN), RUN)
-    if found.verdict == UNDECIDED and _decays(ringdown()):
+    if _is_open(found, swings) and _decays(ringdown()):
         found = found._replace(verdict=DAMPED, because="the modes of its response are damped")
     if found.verdict == DAMPED and (grows := _noise_grows(swings)) is not None:
         return Judged(grows, RUN)
     return Judged(found, RESPONSE)
+
+
+def _is_open(found: Judgement, swings: Swings) -> bool:
+    """Whether a response is undecided, or steady with less than the noise of the run, of which a mirror leaves some."""
+    if found.verdict != LIMIT_CYCLE or swings.noise is None or not swings.mirrored:
+        return found.verdict == UNDECIDED
+    return found.amplitude_pu < float(np.sqrt(2.0) * swings.noise.std(axis=0).max())
 
 
 def _noise_grows(swings: Swings) -> Judgement | None:

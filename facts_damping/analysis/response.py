@@ -49,6 +49,7 @@ class Swings(NamedTuple):
     response: NDArray[np.float64] | None = None  # to the events
     noise: NDArray[np.float64] | None = None  # what is not the response
     pulse: NDArray[np.float64] | None = None  # the response to the twin's pulse, of a run without events
+    mirrored: bool = False  # the twin is a mirror: the response has noise of even order in it
 
     @property
     def last(self) -> float:
@@ -87,9 +88,8 @@ def swings_of(
     if twin.kind == PULSED:
         return plain._replace(pulse=other - own)
     response, noise = ((own + other) / 2.0, (own - other) / 2.0) if twin.kind == MIRROR else (own - other, other)
-    return plain._replace(
-        response=response, noise=noise, ringing=until_faded(record.time_s[:ticks], response, plain.last)
-    )
+    ringing = until_faded(record.time_s[:ticks], response, plain.last)
+    return plain._replace(response=response, noise=noise, ringing=ringing, mirrored=twin.kind == MIRROR)
 
 
 def shortened(swings: Swings, end: float) -> Swings:
