@@ -8,8 +8,9 @@ In an environment of its own, from the root of the repository:
 The systems are built from the YAML files that the package reads; nothing of the package is used. A two-axis machine
 is a GENROU with X'' = X', whose two subtransient circuits then stand apart, at -1/T''. GENROU starts from
 X''d = X''q, so angle and flux of the start are set here. ANDES has no exponential saturation of exciters: for
-eigenvalues KE takes its slope at the start, which is all that a linearisation sees; the fault is without it. ANDES adds
-1e-8 p.u. to r and x of every line; that is taken off here. Devices are left out.
+eigenvalues KE takes its slope at the start, which is all that a linearisation sees; the fault is without it. Nor has it
+DC4B, which is built here from its blocks. ANDES adds 1e-8 p.u. to r and x of every line; that is taken off here. Devices
+are left out.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ UNTIL, STEP, SHOWN = 5.0, 1e-3, 20  # s, s, every so many steps
 EVENT_DELAY = 0.5 * STEP  # s, by which events act late: the step after an event has the slope before it
 
 
-class DC4B(ExcBaseData, ExcBase):
+class DC4B(ExcBaseData, ExcBase):  # type: ignore[misc]
     """IEEE DC4B from blocks of ANDES, which has no such exciter: no limits; KE has the slope of the saturation."""
 
     def __init__(self, system: Any, config: Any) -> None:
