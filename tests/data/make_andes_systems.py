@@ -8,8 +8,8 @@ In an environment of its own, from the root of the repository:
 The systems are built from the YAML files that the package reads; nothing of the package is used. A two-axis machine
 is a GENROU with X'' = X', whose two subtransient circuits then stand apart, at -1/T''. GENROU starts from
 X''d = X''q, so angle and flux of the start are set here. ANDES has no exponential saturation of exciters: for
-eigenvalues KE takes its slope at the start, which is all that a linearisation sees; the fault is without it. Nor has it
-DC4B, which is built here from its blocks. ANDES adds 1e-8 p.u. to r and x of every line; that is taken off here. Devices
+eigenvalues KE takes its slope at the start, which is all that a linearisation sees; the fault is without it. Nor has
+it DC4B, built here from its blocks. ANDES adds 1e-8 p.u. to r and x of every line; that is taken off here. Devices
 are left out.
 """
 
