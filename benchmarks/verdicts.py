@@ -75,9 +75,9 @@ def smib(*sets: str, gain: float = 10.0, **more: Any) -> Row:
 NETS = ("duration=40", LOADS, "measurement=p_class", fault("line_18_49", 0.05))
 
 
-def nets(*sets: str, gain: float = -66.67, **more: Any) -> Row:
+def nets(*sets: str, gain: float = -62.29, **more: Any) -> Row:
     """New England and New York with two lead-lags, 40 s, all noise of the deployment."""
-    signals = ("controllers.0.signals=[frequency]", "controllers.1.signals=[frequency_nyps_nets]")
+    signals = ("controllers.0.signals=[frequency_4_5]", "controllers.1.signals=[frequency_nyps_nets]")
     return Row("nets_nyps_two_devices", (*NETS, *signals, f"controllers.0.parameters.gain={gain}", *sets), **more)
 
 
@@ -118,7 +118,7 @@ ROWS: dict[str, Row] = {
     "infinite bus, large gain": smib(gain=60),
     "infinite bus, class M": smib("measurement=m_class"),
     "New England and New York": nets(),
-    "New England and New York, wrong sign": nets(gain=66.67),
+    "New England and New York, wrong sign": nets(gain=62.29),
     "New England and New York, no control": Row("nets_nyps_two_devices", (*FREE, *NETS), NONE),
     "New England, no control": Row("new_england_39_fault", NEW_ENGLAND, NONE),
     "New England, exciters of large gain": Row("new_england_39_fault", (*NEW_ENGLAND, "system.exciters.*.KA=80"), NONE),
