@@ -10,7 +10,7 @@ import numpy as np
 from facts_damping.analysis.effort import saturation_duty
 from facts_damping.analysis.modes.ambient import fit_ambient
 from facts_damping.analysis.modes.ringdown import COVERED, SKIP, fit_ringdown
-from facts_damping.analysis.response import PULSE_END, noisy
+from facts_damping.analysis.response import MIRROR, PULSE_END, noisy
 from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, Judgement, envelopes, judge
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limite
 
 def _is_open(found: Judgement, swings: Swings) -> bool:
     """Whether a response is undecided, or steady with less than the noise of the run, of which a mirror leaves some."""
-    if found.verdict != LIMIT_CYCLE or swings.noise is None or not swings.mirrored:
+    if found.verdict != LIMIT_CYCLE or swings.noise is None or swings.kind != MIRROR:
         return found.verdict == UNDECIDED
     return found.amplitude_pu < float(np.sqrt(2.0) * swings.noise.std(axis=0).max())
 
