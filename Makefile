@@ -108,7 +108,6 @@ pages: demo
 	$(BIN)/facts-damping reproduce --out $(PAGES)/reproduction
 	$(BIN)/facts-damping reproduce --profile deployment --out $(PAGES)/deployment
 	sed 's|](what_holds.png)|](images/deployment/what_holds.png)|' $(PAGES)/deployment/what_holds.md > docs/what_holds.md
-	cp $(PAGES)/deployment/what_holds_all.md docs
 	cd docs/images && for picture in */*; do cp ../../$(PAGES)/$$picture $$picture || exit 1; done
 
 # Both are for this Python, this kind of processor and this distribution of ROS 2. `make demo` takes the messages' wheel

@@ -32,6 +32,7 @@ FEW = (0.001, 0.2, 0.4)  # s
 MANY = (0.001, 0.1, 0.2, 0.3, 0.4)
 BARE = ("supervision=null", "arm_at=null")
 FREE = (*BARE, "controllers=[]")
+OUT = ("system.lines.4.x=10", "system.lines.4.b=0")  # the line of the recommended run's own event, after it
 NONE, EARLY = (0.0,), (0.001, 0.1)  # s, delays
 LOADS = "load_noise={std: 0.01, time_constant: 1}"
 
@@ -74,9 +75,9 @@ def smib(*sets: str, gain: float = 10.0, **more: Any) -> Row:
 NETS = ("duration=40", LOADS, "measurement=p_class", fault("line_18_49", 0.05))
 
 
-def nets(*sets: str, gain: float = -66.67, **more: Any) -> Row:
+def nets(*sets: str, gain: float = -62.29, **more: Any) -> Row:
     """New England and New York with two lead-lags, 40 s, all noise of the deployment."""
-    signals = ("controllers.0.signals=[frequency]", "controllers.1.signals=[frequency_nyps_nets]")
+    signals = ("controllers.0.signals=[frequency_4_5]", "controllers.1.signals=[frequency_nyps_nets]")
     return Row("nets_nyps_two_devices", (*NETS, *signals, f"controllers.0.parameters.gain={gain}", *sets), **more)
 
 
@@ -84,6 +85,9 @@ NEW_ENGLAND = ("duration=40", LOADS, "measurement=p_class", fault("line_4_14", 0
 ROWS: dict[str, Row] = {
     "two areas, pulse": two_area(pulse("G1"), delays=MANY),
     "two areas, fault": two_area(fault("line_1"), delays=MANY),
+    "two areas, trip": two_area(delays=MANY, linear=OUT),
+    "two areas, trip, LLC-tuned": Row("two_area_deployment", ("duration=40", *BARE), linear=OUT),
+    "two areas, trip, no control": Row("two_area_deployment", (*FREE, "duration=40"), NONE, OUT),
     "two areas, fault, LLC-tuned": Row("two_area_deployment", ("duration=40", *BARE, fault("line_1")), MANY),
     "two areas, fault, wrong sign": two_area(fault("line_1"), gain=-20, delays=MANY),
     "two areas, fault, double gain": two_area(fault("line_1"), gain=20, delays=MANY),
@@ -114,7 +118,7 @@ ROWS: dict[str, Row] = {
     "infinite bus, large gain": smib(gain=60),
     "infinite bus, class M": smib("measurement=m_class"),
     "New England and New York": nets(),
-    "New England and New York, wrong sign": nets(gain=66.67),
+    "New England and New York, wrong sign": nets(gain=62.29),
     "New England and New York, no control": Row("nets_nyps_two_devices", (*FREE, *NETS), NONE),
     "New England, no control": Row("new_england_39_fault", NEW_ENGLAND, NONE),
     "New England, exciters of large gain": Row("new_england_39_fault", (*NEW_ENGLAND, "system.exciters.*.KA=80"), NONE),

@@ -10,7 +10,7 @@ import numpy as np
 from facts_damping.analysis.effort import saturation_duty
 from facts_damping.analysis.modes.ambient import fit_ambient
 from facts_damping.analysis.modes.ringdown import COVERED, SKIP, fit_ringdown
-from facts_damping.analysis.response import PULSE_END, noisy
+from facts_damping.analysis.response import MIRROR, PULSE_END, noisy
 from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, Judgement, envelopes, judge
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 RESPONSE, RUN, AMBIENT, PULSE = "response", "run", "ambient noise", "response to a pulse"  # what a verdict is of
 CLEAR_DB = 10.0  # signal-to-residual ratio of a ringdown of a response that may decide
 LIMITED, LAST = 0.1, 10.0  # fraction of the last seconds with a setpoint at its limit; above, a loop is at its limits
-GROWN, END = 4.0, 4.0  # s: noise grows if its envelope in the last seconds is so many times that of the first half
+GROWN, END = 4.5, 4.0  # s: noise grows if its envelope in the last seconds is so many times that of the first half
 STEADY = 0.005  # damping ratio; a mode in noise whose interval ends below it is a steady oscillation
 AT_LIMITS = "setpoints are at their limits to the end"
 LOST_TWIN = "the twin of the run loses synchronism"
@@ -75,15 +75,22 @@ def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limite
             return Judged(itself, RUN)
     if found is None or limited:
         return Judged(itself._replace(verdict=UNDECIDED, because=AT_LIMITS if limited else LOST_TWIN), RUN)
-    if found.verdict == UNDECIDED and _decays(ringdown()):
+    if _is_open(found, swings) and _decays(ringdown()):
         found = found._replace(verdict=DAMPED, because="the modes of its response are damped")
     if found.verdict == DAMPED and (grows := _noise_grows(swings)) is not None:
         return Judged(grows, RUN)
     return Judged(found, RESPONSE)
 
 
+def _is_open(found: Judgement, swings: Swings) -> bool:
+    """Whether a response is undecided, or steady with less than the noise of the run, of which a mirror leaves some."""
+    if found.verdict != LIMIT_CYCLE or swings.noise is None or swings.kind != MIRROR:
+        return found.verdict == UNDECIDED
+    return found.amplitude_pu < float(np.sqrt(2.0) * swings.noise.std(axis=0).max())
+
+
 def _noise_grows(swings: Swings) -> Judgement | None:
-    """The judgement of the noise in a run after the last event if it grows, else None.
+    """The judgement of the noise in a run after the last event if its largest envelope grows, else None.
 
     Noise of a sound loop has envelopes that vary by a factor of 2 to 4, and may look as if it grew for a while.
     """
@@ -93,8 +100,8 @@ def _noise_grows(swings: Swings) -> Judgement | None:
     points, sizes = envelopes(swings.noise[t >= swings.last + SKIP], float(np.median(np.diff(t))))
     if len(points) < 2:
         return None
-    usual = np.median(sizes[: len(sizes) // 2], axis=0)
-    if not np.any(sizes[points > points[-1] - END].max(axis=0) > GROWN * usual):
+    usual = np.median(sizes[: len(sizes) // 2], axis=0).max()
+    if sizes[points > points[-1] - END].max() <= GROWN * usual:
         return None
     found = judge(t, swings.noise, swings.last, swings.names)
     return None if found.verdict == DAMPED else found._replace(verdict=GROWING, because="the noise in it grows")

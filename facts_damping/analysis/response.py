@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SHORTEST = 10.0  # s, of a response whose ringdown is fitted
 WINDOW, FEWEST = 20.0, 3  # s, and number, of windows of noise whose variances are compared
 PULSE_END = 1.5  # s, end of the pulse in the twin of a run without events
-WITHOUT_EVENTS, MIRROR, PULSED = "without events", "mirror", "pulsed"  # kinds of twins
+WITHOUT_EVENTS, OUTAGE, MIRROR, PULSED = "without events", "outage", "mirror", "pulsed"  # kinds of twins
 
 PARTS = ("response", "noise", "pulse")  # of swings
 
@@ -49,6 +49,7 @@ class Swings(NamedTuple):
     response: NDArray[np.float64] | None = None  # to the events
     noise: NDArray[np.float64] | None = None  # what is not the response
     pulse: NDArray[np.float64] | None = None  # the response to the twin's pulse, of a run without events
+    kind: str | None = None  # of the twin
 
     @property
     def last(self) -> float:
@@ -62,9 +63,11 @@ class Swings(NamedTuple):
 
     @property
     def indices(self) -> dict[str, float] | None:
-        """Performance indices of the response; None without one."""
+        """Performance indices of the response; None without one, or if the twin's own trip is in it."""
         found = self.response
-        return None if found is None else performance_indices(self.time_s[: len(found)], found)
+        if found is None or self.kind == OUTAGE:
+            return None
+        return performance_indices(self.time_s[: len(found)], found)
 
 
 def swings_of(
@@ -72,9 +75,9 @@ def swings_of(
 ) -> Swings:
     """The swings of a run; `differences`: those to judge, (ticks,) each, if not those of its configuration.
 
-    With the swings w of the run and w' of its twin, the response is w - w' to a twin without events, (w + w') / 2 to a
-    mirror, and w' - w to a pulse; noise is w' or (w - w') / 2. Noise cancels in a response exactly where the loop is
-    linear. Without a twin, or if it loses synchronism, there are no parts.
+    With the swings w of the run and w' of its twin, the response is (w + w') / 2 with a mirror, w' - w to a pulse, else
+    w - w'; noise is (w - w') / 2 or w'. Noise cancels in a response exactly where the loop is linear. There are no
+    parts without a twin, or if it loses synchronism.
     """
     differences = speed_differences(record) if differences is None else differences
     whole, times = columns(differences), event_times(record)
@@ -87,9 +90,8 @@ def swings_of(
     if twin.kind == PULSED:
         return plain._replace(pulse=other - own)
     response, noise = ((own + other) / 2.0, (own - other) / 2.0) if twin.kind == MIRROR else (own - other, other)
-    return plain._replace(
-        response=response, noise=noise, ringing=until_faded(record.time_s[:ticks], response, plain.last)
-    )
+    ringing = until_faded(record.time_s[:ticks], response, plain.last)
+    return plain._replace(response=response, noise=noise, ringing=ringing, kind=twin.kind)
 
 
 def shortened(swings: Swings, end: float) -> Swings:

@@ -4,6 +4,7 @@ What is exported here stays; all else is private. Errors are those of the comman
 """
 
 from facts_damping.api.results import Result, load_recording, simulate, summarise
+from facts_damping.api.scores import Score, score
 from facts_damping.api.stepping import Simulation
 from facts_damping.api.sweeps import Sweep, sweep
 from facts_damping.api.systems import linear_plant, modes
@@ -16,12 +17,14 @@ __all__ = [
     "RecordingError",
     "Result",
     "RunError",
+    "Score",
     "Simulation",
     "Spec",
     "Sweep",
     "linear_plant",
     "load_recording",
     "modes",
+    "score",
     "simulate",
     "summarise",
     "sweep",

@@ -200,6 +200,35 @@ def campaign(arguments: argparse.Namespace) -> None:
         raise RunError(f"{len(errors)} draws could not be made, the first: {errors[0]['number']}: {errors[0]['error']}")
 
 
+def score(arguments: argparse.Namespace) -> None:
+    """Score a controller on a frozen set of cases, or rank the shipped ones."""
+    from facts_damping.studies.score import card, pages
+    from facts_damping.studies.score.controllers import controllers_of
+
+    case_set = card.read_set(arguments.cases)
+    content = case_set.content
+    if arguments.controller is None:
+        own, names = content.controllers, list(content.controllers)
+    else:
+        name, rows = controllers_of(arguments.controller, case_set)
+        asked = arguments.against.split(",") if arguments.against else content.beside
+        others = dict(controllers_of(other, case_set) for other in asked)
+        own, names = {name: rows, **others}, [name, *(other for other in others if other != name)]
+    folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
+    clean_up_first()
+    with Progress("score", "cases") as progress:
+        found = card.run_set(case_set, own, arguments.jobs, progress)
+    cards = [card.card(case_set, name, found) for name in names]
+    ranked = card.ranking(cards)
+    write_json(arguments.json, {"ranking": ranked} if arguments.controller is None else cards[0])
+    if arguments.controller is not None:
+        say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
+    say(arguments, *pages.ranking_table(ranked))
+    if folder is not None:
+        shown = cards if arguments.controller is not None else ranked
+        say(arguments, *(f"written: {path}" for path in pages.write(case_set, shown, folder)))
+
+
 @contextmanager
 def _continuing(folder: Path) -> Iterator[None]:
     """Say where an interrupted command continues."""

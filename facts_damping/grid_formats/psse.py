@@ -205,7 +205,7 @@ def _machine(record: Dynamic, unit: Unit, where: str, notes: list[str]) -> Row:
 
 def _control(record: Dynamic, unit: Unit, where: str, controls: dict[str, list[Row]], notes: list[str]) -> None:
     """Add a control's record to its table; note parts that are not modelled."""
-    if record.model != "HYGOV" and record.model not in MODELS:
+    if record.model != "HYGOV" and not (record.model in MODELS and MODELS[record.model].record):
         notes.append(f"{where}: of {unit.name} is not modelled: left out")
         return
     table = "governors" if record.model == "HYGOV" else TABLES[MODELS[record.model].role]

@@ -3,9 +3,11 @@
 It has
 
 - the same noise and no events;
+- or, where events leave lines out for good, the same noise and a trip of these lines at the start, so that both runs
+  are of one plant after the events, and their difference is a free oscillation;
 - or, as a mirror, the same events and all noise of the opposite sign, of loads and of PMUs. Mirrors are antithetic
   variates (J. M. Hammersley and K. W. Morton, A new Monte Carlo technique: antithetic variates, Proc. Cambridge Phil.
-  Soc. 52 (1956) 449-475). A mirror is needed where an event changes the grid for good, as the same noise then moves
+  Soc. 52 (1956) 449-475). A mirror is needed where loads or units have changed for good, as the same noise then moves
   another plant, and where a controller learns, as the event teaches it;
 - or the same noise and a pulse, if the run has no event.
 """
@@ -15,12 +17,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from facts_damping.analysis.response import MIRROR, PULSE_END, PULSED, WITHOUT_EVENTS, Twin, noisy
+from facts_damping.analysis.response import MIRROR, OUTAGE, PULSE_END, PULSED, WITHOUT_EVENTS, Twin, noisy
 from facts_damping.case.loading import recorded_case
 from facts_damping.control.table import kind_of
 from facts_damping.errors import FactsDampingError
 from facts_damping.parameters.run import Scenario
 from facts_damping.plant.events import topology_intervals
+from facts_damping.plant.grid.network import Topology
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.loop import build_loop, finish
 
@@ -29,7 +32,6 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.plant.events import TopologyInterval
-    from facts_damping.plant.grid.network import Topology
     from facts_damping.signals import Record
     from facts_damping.simulation.tick import Loop
 
@@ -66,10 +68,29 @@ def changed(record: Record) -> bool:
     return any(change.kind in EVENTS for change in record.changes)
 
 
-def needs_mirror(case: Case, record: Record) -> bool:
-    """Whether an event changes the grid for good, or a controller is not linear."""
-    if changed(record) or any(c.scheme or c.policy or c.fmu for c in case.controllers):
-        return True
+def kind_of_twin(case: Case, record: Record) -> str:
+    """The kind of twin that a run needs."""
+    if not case.scenario.events and not changed(record):
+        return PULSED
+    learns = any(c.scheme or c.policy or c.fmu for c in case.controllers)  # or is not known to be linear
+    if changed(record) or learns:
+        return MIRROR
+    if not grid_changes(case):
+        return WITHOUT_EVENTS
+    last = _grid(topology_intervals(case.system, case.scenario.events)[-1])
+    only_lines = last == (Topology(lines_out=last[0].lines_out), {}, {})
+    return OUTAGE if only_lines else MIRROR
+
+
+def with_outage(case: Case) -> Case:
+    """A case whose only events are that the lines that its events leave out trip at the start."""
+    out = topology_intervals(case.system, case.scenario.events)[-1].topology.lines_out
+    rows = [{"time": 0.02, "kind": "line_out", "line": line} for line in sorted(out)]
+    return replace(case, scenario=Scenario.model_validate({"name": "outage", "events": rows}))
+
+
+def grid_changes(case: Case) -> bool:
+    """Whether the grid is another one after the events."""
     intervals = topology_intervals(case.system, case.scenario.events)
     return _grid(intervals[0]) != _grid(intervals[-1])
 
@@ -80,21 +101,29 @@ def _grid(interval: TopologyInterval) -> tuple[Topology, dict[str, float], dict[
         {name: scale for name, scale in scales.items() if scale != 1.0}
         for scales in (interval.topology.load_scale, interval.mechanical_scale)
     )
-    return replace(interval.topology, load_scale={}), loads, powers
+    out = interval.topology.lines_out
+    faults = {place: z for place, z in interval.topology.faults.items() if place.line not in out}
+    return replace(interval.topology, load_scale={}, faults=faults), loads, powers
 
 
-def twin(case: Case, record: Record, fresh: Callable[[Case], Loop] = build_loop) -> Twin | None:
-    """The twin of a run; None without noise. `fresh` builds loops."""
+def twin(
+    case: Case, record: Record, fresh: Callable[[Case], Loop] = build_loop, kind: str | None = None
+) -> Twin | None:
+    """The twin of a run; None without noise. `fresh` builds loops; `kind`: another than the run needs."""
     if not noisy(record.configuration):
         return None
-    if not case.scenario.events and not changed(record):
-        kind, other = PULSED, with_pulse(case)
-    elif needs_mirror(case, record):
-        kind, other = MIRROR, case
-    else:
-        kind, other = WITHOUT_EVENTS, without_events(case)
+    kind = kind or kind_of_twin(case, record)
+    other = OTHERS[kind](case)
     loop = mirrored(fresh(other)) if kind == MIRROR else fresh(other)
     return Twin(rerun(other, record.changes, loop) if record.changes else finish(other, loop), kind)
+
+
+OTHERS: dict[str, Callable[[Case], Case]] = {
+    WITHOUT_EVENTS: without_events,
+    OUTAGE: with_outage,
+    MIRROR: lambda case: case,
+    PULSED: with_pulse,
+}
 
 
 def twin_of(record: Record) -> Twin | None:

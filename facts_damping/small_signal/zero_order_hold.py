@@ -36,14 +36,17 @@ def rigid(A: Float2, C: Float2, names: Sequence[str]) -> Float2:
     turning = (".delta", ".theta", ".theta_w")  # rotor angles, and angles in load models
     beside = np.array([not name.endswith((*turning, ".omega")) for name in names])
     for end in (turning, ".omega"):
-        motion = np.array([float(name.endswith(end)) for name in names])
-        answer = product(A[beside], motion)
-        if np.abs(answer).max(initial=0.0) > NEAR:
-            motion[beside] = least_squares(A[np.ix_(beside, beside)], -answer)
-        motion -= product(found, found.T, motion)
-        answer = product(whole, motion)
-        answer[: len(A)] -= product(found, found.T, answer[: len(A)])  # a common speed shift turns all rotors
-        cancelled = product(np.abs(whole), np.abs(motion)) + np.abs(whole).max(axis=1)
-        if motion.any() and (np.abs(answer) <= NEAR * cancelled).all():
-            found = np.column_stack([found, motion / np.sqrt((motion * motion).sum())])
+        for size in (np.ones(len(A)), np.abs(A).max(axis=1)):  # of rows: those of fast regulators hide the others
+            motion = np.array([float(name.endswith(end)) for name in names])
+            answer = product(A[beside], motion)
+            if np.abs(answer).max(initial=0.0) > NEAR:
+                scale = np.where(size > 0.0, size, 1.0)[beside]
+                motion[beside] = least_squares(A[np.ix_(beside, beside)] / scale[:, None], -answer / scale)
+            motion -= product(found, found.T, motion)
+            answer = product(whole, motion)
+            answer[: len(A)] -= product(found, found.T, answer[: len(A)])  # a common speed shift turns all rotors
+            cancelled = product(np.abs(whole), np.abs(motion)) + np.abs(whole).max(axis=1)
+            if motion.any() and (np.abs(answer) <= NEAR * cancelled).all():
+                found = np.column_stack([found, motion / np.sqrt((motion * motion).sum())])
+                break
     return found

@@ -23,6 +23,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "excitation": small_signal.excitation,
     "excitation-book": small_signal.book,
     "eigenvalues-others": small_signal.others,
+    "modes-nets-nyps": small_signal.nets_nyps,
     "interarea": small_signal.two_area,
     "ringdown": small_signal.ringdown,
     "ambient": small_signal.ambient,

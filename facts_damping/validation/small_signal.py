@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 CLOSE = 0.01  # 1/s
 SAME_EQUATIONS = 1e-5  # 1/s, what differences of the derivatives leave of the eigenvalues
+THREE_DECIMALS = 5.1e-4
+INTERAREA = 4  # of the modes that the report of nets_nyps prints, the first
 MACHINES = ("G1", "G2", "G3", "G4")
 CURRENT = {"P_fractions": {"current": 1.0}}
 POWER = {"P_fractions": {"power": 1.0}, "Q_fractions": {"power": 1.0}}
@@ -185,6 +187,24 @@ def others() -> ValidationTable:
         rows.append(_all(f"{name}: ANDES", eigenvalues(grid), _read(f"{name}_eigenvalues_andes"), tolerance))
     title = "Eigenvalues of wscc_9, new_england_39 and nets_nyps"
     return ValidationTable(title, "Sauer and Pai; ANDES", "facts-damping modes wscc_9", rows)
+
+
+def nets_nyps() -> ValidationTable:
+    """The electromechanical modes of nets_nyps as its authors print them."""
+    printed = figures("nets_nyps_modes_report")
+    theirs = np.array([printed["frequency"], printed["damping"]]).T
+    values = eigenvalues(place(read_system("nets_nyps").model_copy(update={"devices": []})))
+    values = values[values.imag > CLOSE]
+    ours = np.array([values.imag / (2.0 * np.pi), -100.0 * values.real / np.abs(values)]).T
+    nearest = np.array([ours[np.argmin(np.abs(ours - mode) @ [20.0, 1.0])] for mode in theirs])  # 0.05 Hz as 1 %
+    rows = []
+    for (frequency, damping), mode in zip(nearest[:INTERAREA], theirs[:INTERAREA], strict=True):
+        rows.append(compare(f"interarea mode of {mode[0]:.3f} Hz", "Hz", frequency, mode[0], THREE_DECIMALS))
+        rows.append(compare("its damping ratio", "%", damping, mode[1], THREE_DECIMALS))
+    rows.append(within("all fifteen modes: frequency", "Hz", nearest[:, 0] - theirs[:, 0], THREE_DECIMALS))
+    rows.append(within("all fifteen modes: damping ratio", "%", nearest[:, 1] - theirs[:, 1], THREE_DECIMALS))
+    source = "Singh and Pal, report of 2013, version 3.3, table 4 (stabilisers on G1 to G12): three decimals"
+    return ValidationTable("Modes of nets_nyps without its devices", source, "facts-damping modes nets_nyps", rows)
 
 
 def two_area() -> ValidationTable:

@@ -18,14 +18,18 @@ def add_to(add: Add) -> None:
     command = add(
         "reproduce",
         "facts_damping_reproduction.command:reproduce",
-        "Compare with the thesis, table by table; with --profile deployment: rank controllers in a deployment.",
+        "Compare with the thesis, table by table; with --profile deployment: whether learning helps in one.",
         "reproduce 3.1 --draws 2 --out results/reproduction",
     )
     command.add_argument("tables", nargs="*", metavar="TABLE", help="3.1, 4.1 ... 6.2; none: all")
-    text = "thesis (its tables) or deployment (held-out cases); default: thesis"
+    text = "thesis (its tables) or deployment (an experiment); default: thesis"
     command.add_argument("--profile", default="thesis", metavar="NAME", help=text)
     text = "cases of each ensemble, 2 or more; default: as its file says"
     command.add_argument("--draws", type=whole(2, 100_000), metavar="N", help=text)
+    text = "other searches and cases, with --profile deployment; default: 0, as published"
+    command.add_argument("--seed", type=whole(0, 1000), default=0, metavar="N", help=text)
+    text = "address of a Dask scheduler, with --profile deployment"
+    command.add_argument("--scheduler", metavar="ADDRESS", help=text)
     jobs(command)
     common(command, sets=False)
 
@@ -63,28 +67,27 @@ def reproduce(arguments: argparse.Namespace) -> None:
 
 
 def _what_holds(arguments: argparse.Namespace) -> None:
-    """Who helps in a deployment, on draws that no search has seen: the page and its figures."""
+    """Whether learning helps in a deployment: the experiment, its page and its figures."""
     from facts_damping.cli.runs import say
     from facts_damping.errors import InputError, check_known
     from facts_damping.parameters import files
     from facts_damping.parameters.profile import DEFAULT_PROFILE
     from facts_damping.terminal import clean_up_first, write_json
-    from facts_damping_reproduction import held_out, what_holds
-    from facts_damping_reproduction import what_holds_pages as pages
-    from facts_damping_reproduction.candidates import PROFILE
+    from facts_damping_reproduction.adaptation import experiment, pages
 
-    check_known("--profile", arguments.profile, [DEFAULT_PROFILE, PROFILE])
-    if arguments.tables:
-        raise InputError(f"TABLE: {arguments.tables[0]} given; allowed: none with --profile {PROFILE}")
-    folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / PROFILE)
+    check_known("--profile", arguments.profile, [DEFAULT_PROFILE, experiment.PROFILE])
+    for name, given in (("TABLE", arguments.tables), ("--draws", arguments.draws)):
+        if given:
+            raise InputError(f"{name}: {given} given; allowed: none with --profile {experiment.PROFILE}")
+    folder = files.new_folder(
+        Path(arguments.out) if arguments.out is not None else Path("results") / experiment.PROFILE
+    )
     clean_up_first()
     try:
-        held = held_out.gather(folder, arguments.jobs, arguments.draws)
+        found = experiment.run(folder, arguments.jobs, arguments.scheduler, arguments.seed)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
-    told = what_holds.judge(held)
-    written = pages.write(told, folder)
-    write_json(arguments.json, pages.document(told))
-    say(arguments, pages.finalist_table(told))
-    for path in written:
-        say(arguments, f"written: {path}")
+    told = pages.ratios(found)
+    written = pages.write(found, folder)
+    write_json(arguments.json, {"ratios": pages.rows(told), "answers": pages.answers(found, told)})
+    say(arguments, *pages.answers(found, told), "", *(f"written: {path}" for path in written))

@@ -8,8 +8,9 @@ In an environment of its own, from the root of the repository:
 The systems are built from the YAML files that the package reads; nothing of the package is used. A two-axis machine
 is a GENROU with X'' = X', whose two subtransient circuits then stand apart, at -1/T''. GENROU starts from
 X''d = X''q, so angle and flux of the start are set here. ANDES has no exponential saturation of exciters: for
-eigenvalues KE takes its slope at the start, which is all that a linearisation sees; the fault is without it. ANDES adds
-1e-8 p.u. to r and x of every line; that is taken off here. Devices are left out.
+eigenvalues KE takes its slope at the start, which is all that a linearisation sees; the fault is without it. Nor has
+it DC4B, built here from its blocks. ANDES adds 1e-8 p.u. to r and x of every line; that is taken off here. Devices
+are left out.
 """
 
 from __future__ import annotations
@@ -19,8 +20,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import andes
+import andes.models
+import andes.models.exciter
 import numpy as np
 import yaml
+from andes.core.block import Integrator, Lag, Washout
+from andes.core.param import NumParam
+from andes.core.service import ConstService, PostInitService
+from andes.core.var import Algeb
+from andes.models.exciter.excbase import ExcBase, ExcBaseData
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -37,6 +45,33 @@ TIMES = {"Td10": "Td01", "Td20": "Td02", "Tq10": "Tq01", "Tq20": "Tq02"}
 FAULT_BUS, FAULT_LINE, FAULT_ON, FAULT_OFF, FAULT_X = "B60", "line_61_60", 1.0, 1.08, 1e-3  # s, p.u.
 UNTIL, STEP, SHOWN = 5.0, 1e-3, 20  # s, s, every so many steps
 EVENT_DELAY = 0.5 * STEP  # s, by which events act late: the step after an event has the slope before it
+
+
+class DC4B(ExcBaseData, ExcBase):  # type: ignore[misc]
+    """IEEE DC4B from blocks of ANDES, which has no such exciter: no limits; KE has the slope of the saturation."""
+
+    def __init__(self, system: Any, config: Any) -> None:
+        """Its parameters and equations."""
+        ExcBaseData.__init__(self)
+        for name in ("TR", "KP", "KI", "KD", "TD", "KA", "TA", "KE", "TE", "KF", "TF"):
+            setattr(self, name, NumParam(default=1.0, tex_name=name))
+        ExcBase.__init__(self, system, config)
+        self.I0 = ConstService(v_str="KE * vf0 / KA")
+        self.one = ConstService(v_str="1")
+        self.vref = Algeb(v_str="v", e_str="vref0 - vref")
+        self.vref0 = PostInitService(v_str="vref")
+        self.LS = Lag(u=self.v, T=self.TR, K=1.0)
+        self.VE = Integrator(u="VR_y - KE * VE_y", T=self.TE, K=1.0, y0=self.vf0)
+        self.VF = Washout(u=self.VE_y, T=self.TF, K=self.KF)
+        self.vi = Algeb(v_str="0", e_str="vref - LS_y - VF_y - vi")  # stabilisers add to it
+        self.PI = Integrator(u="KI * vi", T=self.one, K=1.0, y0=self.I0)
+        self.PD = Washout(u=self.vi, T=self.TD, K=self.KD)
+        self.VR = Lag(u="KP * vi + PI_y + PD_y", T=self.TA, K=self.KA)
+        self.vout.e_str = "ue * VE_y - vout"
+
+
+andes.models.exciter.DC4B = DC4B
+next(classes for name, classes in andes.models.file_classes if name == "exciter").append("DC4B")
 
 
 def build(content: dict[str, Any], slopes: dict[str, float], more: Callable[[Any], None] | None = None) -> Any:
@@ -59,10 +94,7 @@ def build(content: dict[str, Any], slopes: dict[str, float], more: Callable[[Any
     for e in content["exciters"]:
         _add_exciter(ss, e, slopes)
     for s in content.get("stabilisers", ()):
-        times = {"T4": s["Tw"], "T3": s["Tw"], "T5": s["T1"], "T6": s["T2"], "T7": s["T3"], "T8": s["T4"]}
-        none = dict.fromkeys(("T1", "T2", "T9", "T10", "K2", "MODE2", "VCU", "VCL"), 0.0)
-        limits = {"LSMAX": s["maximum"], "LSMIN": s["minimum"]}
-        ss.add("ST2CUT", {"avr": f"exciter {s['machine']}", "MODE": 1, "K1": s["K"]} | times | none | limits)
+        _add_stabiliser(ss, s)
     if any(m["model"] == "two_axis" for m in content["machines"]):
         machines = ss.GENROU
         machines.delta0.v_numeric = lambda _V, _It, xq, ra, **_: np.angle(_V + (ra + 1j * xq) * _It)
@@ -96,12 +128,38 @@ def _add_machine(ss: Any, m: dict[str, Any], kilovolts: float) -> None:
 def _add_exciter(ss: Any, e: dict[str, Any], slopes: dict[str, float]) -> None:
     at = {"idx": f"exciter {e['machine']}", "syn": f"machine {e['machine']}", "TR": e["TR"], "KA": e["KA"]}
     limits = {"VRMAX": NO_LIMIT, "VRMIN": -NO_LIMIT}
-    if e["model"] == "dc":
+    if e["model"] == "DC4B":
+        given = {name: e[name] for name in ("KP", "KI", "KD", "TD", "TA", "TE", "KF", "TF")}
+        ss.add("DC4B", at | given | {"KE": slopes.get(e["machine"], e["KE"])})
+    elif e["model"] == "dc":
         given = {"TA": e["TA"], "TE": e["TE"], "KF1": e["KF"], "TF1": e["TF"], "KE": slopes.get(e["machine"], e["KE"])}
         ss.add("IEEEX1", at | given | limits | dict.fromkeys(("TB", "TC", "E1", "SE1", "E2", "SE2"), 0.0))
     else:
         none = dict.fromkeys(("TA", "TB", "TC", "KC", "KF"), 0.0) | {"TF": 1.0, "VIMAX": NO_LIMIT, "VIMIN": -NO_LIMIT}
         ss.add("EXST1", at | limits | none)
+
+
+def _add_stabiliser(ss: Any, s: dict[str, Any]) -> None:
+    """A washout and two lead-lags, or with a filter in front of them (IEEEST with A1 and A5 alone) three."""
+    if s.get("model") == "IEEEST":
+        limits = {"LSMAX": s["LSMAX"], "LSMIN": s["LSMIN"]}
+        gain, washout, filtered = s["KS"], s["T6"], {"T9": s["A5"], "T10": s["A1"]}
+    else:
+        limits = {"LSMAX": s["maximum"], "LSMIN": s["minimum"]}
+        gain, washout, filtered = s["K"], s["Tw"], {"T9": 0.0, "T10": 0.0}
+    times = {"T4": washout, "T3": washout, "T5": s["T1"], "T6": s["T2"], "T7": s["T3"], "T8": s["T4"]}
+    none = dict.fromkeys(("T1", "T2", "K2", "MODE2", "VCU", "VCL"), 0.0)
+    ss.add("ST2CUT", {"avr": f"exciter {s['machine']}", "MODE": 1, "K1": gain} | times | filtered | none | limits)
+
+
+def slope(e: dict[str, Any], Efd: float) -> float:
+    """KE with the slope of SE(E) E, SE = A exp(B E), of a DC exciter."""
+    if e["model"] == "dc":
+        A, B = e["AEX"], e["BEX"]
+    else:
+        B = np.log(e["SE1"] / e["SE2"]) / (e["E1"] - e["E2"])
+        A = e["SE1"] * np.exp(-B * e["E1"])
+    return float(e["KE"] + A * np.exp(B * Efd) * (1 + B * Efd))
 
 
 def eigenvalues(content: dict[str, Any]) -> np.ndarray:
@@ -110,9 +168,8 @@ def eigenvalues(content: dict[str, Any]) -> np.ndarray:
     field = dict(zip((m["name"] for m in content["machines"]), start.GENROU.vf0.v, strict=True))
     slopes = {}
     for e in content["exciters"]:
-        if e["model"] == "dc":
-            Efd = field[e["machine"]]
-            slopes[e["machine"]] = e["KE"] + e["AEX"] * np.exp(e["BEX"] * Efd) * (1 + e["BEX"] * Efd)
+        if e["model"] in ("dc", "DC4B"):
+            slopes[e["machine"]] = slope(e, field[e["machine"]])
     ss = build(content, slopes)
     ss.EIG.run()
     two_axis = any(m["model"] == "two_axis" for m in content["machines"])
@@ -145,7 +202,7 @@ def fault(content: dict[str, Any]) -> list[list[float]]:
         ss.add("Fault", {"bus": FAULT_BUS, "xf": FAULT_X, "rf": 0.0} | times)
         ss.add("Toggle", {"model": "Line", "dev": FAULT_LINE, "t": FAULT_OFF - EVENT_DELAY})
 
-    wide = {"minimum": -NO_LIMIT, "maximum": NO_LIMIT}
+    wide = {"minimum": -NO_LIMIT, "maximum": NO_LIMIT, "LSMIN": -NO_LIMIT, "LSMAX": NO_LIMIT}
     ss = build({**content, "stabilisers": [{**s, **wide} for s in content["stabilisers"]]}, {}, more)
     config = ss.TDS.config
     config.tf, config.tstep, config.fixt, config.shrinkt, config.tol, config.criteria = UNTIL, STEP, 1, 0, 1e-8, 0

@@ -201,6 +201,7 @@ def test_what_is_not_modelled_is_named_with_what_stands_in_its_place(
 ) -> None:
     dyr = DYR.read_text().replace("'SEXS' 1    0.4 5.0 20 0.1", "'SEXS' 1 0.4 5.0 20 0.001")
     more = "2 'IEEEVC' 1 0.01 0.05 /\n7 'USRMDL' 1 5 /\n3 'USRMDL' 1 1 2 /\n9 'GENROU' 1 1 2 /\nsomething else /\n"
+    more += "2 'DC4B' 1 0.01 200 50 50 0.01 10 -10 1 0.02 /\n"  # ours has another order
     imported(
         tmp_path, raw_with(("^0 / END OF TWO", "1,2,3\n0 / END OF TWO")), dyr.replace("3 'GENROU'", "3 'GENXYZ'") + more
     )
@@ -211,6 +212,7 @@ def test_what_is_not_modelled_is_named_with_what_stands_in_its_place(
         "line 12: USRMDL: no machine 1 at bus 7 in service: left out",
         "line 13: USRMDL: of G3 is not modelled: left out",
         "line 15: something else ... is no record of a machine: left out",
+        "line 16: DC4B: of G2 is not modelled: left out",
         "line 4: GENXYZ: of G3 is not modelled: left out",
         "no dynamic data for G3: typical data",
         "line 7: SEXS: of G3: TE below 0.002 s: taken as 0",

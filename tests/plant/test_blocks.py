@@ -27,6 +27,7 @@ DATA = {
     "IEEEX1": DC,
     "EXDC2": DC,
     "ESDC2A": DC,
+    "DC4B": "0.02 50 6 4 0.02 0.9 0.06 10 -10 1.1 0.5 0.08 1.3 2 0.1 3 0.5",
     "IEEET1": "0.02 50 0.06 10 -10 1.1 0.5 0.08 1.3 0 2 0.1 3 0.5",
     "IEEET2": "0.02 50 0.06 10 -10 1.1 0.5 0.08 1.3 0.4 2 0.1 3 0.5",
     "EXST1": "0.01 10 -10 0.9 5 50 0.05 10 -10 0 0.02 1.1",
@@ -104,6 +105,15 @@ def dc(s: complex, d: Any, *, forward: complex | None = None, feedback: complex 
 
 def dc_with_lead(s: complex, d: Any) -> complex:
     return dc(s, d, forward=(1.0 + s * d.TC) / (1.0 + s * d.TB))
+
+
+def dc4b(s: complex, d: Any) -> complex:
+    """With the slope of SE(E) E, SE exponential."""
+    B = np.log(d.SE1 / d.SE2) / (d.E1 - d.E2)
+    slope = d.SE1 * np.exp(B * (FIELD - d.E1)) * (1.0 + B * FIELD)
+    field = 1.0 / (s * d.TE + d.KE + slope)
+    forward = (d.KP + d.KI / s + s * d.KD / (1.0 + s * d.TD)) * d.KA / (1.0 + s * d.TA) * field
+    return complex(-forward / (1.0 + s * d.TR) / (1.0 + forward * s * d.KF / (1.0 + s * d.TF)))
 
 
 def ieeet2(s: complex, d: Any) -> complex:
@@ -196,6 +206,7 @@ EXPECTED: list[tuple[str, str, Callable[[complex, Any], complex]]] = [
     ("EXDC2", "Vt", dc_with_lead),
     ("ESDC2A", "Vt", dc_with_lead),
     ("EXDC2", "omega", lambda _s, _d: FIELD),  # the field voltage follows the speed
+    ("DC4B", "Vt", dc4b),
     ("IEEET1", "Vt", dc),
     ("IEEET2", "Vt", ieeet2),
     ("EXST1", "Vt", exst1),
@@ -273,6 +284,21 @@ def test_a_limited_state_stays_within_its_limits_and_leaves_them_at_once(errors:
             assert dx[VR] * towards >= 0.0
             assert dx[VR] != 0.0 or x[VR] in (data.VRMIN, data.VRMAX) or towards == 0.0
             x[VR] = min(max(x[VR] + h * dx[VR], data.VRMIN), data.VRMAX)
+
+
+def test_the_integral_of_a_pid_stops_at_its_limit_and_leaves_it_at_once() -> None:
+    data = made("DC4B", KA=2.0)
+    control, rest = at_rest(data)
+    x, dx, values = rest.states.copy(), np.zeros(len(rest.states)), np.zeros(len(SENSED) + len(control.rows))
+    values[SENSED.index("one")] = 1.0
+    own = control.states.index("integral")
+    x[own] = data.VRMAX / data.KA
+    for error, slope in ((0.1, 0.0), (-0.1, -0.1 * data.KI)):
+        x[control.states.index("VT")] = rest.reference - error
+        values[SENSED.index("Vref")] = rest.reference
+        blocks.outputs(control.rows, 0, len(control.rows), len(SENSED), x, values)
+        blocks.derivatives(control.rows, 0, len(control.rows), x, values, dx)
+        assert dx[own] == pytest.approx(slope)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""New England and New York: power flow, eigenvalues and a fault of ANDES; its modes, and what its controllers do."""
+"""New England and New York: the modes of Singh and Pal, a fault of ANDES, and what its controllers do."""
 
 from __future__ import annotations
 
@@ -9,17 +9,30 @@ import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_case, read_system
+from facts_damping.findings import itae
 from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.grid.power_flow import solve
-from facts_damping.simulation import loop
+from facts_damping.simulation.loop import run
 from facts_damping.small_signal.linearisation import linearise, modes
 from facts_damping.studies.margins import delay_margin
+from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from tests.plant.running import REFERENCES, figures, follow, plant, shipped
 
 if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
 
-NO_LIMIT = {"minimum": -99.0, "maximum": 99.0}
+NO_LIMIT = {
+    "static": {"minimum": -99.0, "maximum": 99.0},
+    "DC4B": {"VRMIN": -1e4, "VRMAX": 1e4, "SE1": 0.0, "SE2": 0.0},  # nor saturation
+    "PSS1A": {"minimum": -10.0, "maximum": 10.0},
+    "IEEEST": {"LSMIN": -10.0, "LSMAX": 10.0},
+}
+# A. K. Singh and B. C. Pal, Report on the 68-Bus, 16-Machine, 5-Area System, version 3.3 (2013). Table 1: angles of the
+# machines' buses, deg.
+ANGLES = [
+    *(-8.9563, -0.9835, 1.6129, 1.6683, -0.6276, 3.8425, 6.0307, -2.8410),
+    *(2.6524, -9.6439, -7.2245, -22.6313, -28.6539, 10.9620, 0.0168, 0.0),
+]
 FAULT = [  # as in tests/data/make_andes_systems.py
     {"time": 1.0, "kind": "fault", "bus": "B60", "x": 1e-3},
     {"time": 1.08, "kind": "clear", "bus": "B60"},
@@ -45,50 +58,64 @@ def test_power_flow_is_that_of_andes() -> None:
 def test_a_fault_is_that_of_andes() -> None:
     """Exciters without saturation and limits: ANDES's is another one."""
     system = without_devices()
-    free = [e.model_copy(update=NO_LIMIT | ({"AEX": 0.0} if e.model == "dc" else {})) for e in system.exciters]
-    wide = [s.model_copy(update={"minimum": -10.0, "maximum": 10.0}) for s in system.stabilisers]
+    free = [e.model_copy(update=NO_LIMIT[e.model]) for e in system.exciters]
+    wide = [s.model_copy(update=NO_LIMIT[s.model]) for s in system.stabilisers]
     table = figures("nets_nyps_fault_andes.csv")
     built = plant(system.model_copy(update={"exciters": free, "stabilisers": wide}), *FAULT)
     trace = follow(built, table[:, 0])
     apart = np.abs(1.0 + trace.speeds - table[:, 1:]).max(axis=1)
     moved = np.abs(table[:, 1:] - 1.0).max()
     free_from = table[:, 0] > 1.1  # during the fault ANDES's last step before it counts for half
-    assert apart[free_from].max() < 2e-3 * moved
+    assert apart[free_from].max() < 3e-3 * moved
     assert apart.max() < 1e-2 * moved
 
 
-def test_four_interarea_modes_that_are_hardly_damped() -> None:
-    """Those that are known of it: 0.39, 0.51, 0.62, 0.79 Hz (Pal and Chaudhuri 2005), here without their TCSC."""
+def test_power_flow_is_that_of_the_report() -> None:
+    flow = solve(without_devices())
+    angles = [np.rad2deg(np.angle(flow.voltage[flow.names.index(f"B{i + 1}")])) for i in range(len(ANGLES))]
+    assert angles == pytest.approx(ANGLES, abs=6e-5)
+
+
+def test_modes_are_those_of_the_report() -> None:
+    """All fifteen, to the last digit."""
+    values = np.linalg.eigvals(linearise(plant(without_devices(), installed=[]))[0])
+    values = values[values.imag > 0.0]
+    found = np.array([values.imag / (2.0 * np.pi), -100.0 * values.real / np.abs(values)]).T
+    printed = figures("nets_nyps_modes_report.csv")
+    assert len(printed) == 15
+    nearest = np.array([found[np.argmin(np.abs(found - one) @ [20.0, 1.0])] for one in printed])
+    assert nearest == pytest.approx(printed, abs=5.1e-4)
+
+
+def test_three_interarea_modes_are_hardly_damped() -> None:
     system = shipped("nets_nyps")
     built = plant(system, installed=[])
     swings = modes(linearise(built)[0], built.state_names, system)
-    found = [m for m in swings if m.label == "interarea"]
-    weak = sorted((m for m in found if m.damping_ratio < 0.05), key=lambda m: m.frequency_hz)
-    assert [m.frequency_hz for m in weak] == pytest.approx([0.377, 0.513, 0.582, 0.779], abs=1e-3)
-    assert all(m.damping_ratio > 0 for m in found)
-    assert sum(m.label == "local" for m in swings) == 11
+    found = sorted(
+        (m.frequency_hz, m.damping_ratio) for m in swings if m.label == "interarea" and m.damping_ratio < 0.1
+    )
+    assert np.array(found) == pytest.approx(np.array([[0.520, 0.0362], [0.591, 0.0962], [0.779, 0.0338]]), abs=5e-4)
 
 
 def test_its_two_controllers_damp_the_modes_over_100_ms() -> None:
     case = load_case("nets_nyps_two_devices", [])
-    found = delay_margin.margin(case, 0.3, None, lambda *_: None)
-    assert found.margin == pytest.approx(0.269, abs=2e-3)
-    at = int(np.argmin(np.abs(found.delays - 0.1)))
+    found = delay_margin.margin(case, 0.1, None, lambda *_: None)
+    assert found.margin is None
     ratios = sorted(
         (mode.frequency_hz, mode.damping_ratio)
         for track in found.tracks
-        if (mode := track.modes[at]) is not None and mode.label == "interarea"
+        if (mode := track.modes[-1]) is not None and mode.label == "interarea" and mode.damping_ratio < 0.3
     )
-    assert [ratio for _, ratio in ratios] == pytest.approx([0.155, 0.095, 0.056, 0.042], abs=3e-3)
+    assert [ratio for _, ratio in ratios] == pytest.approx([0.124, 0.113, 0.152, 0.060], abs=3e-3)
+    loop = delayed_loop(case)
+    assert eigen(loop, sampled(loop, 0.762)).growth < 0.0 < eigen(loop, sampled(loop, 0.770)).growth
 
 
 @pytest.mark.parametrize("scenario", ["line_60_61", "line_18_49", "load_step"])
 def test_scenarios_are_survived_and_better_with_control(scenario: str) -> None:
     swings = []
     for control in ([], ["controllers=[]"]):
-        record = loop.run(load_case("nets_nyps_two_devices", [f"scenario={scenario}", *control]))
+        record = run(load_case("nets_nyps_two_devices", [f"scenario={scenario}", *control]))
         assert record.in_synchronism.all()
-        speeds = record.machines["speed_deviation"]
-        late = record.time_s > 15.0
-        swings.append(float(np.abs(speeds - speeds.mean(axis=1, keepdims=True))[late].max()))
-    assert swings[0] < 0.5 * swings[1]
+        swings.append(itae(record))
+    assert swings[0] < 0.6 * swings[1]

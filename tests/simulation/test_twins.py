@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.response import MIRROR, PULSED, WITHOUT_EVENTS, swings_of
+from facts_damping.analysis.response import MIRROR, OUTAGE, PULSED, WITHOUT_EVENTS, swings_of
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.case.supervision import unsupervised
 from facts_damping.signals import Record, RunChange
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
-from facts_damping.simulation.twins import mirrored, twin_of, with_pulse
+from facts_damping.simulation.twins import mirrored, twin, twin_of, with_pulse
 from facts_damping.studies.margins.delay_margin import oscillations
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
 
@@ -27,23 +27,29 @@ def speeds(record: Record) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return columns(speed_differences(record))
 
 
-def test_before_the_event_run_and_mirror_cancel_to_second_order() -> None:
-    record = loop.run(load_case("two_area_deployment", SETS))
-    twin = twin_of(record)
-    assert twin is not None
-    assert twin.kind == MIRROR
-    mirror = twin.record
+@pytest.mark.parametrize(("sets", "part"), [([], 0.05), (["load_noise.std=0.001", "measurement.noise={}"], 0.005)])
+def test_before_the_event_run_and_mirror_cancel_to_second_order(sets: list[str], part: float) -> None:
+    case = load_case("two_area_deployment", [*SETS, *sets])
+    record = loop.run(case)
+    other = twin(case, record, kind=MIRROR)
+    assert other is not None
     before = record.time_s < 2.0
-    own, other = speeds(record)[before], speeds(mirror)[before]
-    assert np.abs(own + other).max() < 0.05 * np.abs(own).max()
-    smaller = load_case("two_area_deployment", [*SETS, "load_noise.std=0.001", "measurement.noise={}"])
-    record = loop.run(smaller)
-    twin = twin_of(record)
-    assert twin is not None
-    assert twin.kind == MIRROR
-    mirror = twin.record
-    own, other = speeds(record)[before], speeds(mirror)[before]
-    assert np.abs(own + other).max() < 0.005 * np.abs(own).max()
+    own, mirror = speeds(record)[before], speeds(other.record)[before]
+    assert np.abs(own + mirror).max() < part * np.abs(own).max()
+
+
+def test_where_a_line_stays_out_the_twin_begins_without_it() -> None:
+    """After the event both are of one plant in one noise: what was done before it swings freely, and nothing else."""
+    case = load_case("two_area_deployment", ["duration=20", *SETS[1:]])
+    record = loop.run(case)
+    other = twin_of(record)
+    assert other is not None
+    assert other.kind == OUTAGE
+    found = swings_of(record, other)
+    assert found.response is not None
+    late = record.time_s > 17.0
+    assert np.abs(found.response[late]).max() < 0.2 * np.abs(found.own[late]).max()
+    assert found.indices is None  # the twin's own trip is in it
 
 
 def test_without_noise_there_is_none() -> None:
@@ -54,10 +60,10 @@ def test_without_noise_there_is_none() -> None:
 def test_without_events_the_twin_has_a_pulse_whose_response_is_that_without_noise() -> None:
     case = load_case("two_area_deployment", [*SETS, "scenario=[]"])
     record = loop.run(case)
-    twin = twin_of(record)
-    assert twin is not None
-    assert twin.kind == PULSED
-    found = swings_of(record, twin).pulse
+    other = twin_of(record)
+    assert other is not None
+    assert other.kind == PULSED
+    found = swings_of(record, other).pulse
     quiet = loop.run(with_pulse(load_case("two_area_deployment", [*SETS, "load_noise=null", "measurement.noise={}"])))
     assert found is not None
     assert np.abs(found - speeds(quiet)).max() < 0.05 * np.abs(speeds(quiet)).max()
@@ -66,11 +72,9 @@ def test_without_events_the_twin_has_a_pulse_whose_response_is_that_without_nois
 def test_noise_of_pmus_alone_is_noise() -> None:
     case = load_case("two_area_deployment", [*SETS, "load_noise=null"])
     record = loop.run(case)
-    twin = twin_of(record)
-    assert twin is not None
-    assert twin.kind == MIRROR
-    mirror = twin.record
-    assert not np.array_equal(record.frames, mirror.frames)
+    other = twin(case, record, kind=MIRROR)
+    assert other is not None
+    assert not np.array_equal(record.frames, other.record.frames)
 
 
 def test_the_twin_of_a_recording_has_its_changes() -> None:
@@ -78,10 +82,10 @@ def test_the_twin_of_a_recording_has_its_changes() -> None:
     event = "{kind: load_step, load: load_1, change: 0.05}"
     change = RunChange(100, "/plant_sim", "plant", 0, "event", "", event)
     record = rerun(case, [change])
-    twin = twin_of(record)
-    assert twin is not None
-    assert twin.kind == MIRROR
-    mirror = twin.record
+    other = twin_of(record)
+    assert other is not None
+    assert other.kind == MIRROR
+    mirror = other.record
     asked = load_case("two_area_deployment", [*SETS, f"scenario=[{{time: 1.666666666, {event[1:]}]"])
     expected = loop.finish(asked, mirrored(loop.build_loop(asked)))
     assert np.array_equal(speeds(mirror), speeds(expected))
@@ -98,10 +102,10 @@ def test_the_response_to_a_pulse_that_noise_hides_is_that_without_noise() -> Non
     pulse = "{kind: mechanical_power_step, machine: G1, change"
     scenario = f"scenario=[{pulse}: -0.02, time: 2.0}}, {pulse}: 0.0, time: 2.5}}]"
     record = loop.run(load_case("two_area_deployment", [*SETS, scenario]))
-    twin = twin_of(record)
-    assert twin is not None
-    assert twin.kind == WITHOUT_EVENTS  # the grid is as before
-    shared = swings_of(record, twin).response
+    other = twin_of(record)
+    assert other is not None
+    assert other.kind == WITHOUT_EVENTS  # the grid is as before
+    shared = swings_of(record, other).response
     quiet = loop.run(load_case("two_area_deployment", [*SETS, scenario, "load_noise=null", "measurement.noise={}"]))
     assert shared is not None
     assert np.abs(shared[record.time_s < 2.0]).max() == 0.0

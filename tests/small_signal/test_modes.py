@@ -26,7 +26,7 @@ ANDES = {
     "kundur_12_6": (24, 1e-5),
     "wscc_9": (21, 1e-5),
     "new_england_39": (75, 1e-4),
-    "nets_nyps": (132, 1e-4),  # without its devices
+    "nets_nyps": (210, 1e-4),  # without its devices
 }
 
 

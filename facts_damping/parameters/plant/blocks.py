@@ -45,6 +45,7 @@ class Model(NamedTuple):
     blocks: tuple[Block, ...]
     ignored: str = ""  # fields of the record that have no effect here
     factors: dict[str, Callable[[Any], float]] = {}  # of inputs, that follow from fields
+    record: bool = True  # whether it is one of the PSS/E library's, with fields in the order of a DYR record there
 
 
 class Quantity(NamedTuple):
@@ -69,11 +70,21 @@ def saturation(field: Any) -> tuple[float, float]:
     return A, second / ((field.E2 - A) * (field.E2 - A))
 
 
+def exponential(field: Any) -> tuple[float, float]:
+    """A and B of SE(E) = A exp(B E) through SE1 at E1 and SE2 at E2; A = 0 where one of them is 0: none."""
+    if field.SE1 <= 0.0 or field.SE2 <= 0.0 or field.E1 == field.E2:
+        return 0.0, 0.0
+    B = math.log(field.SE1 / field.SE2) / (field.E1 - field.E2)
+    return field.SE1 * math.exp(-B * field.E1), B
+
+
 # Excitation systems -------------------------------------------------------------------------------------------------
 
 _SEEN = Block("VT", "lag", "Vt", (1.0, "TR"))
 _A: Callable[[Any], float] = lambda f: saturation(f)[0]  # noqa: E731 (constants are written beside each other)
 _B: Callable[[Any], float] = lambda f: saturation(f)[1]  # noqa: E731
+_EXP_A: Callable[[Any], float] = lambda f: exponential(f)[0]  # noqa: E731
+_EXP_B: Callable[[Any], float] = lambda f: exponential(f)[1]  # noqa: E731
 _REDUCTION = Block("VB", "lead_lag", "Vref + Vs - Vt", (1.0, lambda f: f.TATB * f.TB, "TB"))
 _DC_FIELDS = "TR KA TA TB TC VRMAX VRMIN KE TE KF TF1 SWITCH E1 SE1 E2 SE2"
 
@@ -100,6 +111,22 @@ _EXCITERS = {
         "SWITCH",
     ),
     "ESDC2A": Model("exciter", "IEEE type DC2A of 1992, limits follow the voltage", _DC_FIELDS, _dc("Vt"), "SWITCH"),
+    "DC4B": Model(
+        "exciter",
+        "IEEE type DC4B of 2005, a rotating DC exciter with a PID regulator",
+        "TR KP KI KD TD KA TA VRMAX VRMIN KE TE KF TF E1 SE1 E2 SE2",
+        (
+            _SEEN,
+            Block("VF", "rate", "Efd", ("KF", "TF")),
+            Block("error", "sum", "Vref + Vs - VT - VF"),
+            Block("integral", "integral", "error", ("KI",), lambda f: f.VRMIN / f.KA, lambda f: f.VRMAX / f.KA),
+            Block("rate", "rate", "error", ("KD", "TD")),
+            Block("PID", "sum", "KP * error + integral + rate", (), lambda f: f.VRMIN / f.KA, lambda f: f.VRMAX / f.KA),
+            Block("VR", "lag", "PID", ("KA", "TA"), "VRMIN", "VRMAX"),
+            Block("Efd", "exponential", "VR", ("KE", "TE", _EXP_A, _EXP_B)),
+        ),
+        record=False,
+    ),
     "IEEET1": Model(
         "exciter",
         "IEEE type 1 of 1968, a rotating DC exciter",

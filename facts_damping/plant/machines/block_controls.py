@@ -99,8 +99,10 @@ def _plain(block: Block, data: Any) -> _Plain:
         p = p if states else (0.0, 0.0, 0.0, 0.0)
     elif kind == "servo":
         p, states = (c[0], c[1], c[2], 0.0), 1
-    elif kind == "field":
+    elif kind in ("field", "exponential"):
         p, states = (c[0], c[1], c[2], c[3]), 1
+    elif kind == "integral":
+        p, states = (c[0], 0.0, 0.0, 0.0), 1
     elif kind == "second_order" and c[3] > 0.0:
         p, states = (c[0], c[1], c[2], c[3]), 2
     elif kind == "second_order":  # first order, or no dynamics

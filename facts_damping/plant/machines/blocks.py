@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.elementary import magnitude
+from facts_damping.elementary import exp, magnitude
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,7 +25,9 @@ ONE, NONE, VT, OMEGA, PE, PA, VREF, PREF, VS, IFD, VD, VQ, ID, IQ = range(len(SE
 
 ROLES = ("governor", "stabiliser", "exciter")  # in order of evaluation
 
-SUM, LAG, LEAD_LAG, WASHOUT, RATE, SERVO, FIELD, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER = range(11)
+(SUM, LAG, LEAD_LAG, WASHOUT, RATE, SERVO, FIELD, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER, INTEGRAL, EXPONENTIAL) = (
+    range(13)
+)
 # Names of these codes.
 KINDS = (
     "sum",
@@ -39,6 +41,8 @@ KINDS = (
     "product",
     "source",
     "rectifier",
+    "integral",
+    "exponential",
 )
 MAX_INPUTS = 5
 NO_LIMIT = 1e30  # p.u.; finite, so that its product with zero is a number
@@ -100,9 +104,9 @@ def _rectified(voltage: float, current: float) -> float:
 def outputs(blocks: NDArray[Any], first: int, end: int, at: int, x: Float1, s: Float1) -> None:
     """Write the signals of rows `first` to `end` into `s`, from index `at` on, for states `x`.
 
-    lag, servo, field: x within its limits; lead_lag: K (x + T1/T2 (u - x)); washout, rate: K (u - x), K/T (u - x);
-    second_order: numerator over denominator in the companion form; product of two; source: |KP Vt + j (KI + KP XL) It|;
-    sum, and blocks with zero time constant: K u.
+    lag, servo, field, exponential, integral: x within its limits; lead_lag: K (x + T1/T2 (u - x)); washout, rate:
+    K (u - x), K/T (u - x); second_order: numerator over denominator in the companion form; product of two; source:
+    |KP Vt + j (KI + KP XL) It|; sum, and blocks with zero time constant: K u.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -140,7 +144,8 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
     """Write the derivatives of the states of rows `first` to `end`, 1/s, for the signals from `outputs`.
 
     lag: T dx = K u - x; lead_lag, washout, rate: T dx = u - x; servo: dx = clip((u - x) / T, rates); field:
-    TE dx = u - KE x - SE(x) x. States of lag and servo stop at their limits.
+    TE dx = u - KE x - SE(x) x; exponential: the same with SE(x) = A exp(B x); integral: dx = K u. States of lag, servo
+    and integral stop at their limits.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -154,12 +159,16 @@ def derivatives(blocks: NDArray[Any], first: int, end: int, x: Float1, s: Float1
         elif b.kind == FIELD:
             beyond = max(0.0, state - b.p[2])
             slope = (u - b.p[0] * state - b.p[3] * beyond * beyond) / b.p[1]
+        elif b.kind == EXPONENTIAL:
+            slope = (u - (b.p[0] + b.p[2] * exp(b.p[3] * state)) * state) / b.p[1]
+        elif b.kind == INTEGRAL:
+            slope = b.p[0] * u
         elif b.kind == SECOND_ORDER:
             dx[b.state + 1] = _acceleration(b, u, x)
             slope = x[b.state + 1]
         else:
             slope = (u - state) / b.p[2]
-        if b.kind in (LAG, SERVO):
+        if b.kind in (LAG, SERVO, INTEGRAL):
             above, below = state >= b.high * s[b.high_of], state <= b.low * s[b.low_of]
             if (above and slope > 0.0) or (below and slope < 0.0):
                 slope = 0.0

@@ -161,9 +161,9 @@ def closed_loop(case: Case) -> Record:
     return loop.finish(case, fresh_loop(case))
 
 
-def twin(case: Case, record: Record) -> Twin | None:
+def twin(case: Case, record: Record, kind: str | None = None) -> Twin | None:
     """The twin of a run, which verdicts under noise need, with plant and residues shared between runs."""
-    return twins.twin(case, record, fresh_loop)
+    return twins.twin(case, record, fresh_loop, kind)
 
 
 def fresh_loop(case: Case, *, outside: bool = False) -> Loop:

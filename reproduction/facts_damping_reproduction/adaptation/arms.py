@@ -1,0 +1,72 @@
+"""The arms of the experiment: where each searches, and the controllers of a run at a point."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping.control.table import Range
+from facts_damping.studies.search.structures import Choice, Structure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+HERE = "facts_damping_reproduction.adaptation.policies"
+DEVICES, PROFILE = ("sssc",), "deployment"
+GAINS = {"rate": Range(1e-3, 1.0, logarithmic=True), "leak": Range(0.01, 1.0, logarithmic=True)}
+WEIGHT = {"weight": Range(1e-4, 1e2, logarithmic=True)}
+STILL = {"eta": 0.0, "identifier_eta": 0.0}  # a network that does not learn
+
+
+class Space(NamedTuple):
+    """Where an arm searches: number of coordinates from 0 to 1, and its controllers at a point."""
+
+    size: int
+    rows: Callable[[NDArray[Any]], list[dict[str, Any]]]
+
+
+def choice(name: str, scheme: Any = None) -> Choice:
+    """The search space of a shipped controller in the deployment; delay is not compensated."""
+    return Choice(Structure(name, scheme, DEVICES, PROFILE), "two_area")
+
+
+def space(arm: dict[str, Any], network: dict[str, Any]) -> Space:
+    """The space of an arm that is searched; `network`: name and scheme of that of all arms."""
+    if arm["kind"] == "searched":
+        made = choice(arm["name"])
+        return Space(made.size, lambda at: [made.controller(at).model_dump()])
+    if arm["kind"] == "network":
+        made, more = choice(**network), {} if arm["learning"] else STILL
+        return Space(made.size, lambda at: [_with(made.controller(at).model_dump(), more)])
+    signals = {"devices": list(DEVICES), "signals": ["frequency"]}
+    if arm["policy"] == "IdentifiedLQG":
+        return Space(
+            1,
+            lambda at: [
+                {**signals, "name": "identified", "policy": f"{HERE}:IdentifiedLQG", "parameters": _values(WEIGHT, at)}
+            ],
+        )
+    lead = choice("LLC-tuned")
+
+    def adaptive(at: NDArray[Any]) -> list[dict[str, Any]]:
+        own = lead.controller(at[: lead.size]).parameters
+        kept = {name: own[name] for name in ("gain", "T1", "T2", "T3", "T4")}
+        return [
+            {
+                **signals,
+                "name": "adaptive",
+                "policy": f"{HERE}:AdaptiveGain",
+                "parameters": {**kept, **_values(GAINS, at[lead.size :])},
+            }
+        ]
+
+    return Space(lead.size + len(GAINS), adaptive)
+
+
+def _values(ranges: dict[str, Range], at: NDArray[Any]) -> dict[str, float]:
+    return {name: one.value(float(v)) for (name, one), v in zip(ranges.items(), at, strict=True)}
+
+
+def _with(row: dict[str, Any], parameters: dict[str, float]) -> dict[str, Any]:
+    return {**row, "parameters": {**row["parameters"], **parameters}}

@@ -1,0 +1,84 @@
+"""What follows from the experiment: ratios of two arms over search seeds and cases, and the decision by its rule."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.studies.score.card import LOST
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+NONE = "no control"
+RESAMPLES, CONFIDENCE = 4000, 0.95
+BETTER, WORSE, ALIKE, OPEN = "better", "worse", "no better", "cannot be told"
+
+
+class Ratio(NamedTuple):
+    """Index of an arm relative to another, geometric mean, with its interval over search seeds and cases."""
+
+    arm: str
+    against: str
+    kinds: str
+    ratio: float
+    low: float
+    high: float
+    decision: str
+
+    def text(self) -> str:
+        """As a change in percent."""
+        percent = [100.0 * (x - 1.0) for x in (self.ratio, self.low, self.high)]
+        return f"{percent[0]:+.0f} % [{percent[1]:+.0f}, {percent[2]:+.0f}]"
+
+
+def logs(found: Mapping[str, Any], arm: str) -> NDArray[np.float64]:
+    """Log index relative to no control, (search seeds, cases); a loss counts as `LOST`, where both do as 0."""
+    none = found["rows"][NONE, 0]
+    rows = [one for (name, _), one in sorted(found["rows"].items()) if name == arm]
+    return np.array([[_log(a, b) for a, b in zip(row, none, strict=True)] for row in rows])
+
+
+def _log(own: Mapping[str, Any], none: Mapping[str, Any]) -> float:
+    if own["lost"] or none["lost"]:
+        return LOST * (float(own["lost"]) - float(none["lost"]))
+    return float(np.clip(np.log(own["index"] / none["index"]), -LOST, LOST))
+
+
+def ratio(found: Mapping[str, Any], arm: str, against: str, kinds: Sequence[str], margin: float) -> Ratio:
+    """Two-level bootstrap: search seeds of each arm by themselves, then cases, within their kinds, of both together."""
+    a = logs(found, arm)
+    b = np.zeros_like(a[:1]) if against == NONE else logs(found, against)
+    random, every = np.random.default_rng(len(kinds)), np.array(found["kinds"])
+    groups = [np.flatnonzero(every == kind) for kind in kinds]
+    drawn = np.empty(RESAMPLES)
+    for i in range(RESAMPLES):
+        one, other = (x[random.integers(len(x), size=len(x))].mean(axis=0) for x in (a, b))
+        parts = [group[random.integers(len(group), size=len(group))] for group in groups]
+        drawn[i] = np.mean([(one[part] - other[part]).mean() for part in parts])
+    middle = np.mean([(a.mean(axis=0) - b.mean(axis=0))[group].mean() for group in groups])
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low, high = np.exp(np.quantile(drawn, [tail, 1.0 - tail]))
+    return Ratio(
+        arm, against, ", ".join(kinds), float(np.exp(middle)), float(low), float(high), decision(low, high, margin)
+    )
+
+
+def decision(low: float, high: float, margin: float) -> str:
+    """The rule of the plan."""
+    if high < 1.0 - margin:
+        return BETTER
+    if low > 1.0 + margin:
+        return WORSE
+    return ALIKE if low > 1.0 - margin else OPEN
+
+
+def best_fixed(found: Mapping[str, Any], names: Sequence[str]) -> str:
+    """The fixed arm whose searches ended lowest in training, on the mean over seeds."""
+    values = {
+        name: np.mean([one["value"] for (arm, _), one in found["searches"].items() if arm == name]) for name in names
+    }
+    return min(values, key=values.__getitem__)

@@ -1,0 +1,212 @@
+"""Searches and evaluates all arms, for each seed of the search; a folder keeps what was made."""
+
+from __future__ import annotations
+
+import json
+from copy import deepcopy
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import yaml
+from scipy.optimize import differential_evolution
+from scipy.stats import qmc
+
+from facts_damping.analysis.indices import performance_indices
+from facts_damping.analysis.measures import columns, speed_differences
+from facts_damping.analysis.modes.ringdown import fit_ringdown
+from facts_damping.analysis.response import MIRROR, Twin, swings_of
+from facts_damping.case.changes import as_sets, change
+from facts_damping.case.loading import changed_case
+from facts_damping.signals import RunChange
+from facts_damping.simulation.changes import rerun
+from facts_damping.simulation.twins import mirrored
+from facts_damping.studies.score.card import LOST
+from facts_damping.studies.sweeps.batch import closed_loop, fresh_loop, twin
+from facts_damping.studies.sweeps.pool import workers
+from facts_damping.terminal import Progress, write_whole
+from facts_damping_reproduction.adaptation.arms import space
+from facts_damping_reproduction.adaptation.cases import BEGIN, evaluation, training
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+
+PLAN = Path(__file__).with_name("adaptation.yaml")
+NONE, PROFILE = "no control", "deployment"
+FIRST_GENERATIONS = 6  # of the choice of the network
+
+
+class Search(NamedTuple):
+    """What a search found: controllers, mean log index relative to no control, and the best by generation."""
+
+    rows: list[dict[str, Any]]
+    value: float
+    curve: list[float]
+    loops: int
+
+
+@cache
+def plan() -> dict[str, Any]:
+    """The plan of the experiment."""
+    found: dict[str, Any] = yaml.safe_load(PLAN.read_text())
+    return found
+
+
+def made(sets: dict[str, Any], rows: Sequence[dict[str, Any]], more: dict[str, Any] | None = None) -> Case:
+    """A case with controllers."""
+    common = plan()["set"]
+    content: dict[str, Any] = {"controllers": deepcopy(list(rows))}
+    change(content, common, as_sets(common))
+    return changed_case(content, "adaptation", {**(more or {}), **sets})
+
+
+def index(record: Any, begin: float, after: float, deviations: NDArray[np.float64]) -> float:
+    """ITAE from the event on, p.u. s^2."""
+    t = record.time_s[: len(deviations)]
+    kept = (t >= begin) & (t <= begin + 1.5 + after)
+    return float(performance_indices(t[kept], deviations[kept], begin)["ITAE"])
+
+
+def _trained(rows: Sequence[dict[str, Any]], begin: float) -> list[float | None]:
+    """The index in each training case; None: synchronism is lost."""
+    after, found = plan()["evaluation"]["after"], list[float | None]()
+    for sets in training(plan()["search"]["cases"], begin, after):
+        record = closed_loop(made(sets, rows, plan()["search"]["set"]))
+        sound = record.in_synchronism.all()
+        found.append(index(record, begin, after, columns(speed_differences(record))) if sound else None)
+    return found
+
+
+_free = cache(lambda begin: _trained((), begin))
+
+
+def objective(rows: Sequence[dict[str, Any]], begin: float) -> float:
+    """Mean log of the index relative to no control over the training cases."""
+    pairs = zip(_trained(rows, begin), _free(begin), strict=True)
+    return float(np.mean([LOST if a is None else min(LOST, np.log(a / b)) for a, b in pairs if b is not None]))
+
+
+def search(arm: dict[str, Any], network: dict[str, Any], seed: int, generations: int | None = None) -> Search:
+    """Differential evolution until the best of training no longer moves."""
+    task, where, begin = plan()["search"], space(arm, network), arm.get("begin", BEGIN)
+    random = np.random.default_rng(seed)
+    number = max(task["least"] if where.size > 1 else 8, task["points"] * where.size)
+    start = qmc.LatinHypercube(where.size, rng=random).random(number)
+    curve: list[float] = []
+
+    def ended(intermediate_result: Any) -> bool:
+        curve.append(float(intermediate_result.fun))
+        before = curve[-1 - task["patience"]] if len(curve) > task["patience"] else np.inf
+        return bool(before - curve[-1] < task["better"])
+
+    found = differential_evolution(
+        lambda at: objective(where.rows(at), begin),
+        [(0.0, 1.0)] * where.size,
+        init=start,
+        maxiter=(generations or task["generations"]) - 1,
+        rng=random,
+        tol=0.0,
+        polish=False,
+        callback=ended,
+    )
+    return Search(where.rows(found.x), float(found.fun), curve, int(found.nfev) * task["cases"])
+
+
+def measured(sets: dict[str, Any], rows: Sequence[dict[str, Any]], *, frozen: bool = False) -> dict[str, Any]:
+    """A controller in an evaluation case: index, peak, lowest damping ratio of the response, effort."""
+    begin, after = plan()["evaluation"]["begin"], plan()["evaluation"]["after"]
+    case = made(sets, rows)
+    if frozen:
+        tick = round(begin * case.run.frame_rate)
+        roles = ["controller", *(["identifier"] if case.controllers[0].scheme == "indirect" else [])]
+        names = {"controller": "eta", "identifier": "identifier_eta"}
+        changes = [RunChange(tick, "", role, 0, "parameter", names[role], 0.0) for role in roles]
+        record = rerun(case, changes, fresh_loop(case))
+        other: Any = Twin(rerun(case, changes, mirrored(fresh_loop(case))), MIRROR)
+    else:
+        record = closed_loop(case)
+        other = twin(case, record, MIRROR)
+    if not record.in_synchronism.all():
+        return {"lost": True}
+    response = swings_of(record, other).judged
+    t = record.time_s[: len(response)]
+    fit = fit_ringdown(t, response, begin + 1.0)
+    limit = case.system.device(record.device_names[0]).setpoint_max
+    return {
+        "lost": False,
+        "index": index(record, begin, after, response),
+        "peak": float(np.abs(response[t >= begin]).max()),
+        "damping_ratio": min((mode.damping_ratio for mode in fit.modes), default=None) if fit else None,
+        "effort": float(np.mean(np.abs(record.devices["setpoint"])) / limit) if rows else 0.0,
+    }
+
+
+def _search_task(network: dict[str, Any], task: tuple[str, int]) -> tuple[str, int, dict[str, Any]]:
+    arm, seed = task
+    return arm, seed, search(plan()["arms"][arm], network, seed)._asdict()
+
+
+def _network_task(network: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    found = search({"kind": "network", "learning": True}, network, 0, FIRST_GENERATIONS)
+    return json.dumps(network), found._asdict()
+
+
+def _evaluation_task(cases: list[dict[str, Any]], task: tuple[str, int, list[dict[str, Any]], bool]) -> Any:
+    arm, seed, rows, frozen = task
+    return arm, seed, [measured(one["set"], rows, frozen=frozen) for one in cases]
+
+
+def run(folder: Path, jobs: int, scheduler: str | None, seed: int) -> dict[str, Any]:
+    """All searches and evaluations; `seed`: 0 as published, others draw other searches and other evaluation cases."""
+    searches, kept = {}, folder / f"seed_{seed}"
+    kept.mkdir(parents=True, exist_ok=True)
+    with workers(jobs, scheduler) as each:
+        network = _chosen(kept, each)
+        asked = [name for name, arm in plan()["arms"].items() if arm["kind"] not in ("fixed", "frozen")]
+        first = 1000 * seed
+        todo = [(name, first + s) for s in range(plan()["search"]["seeds"]) for name in asked]
+        for name, one, found in _kept(kept, "search", todo, partial(_search_task, network), each):
+            searches[name, one] = found
+        cases = evaluation(
+            plan()["evaluation"]["cases"], plan()["evaluation"]["begin"], plan()["evaluation"]["after"], seed
+        )
+        tasks: list[Any] = [(NONE, 0, [], False), ("LLC", 0, [{"name": "LLC", "signals": ["frequency"]}], False)]
+        for (name, one), found in searches.items():
+            tasks.append((name, one, found["rows"], False))
+            frozen = [other for other, arm in plan()["arms"].items() if arm.get("of") == name]
+            tasks += [(other, one, found["rows"], True) for other in frozen]
+        rows = {
+            (name, one): found
+            for name, one, found in _kept(kept, "evaluation", tasks, partial(_evaluation_task, cases), each)
+        }
+    return {"network": network, "searches": searches, "rows": rows, "kinds": [one["kind"] for one in cases]}
+
+
+def _chosen(folder: Path, each: Any) -> dict[str, Any]:
+    """The network that is best in training with the first seed."""
+    path = folder / "network.json"
+    if not path.exists():
+        found = dict(each(_network_task, plan()["networks"]))
+        write_whole(path, json.dumps({name: one["value"] for name, one in found.items()}))
+    values = json.loads(path.read_text())
+    chosen: dict[str, Any] = json.loads(min(values, key=values.__getitem__))
+    return chosen
+
+
+def _kept(folder: Path, what: str, todo: Sequence[Any], function: Any, each: Any) -> list[tuple[str, int, Any]]:
+    """Results of tasks, whose first two parts name them; those in the folder are not computed again."""
+    paths = {
+        (task[0], task[1]): folder / f"{what}_{task[0].replace(' ', '_').replace(',', '')}_{task[1]}.json"
+        for task in todo
+    }
+    missing = [task for task in todo if not paths[task[0], task[1]].exists()]
+    with Progress("adaptation", what) as progress:
+        for done, (name, seed, found) in enumerate(each(function, missing)):
+            write_whole(paths[name, seed], json.dumps(found))
+            progress(len(todo) - len(missing) + done + 1, len(todo))
+    return [(name, seed, json.loads(path.read_text())) for (name, seed), path in paths.items()]

@@ -1,0 +1,170 @@
+"""The page of the experiment: answers, a figure, and tables as CSV; all sentences follow from the results."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from pyarrow import csv
+
+from facts_damping.analysis.plotting.plots import COLOURS
+from facts_damping.studies.sweeps.results import table as arrow
+from facts_damping.terminal import save_picture, table, write_whole
+from facts_damping_reproduction.adaptation import decide
+from facts_damping_reproduction.adaptation.cases import KINDS
+from facts_damping_reproduction.adaptation.decide import BETTER, NONE, OPEN, WORSE, Ratio
+from facts_damping_reproduction.adaptation.experiment import plan
+from facts_damping_reproduction.templates import render
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+MOVED = KINDS[1:]  # where the grid is not as it was designed for
+FIXED = ("LLC-tuned", "LQG")
+SAYS = {BETTER: "Yes", WORSE: "No, it is worse", decide.ALIKE: "No", OPEN: "It cannot be told"}
+
+
+def ratios(found: Mapping[str, Any]) -> list[Ratio]:
+    """Every arm against no control, and the pairs of the questions, in each kind of cases and where the grid moved."""
+    margin, arms = plan()["margin"], list(plan()["arms"])
+    best = decide.best_fixed(found, FIXED)
+    pairs = [(arm, NONE) for arm in arms]
+    pairs += [("network", best), ("network", "network, not learning"), ("network", "network, frozen at the event")]
+    pairs += [("LLC-tuned, adaptive gain", "LLC-tuned"), ("LQG, model identified", "LQG")]
+    kinds = [(kind,) for kind in KINDS]
+    return [decide.ratio(found, *pair, own, margin) for pair in pairs for own in (*kinds, MOVED, KINDS)]
+
+
+def of(found: Sequence[Ratio], arm: str, against: str, kinds: Sequence[str]) -> Ratio:
+    """One of the ratios."""
+    return next(one for one in found if (one.arm, one.against, one.kinds) == (arm, against, ", ".join(kinds)))
+
+
+def answers(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
+    """The question's answers, one sentence each."""
+    best = decide.best_fixed(found, FIXED)
+    main, nominal = of(told, "network", best, MOVED), of(told, "network", best, KINDS[:1])
+    cost = "costs something" if nominal.decision == WORSE else "is not shown to cost anything"
+    pairs = {
+        "learning against the same network that was tuned without": ("network", "network, not learning"),
+        "learning on against stopping at the event": ("network", "network, frozen at the event"),
+        "an adaptive gain on the lead-lag": ("LLC-tuned, adaptive gain", "LLC-tuned"),
+        "an LQG for a model identified in the first minute": ("LQG, model identified", "LQG"),
+    }
+    moved = "where the grid has moved or the model is wrong"
+    lines = [
+        f"**{SAYS[main.decision]}**: {moved}, the network that learns has {main.text()} of the index of `{best}`.",
+        f"Where the grid is as it was designed for, learning {cost}: {nominal.text()}.",
+    ]
+    for words, pair in pairs.items():
+        one = of(told, *pair, MOVED)
+        lines.append(f"{words[0].upper()}{words[1:]}: {SAYS[one.decision].lower()}, {one.text()}.")
+    return lines
+
+
+def rows(told: Sequence[Ratio]) -> list[dict[str, Any]]:
+    """For the CSV."""
+    return [one._asdict() for one in told]
+
+
+def arm_table(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
+    """A row for each arm: change against no control by kind, searches, damping, effort."""
+    lines = []
+    for arm in plan()["arms"]:
+        own = [row for (name, _), some in found["rows"].items() if name == arm for row in some]
+        searched = [one for (name, _), one in found["searches"].items() if name == arm]
+        loops = f"{sum(one['loops'] for one in searched)}" if searched else "-"
+        ends = f"{np.mean([one['value'] for one in searched]):.2f} ({np.std([one['value'] for one in searched]):.2f})"
+        damping = [row["damping_ratio"] for row in own if not row["lost"] and row["damping_ratio"] is not None]
+        efforts = [row["effort"] for row in own if not row["lost"]]
+        lines.append(
+            [
+                arm,
+                *(of(told, arm, NONE, (kind,)).text() for kind in KINDS),
+                f"{100 * np.median(damping):.1f}" if damping else "-",
+                f"{100 * np.mean(efforts):.1f}" if efforts else "-",
+                str(sum(row["lost"] for row in own)) + f" of {len(own)}",
+                loops,
+                ends if searched else "-",
+            ]
+        )
+    heads = ["arm", *KINDS, "damping ratio, %", "effort, %", "lost", "training loops", "training, mean (spread)"]
+    return table(heads, lines, 1, markdown=True)
+
+
+def pair_table(told: Sequence[Ratio]) -> list[str]:
+    """The pairs of the questions."""
+    pairs = dict.fromkeys((one.arm, one.against) for one in told if one.against != NONE)
+    lines = [
+        [
+            arm,
+            against,
+            *(of(told, arm, against, kinds).text() for kinds in (*((kind,) for kind in KINDS), MOVED)),
+            of(told, arm, against, MOVED).decision,
+        ]
+        for arm, against in pairs
+    ]
+    return table(["arm", "against", *KINDS, "both of these", "decision"], lines, 2, markdown=True)
+
+
+def draw(told: Sequence[Ratio], path: Path) -> Path:
+    """Change against no control by arm, a colour for each kind of cases."""
+    arms = list(plan()["arms"])
+    figure = Figure(figsize=(6.5, 1.0 + 0.5 * len(arms)), layout="constrained")
+    axes = figure.subplots()
+    for i, (kind, colour) in enumerate(zip(KINDS, COLOURS, strict=False)):
+        own = [of(told, arm, NONE, (kind,)) for arm in arms]
+        at = [j + 0.2 * (i - 1) for j in range(len(arms))]
+        axes.hlines(at, [one.low for one in own], [one.high for one in own], color=colour, lw=1.5)
+        axes.plot([one.ratio for one in own], at, "o", color=colour, ms=5, label=kind)
+    axes.set_yticks(range(len(arms)), arms)
+    axes.invert_yaxis()
+    axes.axvline(1.0, color="black", lw=0.8)
+    ticks = [0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5]
+    axes.set(xscale="log", xlabel="index relative to no control [%]; left is better")
+    axes.set_xticks(ticks, [f"{100 * (tick - 1):+.0f}" for tick in ticks])
+    axes.set_xticks([], minor=True)
+    axes.grid(visible=True, axis="x", lw=0.3)
+    axes.legend(frameon=False, fontsize="small")
+    return save_picture(figure, path)
+
+
+def draw_searches(found: Mapping[str, Any], path: Path) -> Path:
+    """The best of training over the generations, a line for each search seed."""
+    figure = Figure(figsize=(6.5, 3.6), layout="constrained")
+    axes = figure.subplots()
+    names = list(dict.fromkeys(arm for arm, _ in found["searches"]))
+    for (arm, seed), one in found["searches"].items():
+        label = arm if seed == min(s for name, s in found["searches"] if name == arm) else None
+        axes.plot(
+            np.arange(1, len(one["curve"]) + 1), one["curve"], color=COLOURS[names.index(arm)], lw=1.0, label=label
+        )
+    axes.set(xlabel="generation", ylabel="best of training: log index relative to no control")
+    axes.grid(visible=True, lw=0.3)
+    axes.legend(frameon=False, fontsize="small")
+    return save_picture(figure, path)
+
+
+def write(found: Mapping[str, Any], folder: Path) -> list[Path]:
+    """The page, the figures, and all ratios as CSV; returns the paths."""
+    told = ratios(found)
+    csv.write_csv(arrow(rows(told)), folder / "what_holds.csv")
+    made = [
+        draw(told, folder / "what_holds.png"),
+        draw_searches(found, folder / "searches.png"),
+        folder / "what_holds.csv",
+    ]
+    values: dict[str, Any] = {
+        "question": plan()["question"].strip(),
+        "rule": plan()["rule"].strip(),
+        "answers": "\n".join(f"- {line}" for line in answers(found, told)),
+        "arms": "\n".join(arm_table(found, told)),
+        "pairs": "\n".join(pair_table(told)),
+        "network": f"`{found['network']['name']}` {found['network']['scheme']}",
+        "cases": str(len(found["kinds"])),
+        "seeds": str(plan()["search"]["seeds"]),
+    }
+    write_whole(folder / "what_holds.md", render("adaptation/what_holds.md", **values))
+    return [folder / "what_holds.md", *made]

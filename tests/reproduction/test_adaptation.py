@@ -1,0 +1,101 @@
+"""The experiment on learning: cases apart from each other, the statistics, and the whole way with a small plan."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from facts_damping_reproduction.adaptation import experiment, pages
+from facts_damping_reproduction.adaptation.cases import BEGIN, KINDS, evaluation, training
+from facts_damping_reproduction.adaptation.decide import ALIKE, BETTER, NONE, OPEN, WORSE, decision, ratio
+
+from facts_damping.cli.main import main
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SMALL: dict[str, dict[str, Any]] = {
+    "search": {"seeds": 1, "cases": 1, "points": 1, "least": 5, "generations": 1},
+    "evaluation": {"cases": 3, "begin": 7.0, "after": 4.0},
+}
+
+
+def shape(case: dict[str, Any]) -> tuple[str, ...]:
+    """What its event is, without a drift before it."""
+    return tuple(f"{e['kind']} {'bus' if 'bus' in e else ''}" for e in case["scenario"] if e["time"] >= BEGIN)
+
+
+def test_training_and_evaluation_share_no_kind_of_event_and_no_case() -> None:
+    known = training(6, BEGIN, 8.0)
+    held = [one["set"] for one in evaluation(60, 65.0, 8.0, 0)]
+    late = {tuple(kind for kind in shape(one) if not kind.startswith("load")) for one in held}
+    assert not {shape(one) for one in known} & late
+    seeds = [one["seed"] for one in (*known, *held, *(x["set"] for x in evaluation(60, 65.0, 8.0, 1)))]
+    assert len(set(seeds)) == len(seeds)
+
+
+def found_of(levels: dict[str, float], random: np.random.Generator, spread: float, noise: float) -> dict[str, Any]:
+    """Results as of the experiment: an arm has a level, its searches spread, and cases differ."""
+    kinds = [KINDS[i % 3] for i in range(60)]
+    rows: dict[Any, Any] = {(NONE, 0): [{"lost": False, "index": 1.0}] * 60}
+    shared = random.normal(0.0, 0.5, 60)
+    for name, level in levels.items():
+        for seed in range(5):
+            own = level + random.normal(0.0, spread) + shared + random.normal(0.0, noise, 60)
+            rows[name, seed] = [{"lost": False, "index": float(np.exp(x))} for x in own]
+    return {"rows": rows, "kinds": kinds}
+
+
+def test_the_interval_is_over_searches_and_cases() -> None:
+    """The luck of the search is in it: of 60 experiments about 95 % of the intervals hold the truth."""
+    random, held = np.random.default_rng(5), 0
+    for _ in range(60):
+        one = ratio(found_of({"a": -0.8, "b": -0.6}, random, 0.12, 0.1), "a", "b", KINDS, 0.05)
+        held += one.low <= np.exp(-0.2) <= one.high
+    assert held >= 50
+    tight = ratio(found_of({"a": -0.8, "b": -0.6}, random, 0.0, 0.1), "a", "b", KINDS, 0.05)
+    assert tight.high - tight.low < 0.1
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [(0.8, 0.94, BETTER), (0.8, 0.96, OPEN), (0.96, 1.2, ALIKE), (1.06, 1.2, WORSE), (0.9, 1.1, OPEN)],
+)
+def test_the_rule_of_the_plan(low: float, high: float, told: str) -> None:
+    assert decision(low, high, 0.05) == told
+
+
+def test_the_whole_way_with_a_small_plan(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    whole = experiment.plan()
+    arms = {
+        name: whole["arms"][name] for name in ("LLC", "LLC-tuned", "LQG", "network", "network, frozen at the event")
+    }
+    arms |= {"network, not learning": whole["arms"]["network, not learning"]}
+    arms |= {
+        name: {**whole["arms"][name], "begin": BEGIN} for name in ("LLC-tuned, adaptive gain", "LQG, model identified")
+    }
+    small: dict[str, Any] = {**whole, "arms": arms, "networks": whole["networks"][:1]}
+    for name, own in SMALL.items():
+        small[name] = {**whole[name], **own}
+    monkeypatch.setattr(experiment, "plan", lambda: small)
+    monkeypatch.setattr(pages, "plan", lambda: small)
+    words = [
+        "reproduce",
+        "--profile",
+        "deployment",
+        "--jobs",
+        "1",
+        "--out",
+        str(tmp_path),
+        "--json",
+        str(tmp_path / "x.json"),
+    ]
+    assert main(words) == 0
+    page, told = (tmp_path / "what_holds.md").read_text(), json.loads((tmp_path / "x.json").read_text())
+    assert all(line in page for line in told["answers"])
+    assert len((tmp_path / "what_holds.csv").read_text().splitlines()) == 1 + len(told["ratios"])
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").iterdir()}
+    assert main(words) == 0
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").iterdir()} == kept

@@ -1,0 +1,112 @@
+"""Scores: a controller that does nothing is no control, bad ones rank below it; cards do not depend on cores."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import facts_damping as fd
+from facts_damping.cli.main import main
+from facts_damping.parameters.files import read_table, shipped
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.studies.score.card import LOST, estimate, logs, ranking, read_set
+from facts_damping.studies.score.measure import Measured
+from facts_damping.studies.score.pages import ranking_table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# What was published under a name and a version never changes.
+FROZEN = {"two_area_1.0": "c1e6bc09e5427bda"}
+KINDS = ("nominal", "delay 100 ms", "noise")
+
+
+class Nothing:
+    """Sets zero."""
+
+    def __init__(self, spec: Any) -> None:
+        """Nothing is needed."""
+
+    def step(self, t_s: float, y: Any, age_s: Any, fresh: Any) -> Any:
+        """Zero."""
+        return 0.0 * y
+
+
+class WrongSign(Nothing):
+    """Feeds the oscillation."""
+
+    def step(self, t_s: float, y: Any, age_s: Any, fresh: Any) -> Any:
+        """Against what damps."""
+        return -12.0 * y
+
+
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A set with six cases of the shipped one."""
+    content = read_table(shipped("case_sets")["two_area_1.0"])
+    kept: list[Any] = []
+    for kind in KINDS:
+        kept += [case for case in content["cases"] if case["kind"] == kind][:2]
+    kinds = {kind: content["kinds"][kind] for kind in KINDS}
+    path = tmp_path_factory.mktemp("sets") / "small.yaml"
+    path.write_text(dump({**content, "cases": kept, "kinds": kinds, "beside": ["LLC"], "version": "0"}))
+    return str(path)
+
+
+@pytest.mark.parametrize(("name", "digest"), FROZEN.items())
+def test_a_version_of_a_set_never_changes(name: str, digest: str) -> None:
+    assert read_set(name).digest == digest
+
+
+def test_a_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cases: str) -> None:
+    nothing, wrong, right = (fd.score(one, cases, ["LLC"], jobs=1) for one in (Nothing, WrongSign, "LLC"))
+    assert nothing.value == pytest.approx(0.0, abs=0.1)
+    assert wrong.value < right.value
+    assert right.content["change"]["percent"] < -10.0 < 10.0 < wrong.content["change"]["percent"]
+    assert wrong.content["does_harm"]
+    assert "It cannot be said to be better than no control." in repr(wrong)
+    better = {**right.content, "score": 5.0}
+    rows = [line.split()[0] for line in ranking_table(ranking([wrong.content, better]))[2:]]
+    assert rows == ["LLC", "no", "tests.studies.test_score:WrongSign"]
+
+
+def test_the_card_is_the_same_on_any_number_of_cores_and_from_the_command(cases: str, tmp_path: Path) -> None:
+    one = fd.score("LLC-tuned", cases, jobs=1)
+    again = tmp_path / "card.json"
+    assert (
+        main(["score", "LLC-tuned", "--cases", cases, "--jobs", "2", "--json", str(again), "--out", str(tmp_path)]) == 0
+    )
+    assert json.loads(again.read_text()) == one.content
+    assert json.loads((tmp_path / "card.json").read_text()) == one.content
+    assert (tmp_path / "card.png").read_bytes().startswith(b"\x89PNG")
+    page = (tmp_path / "card.md").read_text()
+    assert f"score {one.value:.1f}" in page
+    assert one.content["set_digest"] in page
+
+
+@pytest.mark.parametrize("given", ["LLLC", "missing.py:Damper", "two_area_free"])
+def test_what_is_no_controller_is_refused_before_any_run(given: str, cases: str) -> None:
+    with pytest.raises(fd.InputError, match="allowed"):
+        fd.score(given, cases)
+
+
+def test_lost_synchronism_counts_as_ten_times_and_as_nothing_where_both_lose_it() -> None:
+    sound, twice, lost = Measured(1.0, 0.1, None, 0, 0, False), Measured(2.0, 0.1, None, 0, 0, False), Measured(
+        None, None, 5.0, 0, 0, False
+    )  # fmt: skip
+    found = logs([twice, lost, sound, lost], [sound, sound, lost, lost])
+    np.testing.assert_allclose(found, [np.log(2.0), LOST, -LOST, 0.0])
+
+
+def test_the_mean_is_over_kinds_and_its_interval_holds_the_truth() -> None:
+    """Two kinds of unlike size count alike; of 200 draws about 95 % of the intervals hold the mean of the source."""
+    random, kinds = np.random.default_rng(3), ["a"] * 30 + ["b"] * 10
+    held = 0
+    for _ in range(200):
+        values = np.concatenate([random.normal(-0.5, 0.2, 30), random.normal(0.1, 0.2, 10)])
+        found = estimate(values, kinds)
+        held += found.low <= 100.0 * (np.exp(-0.2) - 1.0) <= found.high
+    assert 0.88 <= held / 200 <= 0.99
