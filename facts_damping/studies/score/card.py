@@ -3,9 +3,9 @@
     change = 100 (exp mean_k mean_c r_c - 1),  r_c = log(measure / measure without control)
 
 in percent: k over the kinds of cases, c over the cases of a kind. Where one of the two loses synchronism, r_c is LOST
-or -LOST; where both do it is 0. Its 95 % interval is a bootstrap by resampling cases within kinds (B. Efron, R. J.
-Tibshirani, An Introduction to the Bootstrap, 1993, 13). The score is what can be claimed: the reduction in percent at
-the worse end of the interval. No control has a score of 0.
+or -LOST; where both do it is 0; it is LOST at most. Its 95 % interval is a bootstrap by resampling cases within kinds
+(B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap, 1993, 13). The score is what can be claimed: the reduction
+in percent at the worse end of the interval. No control has a score of 0.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def logs(own: Sequence[Measured], reference: Sequence[Measured]) -> NDArray[np.f
         if a.measure is None or b.measure is None:
             found.append(LOST * ((a.measure is None) - float(b.measure is None)))
         else:
-            found.append(float(np.clip(np.log(a.measure / b.measure), -LOST, LOST)))
+            found.append(min(LOST, float(np.log(a.measure / b.measure))))
     return np.array(found)
 
 

@@ -45,7 +45,7 @@ def logs(found: Mapping[str, Any], arm: str) -> NDArray[np.float64]:
 def _log(own: Mapping[str, Any], none: Mapping[str, Any]) -> float:
     if own["lost"] or none["lost"]:
         return LOST * (float(own["lost"]) - float(none["lost"]))
-    return float(np.clip(np.log(own["index"] / none["index"]), -LOST, LOST))
+    return min(LOST, float(np.log(own["index"] / none["index"])))
 
 
 def ratio(found: Mapping[str, Any], arm: str, against: str, kinds: Sequence[str], margin: float) -> Ratio:

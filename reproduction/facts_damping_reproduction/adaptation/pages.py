@@ -55,7 +55,7 @@ def answers(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
     }
     moved = "where the grid has moved or the model is wrong"
     lines = [
-        f"**{SAYS[main.decision]}**: {moved}, the network that learns has {main.text()} of the index of `{best}`.",
+        f"**{SAYS[main.decision]}**: {moved}, the network that learns has {main.text()} against `{best}`.",
         f"Where the grid is as it was designed for, learning {cost}: {nominal.text()}.",
     ]
     for words, pair in pairs.items():
