@@ -4,8 +4,8 @@
 
 in percent: k over the kinds of cases, c over the cases of a kind. Where one of the two loses synchronism, r_c is LOST
 or -LOST; where both do it is 0; it is LOST at most. Its 95 % interval is a bootstrap by resampling cases within kinds
-(B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap, 1993, 13). The score is what can be claimed: the reduction
-in percent at the worse end of the interval. No control has a score of 0.
+(B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap, 1993, 13). The score is what can be claimed: the
+reduction in percent at the worse end of the interval. No control has a score of 0.
 """
 
 from __future__ import annotations

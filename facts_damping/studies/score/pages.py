@@ -91,11 +91,12 @@ def ranking_table(cards: Sequence[Mapping[str, Any]], *, markdown: bool = False)
 def draw(cards: Sequence[Mapping[str, Any]], path: Path) -> Path:
     """Change of the index in each kind of cases, with intervals: a colour for each card."""
     kinds = list(cards[0]["kinds"])
-    figure = Figure(figsize=(6.5, 1.2 + 0.38 * len(kinds)), layout="constrained")
+    figure = Figure(figsize=(6.5, 1.6 + 0.42 * len(kinds)), layout="constrained")
     axes = figure.subplots()
+    step = min(0.16, 0.8 / len(cards))
     for i, (card, colour) in enumerate(zip(cards, COLOURS, strict=False)):
         rows = [card["kinds"][kind]["change"] for kind in kinds]
-        at = [j + 0.16 * (i - (len(cards) - 1) / 2) for j in range(len(kinds))]
+        at = [j + step * (i - (len(cards) - 1) / 2) for j in range(len(kinds))]
         low, high = ([_ratio(row[end]) for row in rows] for end in ("low", "high"))
         axes.hlines(at, low, high, color=colour, lw=1.2)
         axes.plot([_ratio(row["percent"]) for row in rows], at, "o", ms=4, color=colour, label=card["controller"])
@@ -106,7 +107,7 @@ def draw(cards: Sequence[Mapping[str, Any]], path: Path) -> Path:
     axes.set_xticks([_ratio(percent) for percent in TICKS], [f"{percent:+d}" for percent in TICKS])
     axes.set_xticks([], minor=True)
     axes.grid(visible=True, axis="x", lw=0.3)
-    axes.legend(fontsize="small", frameon=False, loc="lower right")
+    figure.legend(fontsize="small", frameon=False, loc="outside lower center", ncols=4)
     return save_picture(figure, path)
 
 
