@@ -54,6 +54,7 @@ SHORT = {
     "margin": ["--max-delay", "0.1"],
     "tune": ["--budget", "1"],
     "search": ["--budget", "1"],
+    "score": ["--cases", str(ROOT / "tests" / "data" / "case_set.yaml")],
     "campaign": ["--draws", "2", "--graphs", "0"],
 }
 GRAPHS = ("run", "replay")

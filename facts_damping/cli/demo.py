@@ -19,7 +19,7 @@ from facts_damping.terminal import Progress, note, show
 
 RUN = "two_area_deployment"
 EVENT = "a fault on a line of the tie at 2 s, cleared by the trip of that line"
-CASES = {"no control": ["controllers=[]"], "lead-lag": [], "lead-lag, 300 ms more": ["link.up.1.delay=0.303"]}
+CASES = {"no control": ["controllers=[]"], "lead-lag": [], "lead-lag, 250 ms more": ["link.up.1.delay=0.253"]}
 
 
 def run_all(folder: Path) -> None:

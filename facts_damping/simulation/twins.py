@@ -8,7 +8,7 @@ It has
 - or, as a mirror, the same events and all noise of the opposite sign, of loads and of PMUs. Mirrors are antithetic
   variates (J. M. Hammersley and K. W. Morton, A new Monte Carlo technique: antithetic variates, Proc. Cambridge Phil.
   Soc. 52 (1956) 449-475). A mirror is needed where loads or units have changed for good, as the same noise then moves
-  another plant, and where a controller learns, as the event teaches it;
+  another plant, where a controller learns, as the event teaches it, and where a supervisor has tripped one;
 - or the same noise and a pulse, if the run has no event.
 """
 
@@ -18,6 +18,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from facts_damping.analysis.response import MIRROR, OUTAGE, PULSE_END, PULSED, WITHOUT_EVENTS, Twin, noisy
+from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.case.loading import recorded_case
 from facts_damping.control.table import kind_of
 from facts_damping.errors import FactsDampingError
@@ -73,7 +74,7 @@ def kind_of_twin(case: Case, record: Record) -> str:
     if not case.scenario.events and not changed(record):
         return PULSED
     learns = any(c.scheme or c.policy or c.fmu for c in case.controllers)  # or is not known to be linear
-    if changed(record) or learns:
+    if changed(record) or learns or trips(supervision(record, None)):
         return MIRROR
     if not grid_changes(case):
         return WITHOUT_EVENTS

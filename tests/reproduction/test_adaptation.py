@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SMALL: dict[str, dict[str, Any]] = {
-    "search": {"seeds": 1, "cases": 1, "points": 1, "least": 5, "generations": 1},
+    "search": {"seeds": 1, "cases": 2, "points": 1, "least": 5, "generations": 1},
     "evaluation": {"cases": 3, "begin": 7.0, "after": 4.0},
 }
 

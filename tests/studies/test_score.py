@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import facts_damping as fd
 from facts_damping.cli.main import main
-from facts_damping.parameters.files import read_table, shipped
-from facts_damping.parameters.yaml_text import dump
 from facts_damping.studies.score.card import LOST, estimate, logs, ranking, read_set
 from facts_damping.studies.score.measure import Measured
 from facts_damping.studies.score.pages import ranking_table
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
 # What was published under a name and a version never changes.
 FROZEN = {"two_area_1.0": "c1e6bc09e5427bda"}
-KINDS = ("nominal", "delay 100 ms", "noise")
+DATA = Path(__file__).parents[1] / "data"
 
 
 class Nothing:
@@ -43,17 +39,10 @@ class WrongSign(Nothing):
         return -12.0 * y
 
 
-@pytest.fixture(scope="module")
-def cases(tmp_path_factory: pytest.TempPathFactory) -> str:
+@pytest.fixture
+def cases() -> str:
     """A set with six cases of the shipped one."""
-    content = read_table(shipped("case_sets")["two_area_1.0"])
-    kept: list[Any] = []
-    for kind in KINDS:
-        kept += [case for case in content["cases"] if case["kind"] == kind][:2]
-    kinds = {kind: content["kinds"][kind] for kind in KINDS}
-    path = tmp_path_factory.mktemp("sets") / "small.yaml"
-    path.write_text(dump({**content, "cases": kept, "kinds": kinds, "beside": ["LLC"], "version": "0"}))
-    return str(path)
+    return str(DATA / "case_set.yaml")
 
 
 @pytest.mark.parametrize(("name", "digest"), FROZEN.items())

@@ -76,7 +76,8 @@ def arm_table(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
         own = [row for (name, _), some in found["rows"].items() if name == arm for row in some]
         searched = [one for (name, _), one in found["searches"].items() if name == arm]
         loops = f"{sum(one['loops'] for one in searched)}" if searched else "-"
-        ends = f"{np.mean([one['value'] for one in searched]):.2f} ({np.std([one['value'] for one in searched]):.2f})"
+        values = [one["value"] for one in searched]
+        ends = f"{np.mean(values):.2f} ({np.std(values):.2f})" if values else "-"
         damping = [row["damping_ratio"] for row in own if not row["lost"] and row["damping_ratio"] is not None]
         efforts = [row["effort"] for row in own if not row["lost"]]
         lines.append(
@@ -87,7 +88,7 @@ def arm_table(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
                 f"{100 * np.mean(efforts):.1f}" if efforts else "-",
                 str(sum(row["lost"] for row in own)) + f" of {len(own)}",
                 loops,
-                ends if searched else "-",
+                ends,
             ]
         )
     heads = ["arm", *KINDS, "damping ratio, %", "effort, %", "lost", "training loops", "training, mean (spread)"]
