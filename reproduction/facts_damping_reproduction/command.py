@@ -88,6 +88,6 @@ def _what_holds(arguments: argparse.Namespace) -> None:
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
     told = pages.ratios(found)
-    written = pages.write(found, folder)
+    written = pages.write(found, told, folder)
     write_json(arguments.json, {"ratios": pages.rows(told), "answers": pages.answers(found, told)})
     say(arguments, *pages.answers(found, told), "", *(f"written: {path}" for path in written))

@@ -54,17 +54,22 @@ def ratio(found: Mapping[str, Any], arm: str, against: str, kinds: Sequence[str]
     b = np.zeros_like(a[:1]) if against == NONE else logs(found, against)
     random, every = np.random.default_rng(len(kinds)), np.array(found["kinds"])
     groups = [np.flatnonzero(every == kind) for kind in kinds]
-    drawn = np.empty(RESAMPLES)
-    for i in range(RESAMPLES):
-        one, other = (x[random.integers(len(x), size=len(x))].mean(axis=0) for x in (a, b))
-        parts = [group[random.integers(len(group), size=len(group))] for group in groups]
-        drawn[i] = np.mean([(one[part] - other[part]).mean() for part in parts])
+    of_a, of_b, drawn = _weights(random, len(a)), _weights(random, len(b)), np.zeros(RESAMPLES)
+    for group in groups:
+        cases = _weights(random, len(group))
+        for own, seeds, sign in ((a, of_a, 1.0), (b, of_b, -1.0)):
+            drawn += sign / len(groups) * np.einsum("rs,sc,rc->r", seeds, own[:, group], cases)
     middle = np.mean([(a.mean(axis=0) - b.mean(axis=0))[group].mean() for group in groups])
     tail = (1.0 - CONFIDENCE) / 2.0
     low, high = np.exp(np.quantile(drawn, [tail, 1.0 - tail]))
     return Ratio(
         arm, against, ", ".join(kinds), float(np.exp(middle)), float(low), float(high), decision(low, high, margin)
     )
+
+
+def _weights(random: np.random.Generator, number: int) -> NDArray[np.float64]:
+    """How much each of a number counts in each resample with replacement, (resamples, number)."""
+    return random.multinomial(number, np.full(number, 1.0 / number), RESAMPLES) / number
 
 
 def decision(low: float, high: float, margin: float) -> str:

@@ -148,9 +148,8 @@ def draw_searches(found: Mapping[str, Any], path: Path) -> Path:
     return save_picture(figure, path)
 
 
-def write(found: Mapping[str, Any], folder: Path) -> list[Path]:
+def write(found: Mapping[str, Any], told: Sequence[Ratio], folder: Path) -> list[Path]:
     """The page, the figures, and all ratios as CSV; returns the paths."""
-    told = ratios(found)
     csv.write_csv(arrow(rows(told)), folder / "what_holds.csv")
     made = [
         draw(told, folder / "what_holds.png"),
