@@ -14,17 +14,8 @@ if TYPE_CHECKING:
     from facts_damping.api import *  # noqa: F403 (types, for those who check them)
 
 PUBLIC = (  # names from `api`
-    *(
-        "FactsDampingError",
-        "InputError",
-        "RecordingError",
-        "Result",
-        "RunError",
-        "Score",
-        "Simulation",
-        "Spec",
-        "Sweep",
-    ),
+    *("FactsDampingError", "InputError", "RecordingError", "RunError"),
+    *("Result", "Score", "Simulation", "Spec", "Sweep"),
     *("linear_plant", "load_recording", "modes", "score", "simulate", "summarise", "sweep"),
 )
 

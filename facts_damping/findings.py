@@ -133,7 +133,8 @@ def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
     event = bool(record.configuration.get("scenario"))
     if not event and not noisy(record.configuration):
         return []
-    text = f"ITAE {itae(record):.3g}" if event else f"speed differences in noise, rms {_rms(record):.3g}"
+    own = itae(record) if event else _rms(record)
+    text = f"ITAE {own:.3g}" if event else f"speed differences in noise, rms {own:.3g}"
     if not record.configuration.get("controllers"):
         return [text]
     try:
@@ -142,21 +143,17 @@ def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
         return [f"{text}; without control it cannot be simulated: {one_line(error)}"]
     if not free.in_synchronism.all():
         return [f"{text}; without control synchronism is lost at {free.time_s[-1]:.1f} s"]
-    return [
-        f"{text}, without control {itae(free):.3g}: {_change(itae(record) / itae(free))}"
-        if event
-        else _variance(record, free, text)
-    ]
+    other = itae(free) if event else _rms(free)
+    change = _change(own / other) if event else f"variance {_variance(record, free, (own / other) ** 2)}"
+    return [f"{text}, without control {other:.3g}: {change}"]
 
 
-def _variance(record: Record, free: Record, text: str) -> str:
-    """The variance in noise beside that without control, with its interval where the run is long enough."""
+def _variance(record: Record, free: Record, whole: float) -> str:
+    """The change of the variance in noise, with its interval where the run is long enough; `whole`: ratio without."""
     ratio = variance_ratio(record.time_s, *(columns(speed_differences(one)) for one in (record, free)))
     if ratio is None:
-        change = f"{_change((_rms(record) / _rms(free)) ** 2)} (no interval: shorter than a minute)"
-    else:
-        change = f"{_change(ratio[0])} (90 % interval: {_change(ratio[1])} to {_change(ratio[2])})"
-    return f"{text}, without control {_rms(free):.3g}: variance {change}"
+        return f"{_change(whole)} (no interval: shorter than a minute)"
+    return f"{_change(ratio[0])} (90 % interval: {_change(ratio[1])} to {_change(ratio[2])})"
 
 
 def _change(ratio: float) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from facts_damping.analysis.effort import saturation_duty
 from facts_damping.analysis.modes.ambient import fit_ambient
-from facts_damping.analysis.modes.ringdown import COVERED, SKIP, fit_ringdown
+from facts_damping.analysis.modes.ringdown import SKIP, fit_ringdown, interval
 from facts_damping.analysis.response import MIRROR, PULSE_END, noisy
 from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, Judgement, envelopes, judge
 
@@ -111,21 +111,25 @@ def _decays(fit: Fit | None) -> bool:
     """Whether a ringdown is clear, and the damping ratios of all its modes are above zero with their intervals."""
     if fit is None or not fit.modes or fit.snr_db < CLEAR_DB:
         return False
-    return all(mode.damping_ratio > COVERED * np.nan_to_num(mode.damping_ratio_error, nan=np.inf) for mode in fit.modes)
+    return all(low > 0.0 for low, _ in _intervals(fit))
+
+
+def _intervals(fit: Fit) -> list[tuple[float, float]]:
+    """95 % intervals of the modes' damping ratios; infinite without an error."""
+    return [interval(mode.damping_ratio, np.nan_to_num(mode.damping_ratio_error, nan=np.inf)) for mode in fit.modes]
 
 
 def judge_ambient(fit: Fit | None, swings: Swings) -> Judged:
     """Judge a run with noise and no event: by its modes and their 95 % intervals, else by the response to a pulse."""
-    halves = [COVERED * np.nan_to_num(mode.damping_ratio_error, nan=np.inf) for mode in fit.modes] if fit else []
-    ratios = [mode.damping_ratio for mode in fit.modes] if fit else []
+    ends = _intervals(fit) if fit else []
     verdict, because = UNDECIDED, "no event, and no mode found in the noise"
-    if fit and min((ratio + half for ratio, half in zip(ratios, halves, strict=True)), default=1.0) < STEADY:
+    if any(high < STEADY for _, high in ends):
         verdict, because = LIMIT_CYCLE, "a mode neither grows nor decays in the noise"
-    elif ratios and min(ratio - half for ratio, half in zip(ratios, halves, strict=True)) > 0.0:
+    elif ends and all(low > 0.0 for low, _ in ends):
         verdict, because = DAMPED, "no event: its modes in the noise are damped"
     elif swings.pulse is not None:
         return Judged(judge(swings.time_s[: len(swings.pulse)], swings.pulse, PULSE_END, swings.names), PULSE)
-    elif ratios:
+    elif ends:
         because = "no event: the interval of a mode's damping ratio in the noise holds zero"
     amplitude = float(np.sqrt(2.0) * swings.own.std(axis=0).max())
     return Judged(Judgement(verdict, because, None, 0.0, amplitude), AMBIENT)

@@ -72,10 +72,8 @@ def summarise(
     """
     judged = speed_differences(record) if differences is None else differences
     stable, t = is_stable(record), record.time_s
-    smooth, swings = (
-        record_roughness(record),
-        _oscillation(record, judged, method, stable, twin if differences is None else None),
-    )
+    smooth = record_roughness(record)
+    swings = _oscillation(record, judged, method, stable, twin if differences is None else None)
     duty, late = saturation_duty(record), latency(record)
     watched = supervision.supervision(record, find(swings, ("modes", 0, "frequency_hz")))
     return {

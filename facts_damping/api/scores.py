@@ -11,7 +11,7 @@ from facts_damping.api.cases import plain, short_traceback
 from facts_damping.parameters.files import new_folder
 from facts_damping.studies.score import card as cards
 from facts_damping.studies.score import pages
-from facts_damping.studies.score.controllers import controllers_of
+from facts_damping.studies.score.controllers import candidates
 from facts_damping.studies.sweeps.pool import refuse_within
 from facts_damping.terminal import Progress
 
@@ -61,9 +61,7 @@ def score(
     """
     refuse_within()
     case_set = cards.read_set(cases)
-    name, rows = controllers_of(plain(controller), case_set)
-    others = dict(controllers_of(other, case_set) for other in (against or case_set.content.beside))
+    own = candidates(case_set, plain(controller), against)
     with Progress("score", "cases", shown=progress) as shown:
-        found = cards.run_set(case_set, {name: rows, **others}, jobs or os.cpu_count() or 1, shown)
-    made = [cards.card(case_set, one, found) for one in (name, *(other for other in others if other != name))]
+        made = cards.cards_of(case_set, own, jobs or os.cpu_count() or 1, shown)
     return Score(made[0], made[1:], case_set)

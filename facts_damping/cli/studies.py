@@ -203,22 +203,14 @@ def campaign(arguments: argparse.Namespace) -> None:
 def score(arguments: argparse.Namespace) -> None:
     """Score a controller on a frozen set of cases, or rank the shipped ones."""
     from facts_damping.studies.score import card, pages
-    from facts_damping.studies.score.controllers import controllers_of
+    from facts_damping.studies.score.controllers import candidates
 
     case_set = card.read_set(arguments.cases)
-    content = case_set.content
-    if arguments.controller is None:
-        own, names = content.controllers, list(content.controllers)
-    else:
-        name, rows = controllers_of(arguments.controller, case_set)
-        asked = arguments.against.split(",") if arguments.against else content.beside
-        others = dict(controllers_of(other, case_set) for other in asked)
-        own, names = {name: rows, **others}, [name, *(other for other in others if other != name)]
+    own = candidates(case_set, arguments.controller, arguments.against and arguments.against.split(","))
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     clean_up_first()
     with Progress("score", "cases") as progress:
-        found = card.run_set(case_set, own, arguments.jobs, progress)
-    cards = [card.card(case_set, name, found) for name in names]
+        cards = card.cards_of(case_set, own, arguments.jobs, progress)
     ranked = card.ranking(cards)
     write_json(arguments.json, {"ranking": ranked} if arguments.controller is None else cards[0])
     if arguments.controller is not None:

@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
     from facts_damping.simulation.tick import Loop
 
+    Grid = tuple[Topology, dict[str, float], dict[str, float]]
+
+OUTAGE_S = 0.02  # s, when lines trip in the twin that begins without them
 PULSE = 0.01  # of a load or, p.u., of a mechanical power
 EVENTS = ("event", "reset")  # changes that a run without events does not have
 
@@ -76,27 +79,33 @@ def kind_of_twin(case: Case, record: Record) -> str:
     learns = any(c.scheme or c.policy or c.fmu for c in case.controllers)  # or is not known to be linear
     if changed(record) or learns or trips(supervision(record, None)):
         return MIRROR
-    if not grid_changes(case):
+    first, last = _grids(case)
+    if first == last:
         return WITHOUT_EVENTS
-    last = _grid(topology_intervals(case.system, case.scenario.events)[-1])
     only_lines = last == (Topology(lines_out=last[0].lines_out), {}, {})
     return OUTAGE if only_lines else MIRROR
 
 
 def with_outage(case: Case) -> Case:
     """A case whose only events are that the lines that its events leave out trip at the start."""
-    out = topology_intervals(case.system, case.scenario.events)[-1].topology.lines_out
-    rows = [{"time": 0.02, "kind": "line_out", "line": line} for line in sorted(out)]
+    out = _grids(case)[-1][0].lines_out
+    rows = [{"time": OUTAGE_S, "kind": "line_out", "line": line} for line in sorted(out)]
     return replace(case, scenario=Scenario.model_validate({"name": "outage", "events": rows}))
 
 
 def grid_changes(case: Case) -> bool:
     """Whether the grid is another one after the events."""
+    first, last = _grids(case)
+    return first != last
+
+
+def _grids(case: Case) -> tuple[Grid, Grid]:
+    """The grid before the first event and after the last one."""
     intervals = topology_intervals(case.system, case.scenario.events)
-    return _grid(intervals[0]) != _grid(intervals[-1])
+    return _grid(intervals[0]), _grid(intervals[-1])
 
 
-def _grid(interval: TopologyInterval) -> tuple[Topology, dict[str, float], dict[str, float]]:
+def _grid(interval: TopologyInterval) -> Grid:
     """What an interval's grid is: topology, and the loads and mechanical powers that differ from the start."""
     loads, powers = (
         {name: scale for name, scale in scales.items() if scale != 1.0}

@@ -40,7 +40,7 @@ def _worse(row: Mapping[str, Any], _: float) -> bool:
 CRITERIA = {
     "unstable": Criterion("loses synchronism", "in synchronism", lambda row, _: row["verdict"] == LOST),
     "not_damped": Criterion("is not damped", "damped", lambda row, _: row["verdict"] != DAMPED),
-    "damping": Criterion("is damped too little", "damped by 3 %", _damped_too_little),
+    "damping": Criterion("is damped too little", f"damped by {100 * DAMPING_RATIO:g} %", _damped_too_little),
     "worse": Criterion("is worse than without control", "better than no control", _worse),
     "linear": Criterion(
         "is unstable in the linear model", "stable in the linear model", lambda row, _: row[LINEAR] > STILL

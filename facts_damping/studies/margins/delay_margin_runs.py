@@ -37,7 +37,7 @@ FINE = 5e-4  # s, resolution of the pulse's margin
 HORIZONS = (20.0, 40.0)  # s, from the start of a run of a scenario
 CRITERIA = ("unstable", "not_damped", "damping")
 LOOKS = 6  # number of delays at which the ringdown is analysed
-RUNS = 90  # approximate number of runs, for the progress line
+RUNS = 60  # approximate number of runs, for the progress line
 COARSE, CLOSE = 0.02, 1e-3  # s, steps, then bisection in a scenario; narrower intervals may be missed
 
 

@@ -107,15 +107,16 @@ def _made(case_set: Set, rows: Controllers, i: int) -> Any:
     return changed_case(run, case_set.name, {**content.cases[i].set, **alone})
 
 
+def log_ratio(own: float | None, reference: float | None) -> float:
+    """The logarithm of a measure relative to a reference in the same case; None: synchronism is lost."""
+    if own is None or reference is None:
+        return LOST * ((own is None) - float(reference is None))
+    return min(LOST, float(np.log(own / reference)))
+
+
 def logs(own: Sequence[Measured], reference: Sequence[Measured]) -> NDArray[np.float64]:
     """Log ratio of the measure in each case, (cases,)."""
-    found = []
-    for a, b in zip(own, reference, strict=True):
-        if a.measure is None or b.measure is None:
-            found.append(LOST * ((a.measure is None) - float(b.measure is None)))
-        else:
-            found.append(min(LOST, float(np.log(a.measure / b.measure))))
-    return np.array(found)
+    return np.array([log_ratio(a.measure, b.measure) for a, b in zip(own, reference, strict=True)])
 
 
 def estimate(values: NDArray[np.float64], kinds: Sequence[str]) -> Estimate:
@@ -171,6 +172,14 @@ def card(case_set: Set, name: str, found: Mapping[str, Sequence[Measured]]) -> d
         "cases": [{"kind": kind, **_plain(one)} for kind, one in zip(kinds, own, strict=True)],
     }
     return {**made, "does_harm": [kind for kind, row in by_kind.items() if row["change"]["low"] > NOTICED]}
+
+
+def cards_of(
+    case_set: Set, controllers: Mapping[str, Controllers], jobs: int, progress: Callable[[int, int], None]
+) -> list[dict[str, Any]]:
+    """The cards of controllers, each beside the others, in their order. Raises `InputError`."""
+    found = run_set(case_set, controllers, jobs, progress)
+    return [card(case_set, name, found) for name in controllers]
 
 
 def ranking(cards: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:

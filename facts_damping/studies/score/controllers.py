@@ -11,11 +11,21 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.files import read_table, shipped
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from facts_damping.studies.score.card import Set
 
 LINEAR = (".npz", ".mat")
 LAWS = ("A", "num", "zeros")  # keys of a YAML file with a linear law
 KEPT = ("link", "namespace")  # fields of a run's controllers that belong to its deployment
+
+
+def candidates(case_set: Set, given: Any, against: Sequence[str] | None) -> dict[str, list[dict[str, Any]]]:
+    """Name: rows, of what is given and of those beside it, by default the set's; None given: all of the set."""
+    if given is None:
+        return case_set.content.controllers
+    others = [controllers_of(other, case_set) for other in against or case_set.content.beside]
+    return dict([controllers_of(given, case_set), *others])
 
 
 def controllers_of(given: Any, case_set: Set) -> tuple[str, list[dict[str, Any]]]:

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.analysis.effort import saturation_duty
+from facts_damping.analysis.effort import mean_effort, saturation_duty
 from facts_damping.analysis.indices import performance_indices
-from facts_damping.analysis.measures import setpoint_limits
 from facts_damping.analysis.response import MIRROR, WITHOUT_EVENTS, swings_of
 from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.simulation.twins import grid_changes
@@ -42,9 +41,7 @@ def measure(case: Case, after: float) -> Measured:
     record = closed_loop(case)
     lost = None if record.in_synchronism.all() else float(record.time_s[-1])
     value, peak = (None, None) if lost is not None else _response(case, record, after)
-    limits = setpoint_limits(record.configuration)
-    rows = [np.abs(record.devices["setpoint"][:, i]) / limits[name] for i, name in enumerate(record.device_names)]
-    effort = float(np.mean(rows)) if rows and record.configuration["controllers"] else 0.0
+    effort = mean_effort(record) if case.controllers else 0.0
     duty = max(saturation_duty(record).values(), default=0.0)
     return Measured(value, peak, lost, effort, duty, bool(trips(supervision(record, None))))
 

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.analysis.effort import mean_effort
 from facts_damping.analysis.indices import THESIS_INDICES, performance_indices
 from facts_damping.analysis.judging import judge_run
-from facts_damping.analysis.measures import setpoint_limits
 from facts_damping.analysis.response import swings_of
 from facts_damping.analysis.verdict import GROWING, LIMIT_CYCLE
 from facts_damping.case.controllers import tuned
@@ -77,11 +77,9 @@ def figures(record: Record, twin: Twin | None = None) -> Figures:
         duration = float(record.configuration["duration"])
         return Figures(min(float(record.time_s[-1]) / duration, 1.0 - 1e-9), {}, 0.0, damped=False)
     swings = swings_of(record, twin)
-    limits = setpoint_limits(record.configuration)
-    fraction = np.abs(record.devices["setpoint"]) / np.array([limits[name] for name in record.device_names])
     verdict = judge_run(record, twin, swings).judgement.verdict
     dies = verdict not in (GROWING, LIMIT_CYCLE)  # an undecided verdict is no failure: the last event was late
-    return Figures(1.0, performance_indices(record.time_s, swings.own), float(fraction.mean()), dies)
+    return Figures(1.0, performance_indices(record.time_s, swings.own), mean_effort(record), dies)
 
 
 def draws(

@@ -194,17 +194,8 @@ def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
 
 def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
     """Columns of `figures`."""
-    found = [
-        "stable",
-        *OUTCOME,
-        *INDICES,
-        RESPONSE_INDEX,
-        *SUMMED,
-        "saturation_duty",
-        *LATENCIES,
-        "frames_lost",
-        "trips",
-    ]
+    found = ["stable", *OUTCOME, *INDICES, RESPONSE_INDEX, *SUMMED, "saturation_duty"]
+    found += [*LATENCIES, "frames_lost", "trips"]
     found += [*GROWTH.values(), "warnings", *(CHECKED if check_step else ())]
     return [*found, *INTERAREA] if modes else found
 

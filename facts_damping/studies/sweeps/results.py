@@ -137,15 +137,17 @@ def by_scenario(rows: Rows) -> dict[str, list[dict[str, Any]]]:
     return {name: [r for r in rows if r["scenario"] == name] for name in dict.fromkeys(r["scenario"] for r in rows)}
 
 
-def counted(row: Mapping[str, Any], name: str) -> float:
-    """A figure of a run as medians count it: not a number if unknown, infinitely bad if synchronism is lost.
+def worst(name: str) -> float:
+    """What a run that loses synchronism counts as; damping ratios alone are better if they are larger."""
+    return -math.inf if "damping_ratio" in name else math.inf
 
-    Damping ratios are the only figures of which larger ones are better.
-    """
+
+def counted(row: Mapping[str, Any], name: str) -> float:
+    """A figure of a run as medians count it: not a number if unknown, infinitely bad if synchronism is lost."""
     if row.get("converged") is False:
         return math.nan
     if not row.get("stable"):
-        return -math.inf if "damping_ratio" in name else math.inf
+        return worst(name)
     value = row.get(name)
     return math.nan if value is None else float(value)
 

@@ -14,7 +14,7 @@ from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.analysis.verdict import DAMPED
 from facts_damping.studies.pages import save
-from facts_damping.studies.sweeps.results import cell
+from facts_damping.studies.sweeps.results import cell, worst
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -106,8 +106,7 @@ def _figure(runs: Sequence[dict[str, Any]], figure: str) -> str:
     values = [row[figure] for row in runs if row.get(figure) is not None]
     if not values or not isinstance(values[0], float):
         return cell(values[0] if values else None)
-    lost = -np.inf if "damping_ratio" in figure else np.inf
-    middle = float(np.median([*values, *(lost for row in runs if not row.get("stable"))]))
+    middle = float(np.median([*values, *(worst(figure) for row in runs if not row.get("stable"))]))
     if np.isinf(middle):
         return "-"
     unsure = any(row.get("converged") is False for row in runs)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from facts_damping_reproduction.score_cases import LOADS, WRONG, Random, event, number, scaled, usual
+from facts_damping_reproduction.score_cases import WRONG, Random, event, number, scaled, usual
 
 KINDS = ("nominal", "drift", "wrong model")
 BEGIN = 6.0  # s, of the event in training
@@ -76,6 +76,3 @@ def _new_event(random: Random, i: int, t: float) -> list[dict[str, Any]]:
         [{"time": t, "kind": "line_out", "line": line}, {"time": again, "kind": "line_in", "line": line}],
         [power, {"time": t, "kind": "line_out", "line": line}],
     ][i % 4]
-
-
-__all__ = ["BEGIN", "KINDS", "LOADS", "evaluation", "training"]

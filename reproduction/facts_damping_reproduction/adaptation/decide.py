@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.studies.score.card import LOST
+from facts_damping.studies.score.card import NONE, log_ratio
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-NONE = "no control"
 RESAMPLES, CONFIDENCE = 4000, 0.95
 BETTER, WORSE, ALIKE, OPEN = "better", "worse", "no better", "cannot be told"
 
@@ -36,16 +35,12 @@ class Ratio(NamedTuple):
 
 
 def logs(found: Mapping[str, Any], arm: str) -> NDArray[np.float64]:
-    """Log index relative to no control, (search seeds, cases); a loss counts as `LOST`, where both do as 0."""
+    """Log index relative to no control, (search seeds, cases); a loss counts as in scores."""
     none = found["rows"][NONE, 0]
     rows = [one for (name, _), one in sorted(found["rows"].items()) if name == arm]
-    return np.array([[_log(a, b) for a, b in zip(row, none, strict=True)] for row in rows])
-
-
-def _log(own: Mapping[str, Any], none: Mapping[str, Any]) -> float:
-    if own["lost"] or none["lost"]:
-        return LOST * (float(own["lost"]) - float(none["lost"]))
-    return min(LOST, float(np.log(own["index"] / none["index"])))
+    return np.array(
+        [[log_ratio(a.get("index"), b.get("index")) for a, b in zip(row, none, strict=True)] for row in rows]
+    )
 
 
 def ratio(found: Mapping[str, Any], arm: str, against: str, kinds: Sequence[str], margin: float) -> Ratio:

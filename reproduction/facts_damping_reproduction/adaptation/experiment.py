@@ -13,16 +13,16 @@ import yaml
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
+from facts_damping.analysis.effort import mean_effort
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.modes.ringdown import fit_ringdown
-from facts_damping.analysis.response import MIRROR, Twin, swings_of
+from facts_damping.analysis.response import MIRROR, swings_of
 from facts_damping.case.changes import as_sets, change
 from facts_damping.case.loading import changed_case
 from facts_damping.signals import RunChange
 from facts_damping.simulation.changes import rerun
-from facts_damping.simulation.twins import mirrored
-from facts_damping.studies.score.card import LOST
+from facts_damping.studies.score.card import NONE, log_ratio
 from facts_damping.studies.sweeps.batch import closed_loop, fresh_loop, twin
 from facts_damping.studies.sweeps.pool import workers
 from facts_damping.terminal import Progress, write_whole
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
 PLAN = Path(__file__).with_name("adaptation.yaml")
-NONE, PROFILE = "no control", "deployment"
+PROFILE = "deployment"
 FIRST_GENERATIONS = 6  # of the choice of the network
 
 
@@ -88,7 +88,7 @@ _free = cache(lambda begin: _trained((), begin))
 def objective(rows: Sequence[dict[str, Any]], begin: float) -> float:
     """Mean log of the index relative to no control over the training cases."""
     pairs = zip(_trained(rows, begin), _free(begin), strict=True)
-    return float(np.mean([LOST if a is None else min(LOST, np.log(a / b)) for a, b in pairs if b is not None]))
+    return float(np.mean([log_ratio(a, b) for a, b in pairs if b is not None]))
 
 
 def search(arm: dict[str, Any], network: dict[str, Any], seed: int, generations: int | None = None) -> Search:
@@ -127,22 +127,19 @@ def measured(sets: dict[str, Any], rows: Sequence[dict[str, Any]], *, frozen: bo
         names = {"controller": "eta", "identifier": "identifier_eta"}
         changes = [RunChange(tick, "", role, 0, "parameter", names[role], 0.0) for role in roles]
         record = rerun(case, changes, fresh_loop(case))
-        other: Any = Twin(rerun(case, changes, mirrored(fresh_loop(case))), MIRROR)
     else:
         record = closed_loop(case)
-        other = twin(case, record, MIRROR)
     if not record.in_synchronism.all():
         return {"lost": True}
-    response = swings_of(record, other).judged
+    response = swings_of(record, twin(case, record, MIRROR)).judged
     t = record.time_s[: len(response)]
     fit = fit_ringdown(t, response, begin + 1.0)
-    limit = case.system.device(record.device_names[0]).setpoint_max
     return {
         "lost": False,
         "index": index(record, begin, after, response),
         "peak": float(np.abs(response[t >= begin]).max()),
         "damping_ratio": min((mode.damping_ratio for mode in fit.modes), default=None) if fit else None,
-        "effort": float(np.mean(np.abs(record.devices["setpoint"])) / limit) if rows else 0.0,
+        "effort": mean_effort(record) if rows else 0.0,
     }
 
 
