@@ -24,11 +24,13 @@ when the vector of speed differences has a swing of one.
 
 from __future__ import annotations
 
+from hashlib import sha256
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from facts_damping.analysis.measures import measure_weights
+from facts_damping.caching import shared
 from facts_damping.control.state_space import StateSpace
 from facts_damping.errors import InputError
 from facts_damping.matrices import lyapunov, product, riccati, root, sign, singular, solve
@@ -50,6 +52,9 @@ DECAYS = 1e-2  # 1/s: modes with slower decay, or growth, are not truncated
 DRIFTS = 1e-3  # 1/s: slower modes count as constant
 KEPT = 1e-3  # of the largest Hankel singular value: states with smaller values are truncated
 STILL = 1e-6  # p.u. or rad per p.u.: a signal with less swing relative to the speed differences counts as constant
+
+
+_reduced: dict[bytes, DesignModel] = {}  # by a digest of what they were made from
 
 
 class DesignModel(NamedTuple):
@@ -81,7 +86,8 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
     swing = size
     if filters is not None:
         swing = magnitudes(product(filters.C, plant.shape)) * size / magnitudes(plant.mode_shape[rows])
-    small = reduced(whole, plant.names, limits, swing)
+    key = sha256(b"".join(one.tobytes() for one in (*whole, limits, swing)) + repr(plant.names).encode()).digest()
+    small = shared(_reduced, key, lambda: reduced(whole, plant.names, limits, swing))
     if np.abs(np.linalg.eigvals(small.A)).min() < DRIFTS:
         raise InputError(
             f"{here}.signals: {', '.join(controller.signals)} given, which see a motion that nothing brings back "

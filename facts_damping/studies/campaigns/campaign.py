@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.caching import shared
 from facts_damping.case.loading import changed_case, read_run
 from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
@@ -211,7 +212,7 @@ def uncontrolled(made: Plan, drawn: Draw) -> Record:
     plain = {path: value for path, value in drawn.changes.items() if path.partition(".")[0] in OF_PLANT}
     key = json.dumps([drawn.base_run, plain], default=str, sort_keys=True)
     changes = {"link": "ideal", "measurement": "ideal", **plain, **UNCONTROLLED}
-    return batch.shared(_uncontrolled, key, lambda: batch.closed_loop(_case(made, drawn.base_run, changes)))
+    return shared(_uncontrolled, key, lambda: batch.closed_loop(_case(made, drawn.base_run, changes)))
 
 
 def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:

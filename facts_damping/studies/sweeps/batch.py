@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from copy import deepcopy
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import ages_ms
 from facts_damping.analysis.summary import AUTO, summarise
 from facts_damping.analysis.supervision import trips
+from facts_damping.caching import shared
 from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.findings import NO_CONTROL, uncontrolled
@@ -28,7 +29,7 @@ from facts_damping.studies.margins import criteria
 from facts_damping.studies.sweeps import true_jacobian
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from facts_damping.analysis.response import Twin
     from facts_damping.case.model import Case
@@ -37,11 +38,8 @@ if TYPE_CHECKING:
     from facts_damping.simulation.tick import Loop
     from facts_damping.small_signal.residues import Residues
 
-T = TypeVar("T")
-
 INTERAREA_HZ = 0.9  # a ringdown mode below this frequency is the interarea mode
 QUANTILES = (0, 1, 5, 10, 25, 50, 75, 90, 95, 99, 100)  # %, of the latency
-MAX_SHARED = 256  # largest number of plants cached per process; some kB each
 LATENCIES = ("latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms")
 SUMMED = ("settling_time_s", "roughness", "max_injected_voltage_pu")
 OUTCOME = ("verdict", "damped", "instability", "duration_s")
@@ -181,15 +179,6 @@ def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
         plant = shared(_residues, key, lambda: plant_residues(case))
     own = built._replace(state=copy(built.state))
     return loop.build_loop(case, plant, own, outside=outside)
-
-
-def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
-    """The cached value of a key, made if missing; the oldest value is dropped when the cache is full."""
-    if key not in kept:
-        if len(kept) >= MAX_SHARED:
-            kept.pop(next(iter(kept)), None)
-        kept[key] = make()
-    return kept[key]
 
 
 def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
