@@ -87,7 +87,8 @@ def _what_holds(arguments: argparse.Namespace) -> None:
         found = experiment.run(folder, arguments.jobs, arguments.scheduler, arguments.seed)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
-    told = pages.ratios(found)
-    written = pages.write(found, told, folder)
-    write_json(arguments.json, {"ratios": pages.rows(told), "answers": pages.answers(found, told)})
-    say(arguments, *pages.answers(found, told), "", *(f"written: {path}" for path in written))
+    written = pages.write(found, arguments.seed, folder)
+    first = next(iter(found[arguments.seed].values()))
+    told = pages.ratios(first)
+    write_json(arguments.json, {"ratios": pages.rows(told), "answers": pages.answers(first, told)})
+    say(arguments, *pages.answers(first, told), "", *(f"written: {path}" for path in written))

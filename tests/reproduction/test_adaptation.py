@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SMALL: dict[str, dict[str, Any]] = {
-    "search": {"seeds": 1, "cases": 2, "points": 1, "least": 5, "generations": 1},
+    "search": {"seeds": 1, "cases": 2, "points": 0, "least": 5, "generations": 1},
     "evaluation": {"cases": 3, "begin": 7.0, "after": 4.0},
 }
 
@@ -53,10 +53,10 @@ def test_the_interval_is_over_searches_and_cases() -> None:
     """The luck of the search is in it: of 60 experiments about 95 % of the intervals hold the truth."""
     random, held = np.random.default_rng(5), 0
     for _ in range(60):
-        one = ratio(found_of({"a": -0.8, "b": -0.6}, random, 0.12, 0.1), "a", "b", KINDS, 0.05)
+        one = ratio([found_of({"a": -0.8, "b": -0.6}, random, 0.12, 0.1)], "a", "b", KINDS, 0.05)
         held += one.low <= np.exp(-0.2) <= one.high
     assert held >= 50
-    tight = ratio(found_of({"a": -0.8, "b": -0.6}, random, 0.0, 0.1), "a", "b", KINDS, 0.05)
+    tight = ratio([found_of({"a": -0.8, "b": -0.6}, random, 0.0, 0.1)], "a", "b", KINDS, 0.05)
     assert tight.high - tight.low < 0.1
 
 
@@ -66,6 +66,21 @@ def test_the_interval_is_over_searches_and_cases() -> None:
 )
 def test_the_rule_of_the_plan(low: float, high: float, told: str) -> None:
     assert decision(low, high, 0.05) == told
+
+
+def test_repetitions_stand_beside_each_other() -> None:
+    """A large difference is told by each of five, and all together have a narrower interval."""
+    random, names = np.random.default_rng(6), list(experiment.plan()["arms"])
+    levels = {name: -1.0 + 0.2 * (name == "network") for name in names}
+    every = {seed: found_of(levels, random, 0.05, 0.1) for seed in range(5)}
+    for found in every.values():
+        found |= {"arms": names, "searches": {("LQG", 0): {"value": -2.0}, ("LLC-tuned", 0): {"value": -1.9}}}
+    first = next(line for line in pages.repetitions(every) if "best fixed" in line)
+    assert first.count(WORSE) == 6
+    assert "5 of 5" in first
+    one, whole = (ratio(some, "network", "LQG", KINDS, 0.05) for some in ([every[0]], list(every.values())))
+    assert whole.high - whole.low < 0.6 * (one.high - one.low)
+    assert whole.low < np.exp(0.2) < whole.high
 
 
 def test_the_whole_way_with_a_small_plan(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -81,6 +96,7 @@ def test_the_whole_way_with_a_small_plan(monkeypatch: pytest.MonkeyPatch, tmp_pa
     for name, own in SMALL.items():
         small[name] = {**whole[name], **own}
     monkeypatch.setattr(experiment, "plan", lambda: small)
+    monkeypatch.setattr(experiment, "FIRST_GENERATIONS", 1)
     monkeypatch.setattr(pages, "plan", lambda: small)
     words = [
         "reproduce",
@@ -97,6 +113,7 @@ def test_the_whole_way_with_a_small_plan(monkeypatch: pytest.MonkeyPatch, tmp_pa
     page, told = (tmp_path / "what_holds.md").read_text(), json.loads((tmp_path / "x.json").read_text())
     assert all(line in page for line in told["answers"])
     assert len((tmp_path / "what_holds.csv").read_text().splitlines()) == 1 + len(told["ratios"])
-    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").iterdir()}
+    assert "With the STATCOM as a second device" in page
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").rglob("*.json")}
     assert main(words) == 0
-    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").iterdir()} == kept
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "seed_0").rglob("*.json")} == kept

@@ -8,12 +8,12 @@ from facts_damping.control.table import Range
 from facts_damping.studies.search.structures import Choice, Structure
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
 HERE = "facts_damping_reproduction.adaptation.policies"
-DEVICES, PROFILE = ("sssc",), "deployment"
+PROFILE = "deployment"
 GAINS = {"rate": Range(1e-3, 1.0, logarithmic=True), "leak": Range(0.01, 1.0, logarithmic=True)}
 WEIGHT = {"weight": Range(1e-4, 1e2, logarithmic=True)}
 STILL = {"eta": 0.0, "identifier_eta": 0.0}  # a network that does not learn
@@ -26,20 +26,20 @@ class Space(NamedTuple):
     rows: Callable[[NDArray[Any]], list[dict[str, Any]]]
 
 
-def choice(name: str, scheme: Any = None) -> Choice:
+def choice(devices: Sequence[str], name: str, scheme: Any = None) -> Choice:
     """The search space of a shipped controller in the deployment; delay is not compensated."""
-    return Choice(Structure(name, scheme, DEVICES, PROFILE), "two_area")
+    return Choice(Structure(name, scheme, tuple(devices), PROFILE), "two_area")
 
 
-def space(arm: dict[str, Any], network: dict[str, Any]) -> Space:
+def space(arm: dict[str, Any], network: dict[str, Any], devices: Sequence[str]) -> Space:
     """The space of an arm that is searched; `network`: name and scheme of that of all arms."""
     if arm["kind"] == "searched":
-        made = choice(arm["name"])
+        made = choice(devices, arm["name"])
         return Space(made.size, lambda at: [made.controller(at).model_dump()])
     if arm["kind"] == "network":
-        made, more = choice(**network), {} if arm["learning"] else STILL
+        made, more = choice(devices, **network), {} if arm["learning"] else STILL
         return Space(made.size, lambda at: [_with(made.controller(at).model_dump(), more)])
-    signals = {"devices": list(DEVICES), "signals": ["frequency"]}
+    signals = {"devices": list(devices), "signals": ["frequency"]}
     if arm["policy"] == "IdentifiedLQG":
         return Space(
             1,
@@ -47,7 +47,7 @@ def space(arm: dict[str, Any], network: dict[str, Any]) -> Space:
                 {**signals, "name": "identified", "policy": f"{HERE}:IdentifiedLQG", "parameters": _values(WEIGHT, at)}
             ],
         )
-    lead = choice("LLC-tuned")
+    lead = choice(devices, "LLC-tuned")
 
     def adaptive(at: NDArray[Any]) -> list[dict[str, Any]]:
         own = lead.controller(at[: lead.size]).parameters

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from facts_damping_reproduction.score_cases import WRONG, Random, event, number, scaled, usual
+from facts_damping_reproduction.score_cases import TWO_AREA, Random, event, number, scaled, usual
 
 KINDS = ("nominal", "drift", "wrong model")
 BEGIN = 6.0  # s, of the event in training
@@ -20,7 +20,7 @@ def training(number_of: int, begin: float, after: float) -> list[dict[str, Any]]
     random = np.random.default_rng((TRAINING, 20261128))
     found = []
     for i in range(number_of):
-        one = {**usual(random), "scenario": event(random, i, begin)}
+        one = {**usual(random, TWO_AREA), "scenario": event(random, TWO_AREA, i, begin)}
         del one["load_noise.std"]
         found.append(one | {"duration": round(begin + 1.0 + after, 3)})
     return found
@@ -33,7 +33,11 @@ def evaluation(number_of: int, begin: float, after: float, seed: int) -> list[di
 
 
 def _evaluation(random: Random, kind: str, i: int, begin: float, after: float) -> dict[str, Any]:
-    found = {**usual(random), "scenario": _new_event(random, i, begin), "duration": round(begin + 1.5 + after, 3)}
+    found = {
+        **usual(random, TWO_AREA),
+        "scenario": _new_event(random, i, begin),
+        "duration": round(begin + 1.5 + after, 3),
+    }
     if kind == "drift":
         moved = number(random, 60.0, 160.0) * (1.0 if random.random() < 0.5 else -1.0)  # MW over the tie
         times = np.linspace(*DRIFT, STEPS)
@@ -42,7 +46,7 @@ def _evaluation(random: Random, kind: str, i: int, begin: float, after: float) -
             *_steps("load_2", moved / 1767.0, times),
         ] + found["scenario"]
     if kind == "wrong model":
-        for fields in WRONG.values():
+        for fields in TWO_AREA.wrong.values():
             found |= scaled(fields, number(random, 0.7, 1.3))
     return {"kind": kind, "set": found}
 

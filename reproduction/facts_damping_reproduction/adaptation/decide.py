@@ -43,23 +43,30 @@ def logs(found: Mapping[str, Any], arm: str) -> NDArray[np.float64]:
     )
 
 
-def ratio(found: Mapping[str, Any], arm: str, against: str, kinds: Sequence[str], margin: float) -> Ratio:
-    """Two-level bootstrap: search seeds of each arm by themselves, then cases, within their kinds, of both together."""
+def ratio(every: Sequence[Mapping[str, Any]], arm: str, against: str, kinds: Sequence[str], margin: float) -> Ratio:
+    """Two-level bootstrap: search seeds of each arm by themselves, then cases, within their kinds, of both together.
+
+    `every`: the results of one experiment, or of repetitions, which count alike.
+    """
+    both = [_drawn(one, arm, against, kinds) for one in every]
+    middle, drawn = float(np.mean([one[0] for one in both])), np.mean([one[1] for one in both], axis=0)
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low, high = (float(x) for x in np.exp(np.quantile(drawn, [tail, 1.0 - tail])))
+    return Ratio(arm, against, ", ".join(kinds), float(np.exp(middle)), low, high, decision(low, high, margin))
+
+
+def _drawn(found: Mapping[str, Any], arm: str, against: str, kinds: Sequence[str]) -> tuple[float, NDArray[np.float64]]:
+    """The mean log ratio of an experiment, and that of each resample."""
     a = logs(found, arm)
     b = np.zeros_like(a[:1]) if against == NONE else logs(found, against)
-    random, every = np.random.default_rng(len(kinds)), np.array(found["kinds"])
-    groups = [np.flatnonzero(every == kind) for kind in kinds]
+    random, of_case = np.random.default_rng(len(kinds)), np.array(found["kinds"])
+    groups = [np.flatnonzero(of_case == kind) for kind in kinds]
     of_a, of_b, drawn = _weights(random, len(a)), _weights(random, len(b)), np.zeros(RESAMPLES)
     for group in groups:
         cases = _weights(random, len(group))
         for own, seeds, sign in ((a, of_a, 1.0), (b, of_b, -1.0)):
             drawn += sign / len(groups) * np.einsum("rs,sc,rc->r", seeds, own[:, group], cases)
-    middle = np.mean([(a.mean(axis=0) - b.mean(axis=0))[group].mean() for group in groups])
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.exp(np.quantile(drawn, [tail, 1.0 - tail]))
-    return Ratio(
-        arm, against, ", ".join(kinds), float(np.exp(middle)), float(low), float(high), decision(low, high, margin)
-    )
+    return float(np.mean([(a.mean(axis=0) - b.mean(axis=0))[group].mean() for group in groups])), drawn
 
 
 def _weights(random: np.random.Generator, number: int) -> NDArray[np.float64]:

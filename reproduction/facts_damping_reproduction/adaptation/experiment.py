@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 PLAN = Path(__file__).with_name("adaptation.yaml")
 PROFILE = "deployment"
+WHOLE = "whole"  # file of a seed that has all its results
 FIRST_GENERATIONS = 6  # of the choice of the network
 
 
@@ -57,9 +58,14 @@ def plan() -> dict[str, Any]:
     return found
 
 
-def made(sets: dict[str, Any], rows: Sequence[dict[str, Any]], more: dict[str, Any] | None = None) -> Case:
-    """A case with controllers."""
-    common = plan()["set"]
+def made(
+    devices: Sequence[str],
+    sets: dict[str, Any],
+    rows: Sequence[dict[str, Any]],
+    more: dict[str, Any] | None = None,
+) -> Case:
+    """A case with devices and controllers."""
+    common = {**plan()["set"], "devices": list(devices)}
     content: dict[str, Any] = {"controllers": deepcopy(list(rows))}
     change(content, common, as_sets(common))
     return changed_case(content, "adaptation", {**(more or {}), **sets})
@@ -72,28 +78,30 @@ def index(record: Any, begin: float, after: float, deviations: NDArray[np.float6
     return float(performance_indices(t[kept], deviations[kept], begin)["ITAE"])
 
 
-def _trained(rows: Sequence[dict[str, Any]], begin: float) -> list[float | None]:
+def _trained(devices: Sequence[str], rows: Sequence[dict[str, Any]], begin: float) -> list[float | None]:
     """The index in each training case; None: synchronism is lost."""
     after, found = plan()["evaluation"]["after"], list[float | None]()
     for sets in training(plan()["search"]["cases"], begin, after):
-        record = closed_loop(made(sets, rows, plan()["search"]["set"]))
+        record = closed_loop(made(devices, sets, rows, plan()["search"]["set"]))
         sound = record.in_synchronism.all()
         found.append(index(record, begin, after, columns(speed_differences(record))) if sound else None)
     return found
 
 
-_free = cache(lambda begin: _trained((), begin))
+_free = cache(lambda devices, begin: _trained(devices, (), begin))
 
 
-def objective(rows: Sequence[dict[str, Any]], begin: float) -> float:
+def objective(devices: Sequence[str], rows: Sequence[dict[str, Any]], begin: float) -> float:
     """Mean log of the index relative to no control over the training cases."""
-    pairs = zip(_trained(rows, begin), _free(begin), strict=True)
+    pairs = zip(_trained(devices, rows, begin), _free(tuple(devices), begin), strict=True)
     return float(np.mean([log_ratio(a, b) for a, b in pairs if b is not None]))
 
 
-def search(arm: dict[str, Any], network: dict[str, Any], seed: int, generations: int | None = None) -> Search:
+def search(
+    devices: Sequence[str], arm: dict[str, Any], network: dict[str, Any], seed: int, generations: int | None = None
+) -> Search:
     """Differential evolution until the best of training no longer moves."""
-    task, where, begin = plan()["search"], space(arm, network), arm.get("begin", BEGIN)
+    task, where, begin = plan()["search"], space(arm, network, devices), arm.get("begin", BEGIN)
     random = np.random.default_rng(seed)
     number = max(task["least"] if where.size > 1 else 8, task["points"] * where.size)
     start = qmc.LatinHypercube(where.size, rng=random).random(number)
@@ -105,7 +113,7 @@ def search(arm: dict[str, Any], network: dict[str, Any], seed: int, generations:
         return bool(before - curve[-1] < task["better"])
 
     found = differential_evolution(
-        lambda at: objective(where.rows(at), begin),
+        lambda at: objective(devices, where.rows(at), begin),
         [(0.0, 1.0)] * where.size,
         init=start,
         maxiter=(generations or task["generations"]) - 1,
@@ -117,10 +125,12 @@ def search(arm: dict[str, Any], network: dict[str, Any], seed: int, generations:
     return Search(where.rows(found.x), float(found.fun), curve, int(found.nfev) * task["cases"])
 
 
-def measured(sets: dict[str, Any], rows: Sequence[dict[str, Any]], *, frozen: bool = False) -> dict[str, Any]:
+def measured(
+    devices: Sequence[str], sets: dict[str, Any], rows: Sequence[dict[str, Any]], *, frozen: bool = False
+) -> dict[str, Any]:
     """A controller in an evaluation case: index, peak, lowest damping ratio of the response, effort."""
     begin, after = plan()["evaluation"]["begin"], plan()["evaluation"]["after"]
-    case = made(sets, rows)
+    case = made(devices, sets, rows)
     if frozen:
         tick = round(begin * case.run.frame_rate)
         roles = ["controller", *(["identifier"] if case.controllers[0].scheme == "indirect" else [])]
@@ -143,49 +153,76 @@ def measured(sets: dict[str, Any], rows: Sequence[dict[str, Any]], *, frozen: bo
     }
 
 
-def _search_task(network: dict[str, Any], task: tuple[str, int]) -> tuple[str, int, dict[str, Any]]:
+def _search_task(
+    devices: Sequence[str], network: dict[str, Any], task: tuple[str, int]
+) -> tuple[str, int, dict[str, Any]]:
     arm, seed = task
-    return arm, seed, search(plan()["arms"][arm], network, seed)._asdict()
+    return arm, seed, search(devices, plan()["arms"][arm], network, seed)._asdict()
 
 
 def _network_task(network: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    found = search({"kind": "network", "learning": True}, network, 0, FIRST_GENERATIONS)
+    devices = next(iter(plan()["sets"].values()))["devices"]
+    found = search(devices, {"kind": "network", "learning": True}, network, 0, FIRST_GENERATIONS)
     return json.dumps(network), found._asdict()
 
 
-def _evaluation_task(cases: list[dict[str, Any]], task: tuple[str, int, list[dict[str, Any]], bool]) -> Any:
+def _evaluation_task(
+    devices: Sequence[str], cases: list[dict[str, Any]], task: tuple[str, int, list[dict[str, Any]], bool]
+) -> Any:
     arm, seed, rows, frozen = task
-    return arm, seed, [measured(one["set"], rows, frozen=frozen) for one in cases]
+    return arm, seed, [measured(devices, one["set"], rows, frozen=frozen) for one in cases]
 
 
-def run(folder: Path, jobs: int, scheduler: str | None, seed: int) -> dict[str, Any]:
-    """All searches and evaluations; `seed`: 0 as published, others draw other searches and other evaluation cases."""
-    searches, kept = {}, folder / f"seed_{seed}"
-    kept.mkdir(parents=True, exist_ok=True)
+def run(folder: Path, jobs: int, scheduler: str | None, seed: int) -> dict[int, dict[str, dict[str, Any]]]:
+    """All searches and evaluations of a seed, and of those that the folder has whole: seed: set of devices: results.
+
+    `seed`: 0 as published, others draw other searches and other evaluation cases.
+    """
     with workers(jobs, scheduler) as each:
-        network = _chosen(kept, each)
-        asked = [name for name, arm in plan()["arms"].items() if arm["kind"] not in ("fixed", "frozen")]
-        first = 1000 * seed
-        todo = [(name, first + s) for s in range(plan()["search"]["seeds"]) for name in asked]
-        for name, one, found in _kept(kept, "search", todo, partial(_search_task, network), each):
-            searches[name, one] = found
-        cases = evaluation(
-            plan()["evaluation"]["cases"], plan()["evaluation"]["begin"], plan()["evaluation"]["after"], seed
-        )
-        tasks: list[Any] = [(NONE, 0, [], False), ("LLC", 0, [{"name": "LLC", "signals": ["frequency"]}], False)]
-        for (name, one), found in searches.items():
-            tasks.append((name, one, found["rows"], False))
-            frozen = [other for other, arm in plan()["arms"].items() if arm.get("of") == name]
-            tasks += [(other, one, found["rows"], True) for other in frozen]
-        rows = {
-            (name, one): found
-            for name, one, found in _kept(kept, "evaluation", tasks, partial(_evaluation_task, cases), each)
-        }
-    return {"network": network, "searches": searches, "rows": rows, "kinds": [one["kind"] for one in cases]}
+        _of_seed(folder, seed, each)
+    whole = sorted(int(path.parent.name.removeprefix("seed_")) for path in folder.glob(f"seed_*/{WHOLE}"))
+    return {one: _of_seed(folder, one, map) for one in whole}
+
+
+def _of_seed(folder: Path, seed: int, each: Any) -> dict[str, dict[str, Any]]:
+    kept = folder / f"seed_{seed}"
+    found = {
+        name: _of_set(kept / name.replace(" ", "_"), own["devices"], seed, each)
+        for name, own in plan()["sets"].items()
+        if seed in own.get("seeds", [seed])
+    }
+    write_whole(kept / WHOLE, "")
+    return found
+
+
+def arms_of(devices: Sequence[str]) -> dict[str, Any]:
+    """The arms for these devices: policies are for one."""
+    return {name: arm for name, arm in plan()["arms"].items() if arm["kind"] != "policy" or len(devices) == 1}
+
+
+def _of_set(folder: Path, devices: Sequence[str], seed: int, each: Any) -> dict[str, Any]:
+    folder.mkdir(parents=True, exist_ok=True)
+    network, arms = _chosen(folder.parent, each), arms_of(devices)
+    asked = [name for name, arm in arms.items() if arm["kind"] not in ("fixed", "frozen")]
+    todo = [(name, 1000 * seed + s) for s in range(plan()["search"]["seeds"]) for name in asked]
+    found = _kept(folder, "search", todo, partial(_search_task, devices, network), each)
+    searches = {(name, one): result for name, one, result in found}
+    task = plan()["evaluation"]
+    cases = evaluation(task["cases"], task["begin"], task["after"], seed)
+    lead = {"name": "LLC", "signals": ["frequency"], "devices": list(devices)}
+    tasks: list[Any] = [(NONE, 0, [], False), ("LLC", 0, [lead], False)]
+    for (name, one), result in searches.items():
+        tasks.append((name, one, result["rows"], False))
+        frozen = [other for other, arm in arms.items() if arm.get("of") == name]
+        tasks += [(other, one, result["rows"], True) for other in frozen]
+    found = _kept(folder, "evaluation", tasks, partial(_evaluation_task, devices, cases), each)
+    rows = {(name, one): result for name, one, result in found}
+    kinds = [one["kind"] for one in cases]
+    return {"network": network, "arms": list(arms), "searches": searches, "rows": rows, "kinds": kinds}
 
 
 def _chosen(folder: Path, each: Any) -> dict[str, Any]:
-    """The network that is best in training with the first seed."""
+    """The network that is best in training with the first seed and the first set of devices."""
     path = folder / "network.json"
     if not path.exists():
         found = dict(each(_network_task, plan()["networks"]))

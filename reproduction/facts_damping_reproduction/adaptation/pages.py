@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -27,15 +27,42 @@ FIXED = ("LLC-tuned", "LQG")
 SAYS = {BETTER: "Yes", WORSE: "No, it is worse", decide.ALIKE: "No", OPEN: "It cannot be told"}
 
 
+BEST = "the best fixed controller"
+
+
+class Question(NamedTuple):
+    """What is asked: an arm beside another, in some kinds of cases."""
+
+    words: str
+    arm: str
+    against: str
+    kinds: Sequence[str]
+
+
+QUESTIONS = (
+    Question(f"the network that learns against {BEST}", "network", BEST, MOVED),
+    Question("the same, where the grid is as it was designed for", "network", BEST, KINDS[:1]),
+    Question("learning against the same network that was tuned without", "network", "network, not learning", MOVED),
+    Question("learning on against stopping at the event", "network", "network, frozen at the event", MOVED),
+    Question("an adaptive gain on the lead-lag", "LLC-tuned, adaptive gain", "LLC-tuned", MOVED),
+    Question("an LQG for a model identified in the first minute", "LQG, model identified", "LQG", MOVED),
+)
+
+
+def questions(found: Mapping[str, Any]) -> list[Question]:
+    """The questions that the arms permit, with the fixed controller that was best in training."""
+    best = decide.best_fixed(found, FIXED)
+    known = [one._replace(against=best) if one.against == BEST else one for one in QUESTIONS]
+    return [one for one in known if {one.arm, one.against}.issubset(found["arms"])]
+
+
 def ratios(found: Mapping[str, Any]) -> list[Ratio]:
     """Every arm against no control, and the pairs of the questions, in each kind of cases and where the grid moved."""
-    margin, arms = plan()["margin"], list(plan()["arms"])
-    best = decide.best_fixed(found, FIXED)
-    pairs = [(arm, NONE) for arm in arms]
-    pairs += [("network", best), ("network", "network, not learning"), ("network", "network, frozen at the event")]
-    pairs += [("LLC-tuned, adaptive gain", "LLC-tuned"), ("LQG, model identified", "LQG")]
-    kinds = [(kind,) for kind in KINDS]
-    return [decide.ratio(found, *pair, own, margin) for pair in pairs for own in (*kinds, MOVED, KINDS)]
+    margin, kinds = plan()["margin"], [(kind,) for kind in KINDS]
+    every = dict.fromkeys(
+        [*((arm, NONE) for arm in found["arms"]), *((one.arm, one.against) for one in questions(found))]
+    )
+    return [decide.ratio([found], *pair, own, margin) for pair in every for own in (*kinds, MOVED, KINDS)]
 
 
 def of(found: Sequence[Ratio], arm: str, against: str, kinds: Sequence[str]) -> Ratio:
@@ -45,23 +72,17 @@ def of(found: Sequence[Ratio], arm: str, against: str, kinds: Sequence[str]) -> 
 
 def answers(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
     """The question's answers, one sentence each."""
-    best = decide.best_fixed(found, FIXED)
-    main, nominal = of(told, "network", best, MOVED), of(told, "network", best, KINDS[:1])
+    main, same, *others = questions(found)
+    first, nominal = of(told, *main[1:]), of(told, *same[1:])
     cost = "costs something" if nominal.decision == WORSE else "is not shown to cost anything"
-    pairs = {
-        "learning against the same network that was tuned without": ("network", "network, not learning"),
-        "learning on against stopping at the event": ("network", "network, frozen at the event"),
-        "an adaptive gain on the lead-lag": ("LLC-tuned, adaptive gain", "LLC-tuned"),
-        "an LQG for a model identified in the first minute": ("LQG, model identified", "LQG"),
-    }
     moved = "where the grid has moved or the model is wrong"
     lines = [
-        f"**{SAYS[main.decision]}**: {moved}, the network that learns has {main.text()} against `{best}`.",
+        f"**{SAYS[first.decision]}**: {moved}, the network that learns has {first.text()} against `{first.against}`.",
         f"Where the grid is as it was designed for, learning {cost}: {nominal.text()}.",
     ]
-    for words, pair in pairs.items():
-        one = of(told, *pair, MOVED)
-        lines.append(f"{words[0].upper()}{words[1:]}: {SAYS[one.decision].lower()}, {one.text()}.")
+    for asked in others:
+        one = of(told, *asked[1:])
+        lines.append(f"{asked.words[0].upper()}{asked.words[1:]}: {SAYS[one.decision].lower()}, {one.text()}.")
     return lines
 
 
@@ -73,7 +94,7 @@ def rows(told: Sequence[Ratio]) -> list[dict[str, Any]]:
 def arm_table(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
     """A row for each arm: change against no control by kind, searches, damping, effort."""
     lines = []
-    for arm in plan()["arms"]:
+    for arm in found["arms"]:
         own = [row for (name, _), some in found["rows"].items() if name == arm for row in some]
         searched = [one for (name, _), one in found["searches"].items() if name == arm]
         loops = f"{sum(one['loops'] for one in searched)}" if searched else "-"
@@ -96,9 +117,8 @@ def arm_table(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
     return table(heads, lines, 1, markdown=True)
 
 
-def pair_table(told: Sequence[Ratio]) -> list[str]:
+def pair_table(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
     """The pairs of the questions."""
-    pairs = dict.fromkeys((one.arm, one.against) for one in told if one.against != NONE)
     lines = [
         [
             arm,
@@ -106,14 +126,28 @@ def pair_table(told: Sequence[Ratio]) -> list[str]:
             *(of(told, arm, against, kinds).text() for kinds in (*((kind,) for kind in KINDS), MOVED)),
             of(told, arm, against, MOVED).decision,
         ]
-        for arm, against in pairs
+        for arm, against in dict.fromkeys((one.arm, one.against) for one in questions(found))
     ]
     return table(["arm", "against", *KINDS, "both of these", "decision"], lines, 2, markdown=True)
 
 
-def draw(told: Sequence[Ratio], path: Path) -> Path:
+def repetitions(every: Mapping[int, Mapping[str, Any]]) -> list[str]:
+    """The answer of each repetition, by its seed, of all together, and how many say what the first says."""
+    lines = []
+    for words, *asked in questions(every[min(every)]):
+        pair = *asked, plan()["margin"]
+        own = [decide.ratio([found], *pair) for found in every.values()]
+        alike = sum(one.decision == own[0].decision for one in own)
+        whole = decide.ratio(list(every.values()), *pair)
+        cells = [f"{one.text()}: {one.decision}" for one in (*own, whole)]
+        lines.append([words, *cells, f"{alike} of {len(own)}"])
+    heads = ["question", *(f"seed {seed}" for seed in every), "all together", "say the same"]
+    return table(heads, lines, 1, markdown=True)
+
+
+def draw(found: Mapping[str, Any], told: Sequence[Ratio], path: Path) -> Path:
     """Change against no control by arm, a colour for each kind of cases."""
-    arms = list(plan()["arms"])
+    arms = found["arms"]
     figure = Figure(figsize=(6.5, 1.0 + 0.5 * len(arms)), layout="constrained")
     axes = figure.subplots()
     for i, (kind, colour) in enumerate(zip(KINDS, COLOURS, strict=False)):
@@ -149,11 +183,13 @@ def draw_searches(found: Mapping[str, Any], path: Path) -> Path:
     return save_picture(figure, path)
 
 
-def write(found: Mapping[str, Any], told: Sequence[Ratio], folder: Path) -> list[Path]:
-    """The page, the figures, and all ratios as CSV; returns the paths."""
+def write(every: Mapping[int, Mapping[str, Mapping[str, Any]]], seed: int, folder: Path) -> list[Path]:
+    """The page of a seed, the figures, and all ratios as CSV; returns the paths. `every`: results by seed, then set."""
+    found, *others = every[seed].values()
+    told, first = ratios(found), next(iter(plan()["sets"]))
     csv.write_csv(arrow(rows(told)), folder / "what_holds.csv")
     made = [
-        draw(told, folder / "what_holds.png"),
+        draw(found, told, folder / "what_holds.png"),
         draw_searches(found, folder / "searches.png"),
         folder / "what_holds.csv",
     ]
@@ -162,10 +198,15 @@ def write(found: Mapping[str, Any], told: Sequence[Ratio], folder: Path) -> list
         "rule": plan()["rule"].strip(),
         "answers": "\n".join(f"- {line}" for line in answers(found, told)),
         "arms": "\n".join(arm_table(found, told)),
-        "pairs": "\n".join(pair_table(told)),
+        "pairs": "\n".join(pair_table(found, told)),
         "network": f"`{found['network']['name']}` {found['network']['scheme']}",
         "cases": str(len(found["kinds"])),
         "seeds": str(plan()["search"]["seeds"]),
+        "both": [
+            {"arms": "\n".join(arm_table(one, own)), "pairs": "\n".join(pair_table(one, own))}
+            for one, own in ((one, ratios(one)) for one in others)
+        ],
+        "repetitions": "\n".join(repetitions({s: own[first] for s, own in every.items()})) if len(every) > 1 else "",
     }
     write_whole(folder / "what_holds.md", render("adaptation/what_holds.md", **values))
     return [folder / "what_holds.md", *made]
