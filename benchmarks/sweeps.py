@@ -2,7 +2,8 @@
 
     python benchmarks/sweeps.py
 
-Runs of LLC on two_area, `small`, 20 s, as in config/studies/monte_carlo.yaml. Ratios of one run count.
+Runs of LLC on two_area, `small`, 20 s, as in config/studies/monte_carlo.yaml, and of `two_area_deployment`, which with
+its noise needs a second run for the verdict. Ratios of one run count.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from facts_damping.analysis.modes.ringdown import ringdown_modes
 from facts_damping.analysis.summary import summarise
 from facts_damping.analysis.verdict import judge
 from facts_damping.case.loading import load_case
+from facts_damping.parameters.study import Study
+from facts_damping.parameters.validation import check
 from facts_damping.simulation import loop
 from facts_damping.studies.sweeps import batch, sweep
 from facts_damping.studies.sweeps.pool import workers
@@ -36,6 +39,23 @@ RUNS = 15
 MANY = 400
 JOBS = os.cpu_count() or 1
 STUDY = "monte_carlo"
+DEPLOYMENT = {
+    "run": "two_area_deployment",
+    "sweep": [
+        {
+            "draws": {
+                "number": 100,
+                "variables": [
+                    {"name": name, "field": field, "distribution": "uniform", "low": low, "high": high}
+                    for name, field, low, high in (
+                        ("delay_s", "link.up.1.delay", 0.0, 0.2),
+                        ("noise", "load_noise.std", 0.005, 0.015),
+                    )
+                ],
+            }
+        }
+    ],
+}
 
 
 def median_ms(function: Callable[[], object]) -> float:
@@ -75,6 +95,7 @@ def parts_of_a_run(plan: sweep.Plan) -> None:
 def many(plan: sweep.Plan) -> None:
     """Print the time of many runs, one after the other, in threads, in processes."""
     tasks = sweep._tasks(plan, {})[:MANY]  # noqa: SLF001
+    name = f"{len(tasks)} runs of {plan.study.run}"
     function = partial(batch.one_run, plan.base)
 
     def threads(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterable[Any]:
@@ -82,7 +103,7 @@ def many(plan: sweep.Plan) -> None:
         made: Iterable[Any] = parallel(delayed(function)(task) for task in tasks)
         return made
 
-    print(f"\n{str(MANY) + ' runs':<45} {'s':>8} {'ratio':>7} {'10,000 runs, min':>17}")
+    print(f"\n{name:<45} {'s':>8} {'ratio':>7} {'10,000 runs, min':>17}")
     first = 0.0
     with workers(1) as alone, workers(JOBS) as processes:
         for name, each in (
@@ -98,7 +119,7 @@ def many(plan: sweep.Plan) -> None:
                 raise SystemExit(failed[0])
             took = time.perf_counter() - began
             first = first or took
-            print(f"{name:<45} {took:8.2f} {first / took:7.2f} {took * 10_000 / MANY / 60:17.1f}")
+            print(f"{name:<45} {took:8.2f} {first / took:7.2f} {took * 10_000 / len(tasks) / 60:17.1f}")
 
 
 def main() -> None:
@@ -107,6 +128,7 @@ def main() -> None:
     with threadpool_limits(1):  # as in a sweep
         parts_of_a_run(plan)
         many(plan)
+        many(sweep.planned(check(Study, DEPLOYMENT, "deployment"), "deployment", "deployment", ""))
     with TemporaryDirectory() as folder:
         short = plan._replace(points=plan.points[:MANY])
         began = time.perf_counter()

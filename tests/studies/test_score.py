@@ -11,12 +11,12 @@ import pytest
 
 import facts_damping as fd
 from facts_damping.cli.main import main
-from facts_damping.studies.score.card import LOST, estimate, logs, ranking, read_set
+from facts_damping.studies.score.card import LOST, case_of, estimate, logs, ranking, read_set
 from facts_damping.studies.score.measure import Measured
 from facts_damping.studies.score.pages import ranking_table
 
 # What was published under a name and a version never changes.
-FROZEN = {"two_area_1.0": "c1e6bc09e5427bda"}
+FROZEN = {"two_area_1.0": "c1e6bc09e5427bda", "nets_nyps_1.0": "64f36fb55048ba28"}
 DATA = Path(__file__).parents[1] / "data"
 
 
@@ -48,6 +48,13 @@ def cases() -> str:
 @pytest.mark.parametrize(("name", "digest"), FROZEN.items())
 def test_a_version_of_a_set_never_changes(name: str, digest: str) -> None:
     assert read_set(name).digest == digest
+
+
+@pytest.mark.parametrize("name", FROZEN)
+def test_every_case_of_a_set_can_be_made(name: str) -> None:
+    found = read_set(name)
+    kinds = {found.content.cases[i].kind for i in range(len(found.content.cases)) if case_of(found, (), i).ticks}
+    assert kinds == set(found.content.kinds)
 
 
 def test_a_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cases: str) -> None:

@@ -79,7 +79,7 @@ def run_set(
     every = {NONE: (), **controllers}
     tasks = [(name, rows, i) for name, rows in every.items() for i in range(len(case_set.content.cases))]
     found: dict[str, dict[int, Measured]] = {name: {} for name in every}
-    _made(case_set, next(iter(controllers.values()), ()), 0)  # an error of the controller is told before any run
+    case_of(case_set, next(iter(controllers.values()), ()), 0)  # an error of the controller is told before any run
     with workers(jobs) as each:
         for done, (name, i, measured) in enumerate(each(partial(_one, case_set), tasks)):
             if isinstance(measured, str):
@@ -92,12 +92,12 @@ def run_set(
 def _one(case_set: Set, task: tuple[str, Controllers, int]) -> tuple[str, int, Measured | str]:
     name, rows, i = task
     try:
-        return name, i, measure(_made(case_set, rows, i), case_set.content.after)
+        return name, i, measure(case_of(case_set, rows, i), case_set.content.after)
     except FactsDampingError as error:
         return name, i, one_line(error)
 
 
-def _made(case_set: Set, rows: Controllers, i: int) -> Any:
+def case_of(case_set: Set, rows: Controllers, i: int) -> Any:
     """A case of the set with controllers."""
     content = case_set.content
     usual = {"devices": content.devices, "signals": content.signals}

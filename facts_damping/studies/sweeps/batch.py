@@ -22,6 +22,7 @@ from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.findings import NO_CONTROL, uncontrolled
 from facts_damping.parameters.run import Run
+from facts_damping.plant.load_noise import noisy_loads
 from facts_damping.plant.model import copy
 from facts_damping.simulation import loop, twins
 from facts_damping.simulation.build import needs_residues, plant_residues, quiet_plant, with_load_noise
@@ -169,9 +170,9 @@ def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
     # Keyed by content instead of name: a file may change during the life of a cluster's worker.
     system = f"{case.run.devices} {case.system.model_dump_json()}"
     events = [event.model_dump_json() for event in case.scenario.events]
-    noise = case.run.load_noise.model_dump_json() if case.run.load_noise else ""
+    noisy = noisy_loads(case.run.load_noise, case.system.loads)
     guarded = f"{case.run.watchdog and case.run.watchdog.model_dump_json()} {case.run.frame_rate}"
-    built = with_load_noise(case, shared(_plants, f"{events} {system} {noise} {guarded}", lambda: quiet_plant(case)))
+    built = with_load_noise(case, shared(_plants, f"{events} {system} {noisy} {guarded}", lambda: quiet_plant(case)))
     plant = None
     if needs_residues(case):
         model = system if case.model is None else f"{case.run.devices} {case.model.model_dump_json()}"
