@@ -3,6 +3,7 @@
 # make test-fast  what a change most likely breaks, in a minute
 # make coverage   lines that tests reach
 # make explore tests with random examples for MINUTES=10
+# make site    the documentation as a site, with search, into results/site
 # make pages   all tables and pictures that follow from runs, into results/pages, and those that docs quote (an hour)
 # make wheel   wheels of the package, with compiled kernels inside, and of the messages, into dist
 # make clean   remove .venv and what builds and tools have left; recordings stay
@@ -42,7 +43,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHE
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-fast coverage lint explore pages wheel setup test-setup prerequisites clean
+.PHONY: demo test test-fast coverage lint explore site pages wheel setup test-setup prerequisites clean
 
 demo: setup
 	@$(BIN)/python -m facts_damping.cli.demo
@@ -81,7 +82,10 @@ explore: test-setup
 	    seed=$$((seed + 1)); \
 	done
 
-# What docs/images has is from the folder of the same name; what takes long goes on where it was interrupted.
+site: test-setup
+	$(BIN)/mkdocs build --strict
+
+# What docs/images has in folders is from the folder of the same name; what takes long goes on where it was interrupted.
 PAGES := results/pages
 QUOTED := architectures delay_margin deployment_margin preset_margin jitter loss bursts asymmetric_signals asymmetric_devices monte_carlo \
     compensation prediction measurement measurement_margin jacobians portraits
@@ -97,17 +101,13 @@ pages: demo
 	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --out $(PAGES)/large
 	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --windows inf,0 --out $(PAGES)/wvd
 	for study in $(QUOTED); do $(BIN)/facts-damping sweep $$study --out $(PAGES)/$$study || exit 1; done
-	$(BIN)/facts-damping campaign do_no_harm --out $(PAGES)/do_no_harm
-	cp $(PAGES)/do_no_harm/page.md docs/do_no_harm.md
-	$(BIN)/facts-damping campaign wrong_control --out $(PAGES)/wrong_control
-	cp $(PAGES)/wrong_control/page.md docs/wrong_control.md
-	$(BIN)/facts-damping campaign healthy --out $(PAGES)/healthy
-	cp $(PAGES)/healthy/page.md docs/false_trips.md
-	$(BIN)/facts-damping campaign growing --out $(PAGES)/growing
-	cp $(PAGES)/growing/page.md docs/growing.md
+	for campaign in do_no_harm wrong_control healthy growing; do \
+	    $(BIN)/facts-damping campaign $$campaign --out $(PAGES)/$$campaign || exit 1; \
+	done
 	$(BIN)/facts-damping reproduce --out $(PAGES)/reproduction
 	$(BIN)/facts-damping reproduce --profile deployment --out $(PAGES)/deployment
 	sed 's|](what_holds.png)|](images/deployment/what_holds.png)|' $(PAGES)/deployment/what_holds.md > docs/what_holds.md
+	$(BIN)/python -m facts_damping_reproduction.result_figures $(PAGES)
 	cd docs/images && for picture in */*; do cp ../../$(PAGES)/$$picture $$picture || exit 1; done
 
 # Both are for this Python, this kind of processor and this distribution of ROS 2. `make demo` takes the messages' wheel

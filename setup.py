@@ -89,6 +89,7 @@ DOCS = [  # for `mkdocs serve`
     "mkdocs>=1.6,<2",
     "mkdocs-jupyter>=0.25,<1",
     "mkdocs-material>=9.6,<10",
+    "mkdocs-redirects==1.2.2",  # later ones bring a fork of mkdocs
     "mkdocstrings[python]>=0.29,<2",
 ]
 

@@ -5,7 +5,7 @@
 
 20 s at 60 samples/s of two decaying modes, the same windows, times and frequencies for both, by turns in one run; tftb
 0.2.0 needs NumPy below 2, so it runs in an environment of its own. Its smoothed distribution is off by a lag
-(docs/time_frequency.md), which changes nothing of its cost. Then what `analyze --spwvd` computes and draws of 20 s and
+(docs/modes.md), which changes nothing of its cost. Then what `analyze --spwvd` computes and draws of 20 s and
 of an hour, and the memory of the process at its most, each in a process of its own.
 """
 

@@ -72,8 +72,8 @@ Shells complete commands, options and names after `eval "$(register-python-argco
 """
 FIELDS = """# Fields
 
-Every field of the YAML files, with type, unit, default and range. How files are named and found, and how `--set`
-changes a field, is explained in [files](files.md). A file with a field that is not in these tables, or with a value out
+Every field of the YAML files, with its type (for numbers the unit), default and range. How files are named and found, and how `--set`
+changes a field, is explained in [running](running.md). A file with a field that is not in these tables, or with a value out
 of range, is refused with one line that names the field and what is allowed.
 
 Any file may begin with `extends: NAME`, another file in its folder: it then has that file's fields, apart from those it
@@ -176,8 +176,8 @@ def _sentences(model: type[ParameterModel]) -> str:
 
 
 def _table(model: type[ParameterModel]) -> Iterator[str]:
-    yield "| field | type | unit | default | range | meaning |"
-    yield "|---|---|---|---|---|---|"
+    yield "| field | type or unit | default | range | meaning |"
+    yield "|---|---|---|---|---|"
     for name, field in model.model_fields.items():
         if name == "asked":  # in stored runs alone
             continue
@@ -187,13 +187,18 @@ def _table(model: type[ParameterModel]) -> Iterator[str]:
         ]
         cells = (
             f"`{field.alias or name}`",
-            _kind(field.annotation),
-            str(extra.get("unit", "")),
+            _unit_or_kind(str(extra.get("unit", "")), _kind(field.annotation), none=field.default is None),
             _default(field.default, field.default_factory),
             ", ".join(limits),
             field.description or "",
         )
         yield f"| {' | '.join(map(_cell, cells))} |"
+
+
+def _unit_or_kind(unit: str, kind: str, *, none: bool) -> str:
+    """The unit of a number, else the type; `none`: that it may be none is told by its default."""
+    kind = kind.removesuffix(" or none") if none else kind
+    return unit if kind == "number" and unit not in ("", "-") else f"{kind}, {unit}" if unit not in ("", "-") else kind
 
 
 def _cell(text: str) -> str:

@@ -1,4 +1,4 @@
-"""The lead-lag LLC as a node of one's own (docs/own_node.md): facts-damping run examples/lead_lag_node.yaml."""
+"""The lead-lag LLC as a node of one's own (docs/extensions.md): facts-damping run examples/lead_lag_node.yaml."""
 
 import time
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""Tests of the node of one's own (docs/testing_nodes.md): pytest examples/test_lead_lag_node.py."""
+"""Tests of the node of one's own (docs/extensions.md): pytest examples/test_lead_lag_node.py."""
 
 import pytest
 from lead_lag_node import main

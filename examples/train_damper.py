@@ -5,7 +5,7 @@
     facts-damping run examples/trained_damper.yaml
 
 Episodes are drawn from the training cases of two_area behind the Pacific DC Intertie's link, all episodes of a
-generation from the same draws. docs/gymnasium.md says what came out.
+generation from the same draws. docs/own_controllers.md says what came out.
 """
 
 import sys

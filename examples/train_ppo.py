@@ -5,7 +5,7 @@
     facts-damping simulate examples/trained_damper.yaml --set 'controllers.0.policy=examples/train_ppo.py:PpoDamper' \
         --set controllers.0.parameters.weights=ppo_damper.zip
 
-The same training cases as of train_damper.py; docs/gymnasium.md says what came out.
+The same training cases as of train_damper.py; docs/own_controllers.md says what came out.
 """
 
 import sys

@@ -16,5 +16,5 @@ def library(module: str, extra: str, name: str = "", where: str = "") -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        missing = f"{name or module} is not installed; allowed: pip install 'facts_damping[{extra}]'"
+        missing = f"{name or module} is not installed; allowed: pip install -e '.[{extra}]' in the checkout"
         raise InputError(f"{where}: {missing}" if where else missing) from error

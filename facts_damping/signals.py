@@ -210,7 +210,7 @@ class Record:
     `links`: number of delivering links, including those that have not delivered yet. `refused`: number of messages that
     each node refused: `node`, `topic`, `cause`, `source`, `count`. `joined`: nodes that joined during the run: `node`,
     `time_s`, `armed_s` (None: disarmed to the end). `changes`: changes during the run: `tick` from which it acts,
-    `node`, `role`, `index`, `kind`, `name`, `value` (run_control.md). `absences`: ticks at which a node was absent
+    `node`, `role`, `index`, `kind`, `name`, `value` (docs/ros2.md). `absences`: ticks at which a node was absent
     before it began or restarted: `role`, `index`, `first`, `end`. `latest`: newest inputs of nodes when they acted, by
     role, index and name of the input: (ticks, 2), the node's tick and the tick of the newest message it had.
     `publishers`: publishing node by topic and the publisher's identity (GID), in one text. `versions`: of the software

@@ -1,7 +1,7 @@
 """For tests of nodes, including the user's own: a graph in this process, without DDS, in simulated time.
 
 `loopback` is a pytest fixture: `from facts_damping.testing import loopback`. During the test `rclpy` and this package's
-nodes run on it, and `time.sleep` lets simulated time pass (docs/testing_nodes.md).
+nodes run on it, and `time.sleep` lets simulated time pass (docs/extensions.md).
 """
 
 from __future__ import annotations

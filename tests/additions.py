@@ -27,7 +27,7 @@ def blocks(page: str) -> list[Block]:
 
 
 def carry_out(folder: Path, given: Iterable[Block]) -> None:
-    """Write the blocks into their files, as docs/extending.md says. Raises `ValueError` if one does not fit."""
+    """Write the blocks into their files, as CONTRIBUTING.md says. Raises `ValueError` if one does not fit."""
     for block in given:
         path = folder / block.file
         if path.exists() is not bool(block.where):

@@ -1,6 +1,6 @@
 """A device, controller, stage, event, index, node and command, added as the pages write them out, then used.
 
-The blocks of docs/extending.md go into a copy of the checkout, beside which the package of docs/extensions.md is
+The blocks of CONTRIBUTING.md go into a copy of the checkout, beside which the package of docs/extensions.md is
 installed. One process gives every command that meets them, graphs on the loopback, and runs the tests among the blocks.
 """
 
@@ -31,8 +31,9 @@ else:
 
 ROOT = Path(__file__).parents[1]
 EXTENSIONS = (ROOT / "docs" / "extensions.md").read_text(encoding="utf-8")
-CORE = blocks((ROOT / "docs" / "extending.md").read_text(encoding="utf-8"))
-TABLE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("\n## Where to add\n")[2]
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+CORE = blocks(CONTRIBUTING)
+TABLE = CONTRIBUTING.partition("\n## Where to add\n")[2].partition("\n## ")[0]
 FILES = {block.file: block.text for block in blocks(EXTENSIONS)}
 PROJECT = tomllib.loads("".join(re.findall(r"```toml\n(.*?)```", EXTENSIONS, re.DOTALL)))["project"]
 
@@ -179,8 +180,9 @@ def test_a_row_of_the_table_leads_to_what_is_there() -> None:
             path = ROOT / "tests" / file
             assert path.exists(), file
             assert not name or re.search(rf"^(class )?{name}\b", path.read_text(encoding="utf-8"), re.MULTILINE), name
-        for file, anchor in re.findall(r"\]\((docs/\w+\.md)#([\w-]+)\)", page):
-            headings = re.findall(r"^## (.*)$", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
+        for file, anchor in re.findall(r"\]\((docs/\w+\.md)?#([\w-]+)\)", page):
+            text = (ROOT / file).read_text(encoding="utf-8") if file else CONTRIBUTING
+            headings = re.findall(r"^## (.*)$", text, re.MULTILINE)
             assert anchor in [re.sub(r"[^\w ]", "", one).lower().replace(" ", "-") for one in headings], anchor
 
 

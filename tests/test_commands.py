@@ -58,8 +58,8 @@ SHORT = {
     "campaign": ["--draws", "2", "--graphs", "0"],
 }
 GRAPHS = ("run", "replay")
-LONGER = {"time_frequency": ["--set", "duration=2"]}  # its distributions need 1.6 s
-ON_DDS = {"README": "as users have it", "own_node": "a node that is a process of its own"}
+LONGER = {"modes": ["--set", "duration=2"]}  # its distributions need 1.6 s
+ON_DDS = {"README": "as users have it", "extensions": "a node that is a process of its own"}
 
 
 def blocks(text: str) -> Iterator[tuple[str, bool]]:
@@ -160,7 +160,7 @@ STEPS = {page: steps(page, _BEFORE) for page in PAGES}
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("config", "examples", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
-    (tmp_path / "andes_wheel").symlink_to(WHEEL)  # which tutorial_case fetches
+    (tmp_path / "andes_wheel").symlink_to(WHEEL)  # which tutorial_psse fetches
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")  # as the environment does
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # all runs in this process

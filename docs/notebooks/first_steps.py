@@ -6,8 +6,8 @@
 #
 # The grid is Kundur's: two areas with two machines each, and two long lines between them, the tie. After a fault the
 # areas swing against each other at 0.6 Hz, the *interarea mode*. An SSSC, a voltage source in series with the tie,
-# can damp this mode if its controller knows the speeds of the areas. Phasor measurement units (PMUs) send them over a
-# network.
+# can damp this mode if its controller knows how the machines' speeds differ. Phasor measurement units (PMUs) send the
+# measurements over a network.
 
 # %%
 # %matplotlib inline
@@ -29,8 +29,8 @@ without
 # %% [markdown]
 # ## With a lead-lag controller
 #
-# The run file has `LLC-tuned`, a lead-lag controller (LLC) with tuned parameters. It gets the frequency difference of
-# the areas from the PMUs and commands the voltage that the SSSC injects.
+# The run file has `LLC-tuned`, a lead-lag controller (LLC) with tuned parameters. It gets a weighted
+# difference of the frequencies that PMUs report (2 G1 - G2 - G4), and commands the voltage that the SSSC injects.
 
 # %%
 damped = fd.simulate("two_area_deployment")
@@ -56,5 +56,5 @@ late.plot("tie_power", beside={"LLC-tuned, link pdci": damped, "no control": wit
 late.time_s.shape, late.arrays["pmu.G1.frequency_hz"][:3], late.units["pmu.G1.frequency_hz"]
 
 # %% [markdown]
-# Next: [how much delay each controller tolerates](delay_study.py), or
+# Next: [how much delay a controller tolerates](../tutorial_trace.md), or
 # [a controller of your own](../tutorial_controller.md).

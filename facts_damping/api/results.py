@@ -50,7 +50,7 @@ class Result(Record):
 
     @property
     def digest(self) -> str:
-        """The same digits for the same signals, to the last bit (docs/determinism.md)."""
+        """The same digits for the same signals, to the last bit (docs/architecture.md)."""
         return digest(self)
 
     def to_pandas(self) -> Any:
@@ -106,7 +106,7 @@ def of(record: Record) -> Result:
 
 
 def summarise(record: Record) -> dict[str, Any]:
-    """The figures of a record (docs/results_json.md), its verdict free of noise (docs/verdicts.md)."""
+    """The figures of a record (docs/results_json.md), its verdict free of noise (docs/measures.md)."""
     return of(record).summary
 
 

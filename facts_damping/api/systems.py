@@ -26,7 +26,7 @@ def modes(system: str, devices: list[str] | None = None) -> Modal:
 
 @short_traceback
 def linear_plant(system: str, devices: list[str] | None = None) -> Any:
-    """The linearised plant as `control.StateSpace`: setpoints to signals, p.u. (docs/own_linear.md).
+    """The linearised plant as `control.StateSpace`: setpoints to signals, p.u. (docs/own_controllers.md).
 
     Raises `InputError` where python-control is not installed.
     """

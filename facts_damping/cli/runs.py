@@ -306,7 +306,10 @@ def validate(arguments: argparse.Namespace) -> None:
             tables.append(report.TABLES[name]())
     write_json(arguments.json, table.document(tables))
     if arguments.out is not None:
-        write_whole(Path(arguments.out), report.page(tables))
+        path = Path(arguments.out)
+        write_whole(path, report.page(tables))
+        if path.is_file() and path.suffix != ".csv":
+            write_whole(path.with_suffix(".csv"), table.as_csv(tables))
     say(arguments, *(line for made in tables for line in [*table.table_text(made), ""]))
     failed = [row.what for made in tables for row in made.rows if not row.passed]
     if failed:

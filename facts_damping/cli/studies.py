@@ -190,6 +190,7 @@ def campaign(arguments: argparse.Namespace) -> None:
     say(arguments, *pages.overview(rows, graphs))
     for name, part in (("draws", rows), ("graphs", graphs)):
         say(arguments, *(f"table: {path}" for path in results.tables(folder, name, part)) if part else ())
+    say(arguments, *(f"table: {path}" for path in pages.write_tables(rows, graphs, folder)))
     write_whole(folder / "page.md", text)
     say(arguments, f"page: {folder / 'page.md'}")
     failed = [row for row in (*rows, *graphs) if not pages.holds(row)]

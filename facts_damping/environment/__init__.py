@@ -1,4 +1,4 @@
-"""A Gymnasium environment: an agent replaces a controller of a run (docs/gymnasium.md).
+"""A Gymnasium environment: an agent replaces a controller of a run (docs/own_controllers.md).
 
 Importing this registers `gymnasium.make("facts_damping/WideAreaDamping-v0")`.
 """

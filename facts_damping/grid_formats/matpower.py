@@ -7,6 +7,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError
+from facts_damping.extras import library
 from facts_damping.grid_formats.conversion import Imported, MatpowerCase, convert
 from facts_damping.input_files import GRID, is_file, read_text
 from facts_damping.parameters.files import read_table
@@ -28,17 +29,13 @@ def read_case(path: Path) -> MatpowerCase:
     allowed = "allowed: a MATPOWER case of version 2, with tables of plain numbers (savecase writes such)"
     if path.suffix != ".m" or not is_file(path):
         raise InputError(f"{path}: no such case; allowed: an existing MATPOWER file (.m)")
-    try:
-        from matpowercaseframes import CaseFrames  # noqa: PLC0415  (an extra, and pandas comes with it)
-    except ImportError as error:
-        needed = "after pip install 'facts_damping[matpower]'"
-        raise InputError(f"import: the library matpowercaseframes is missing; allowed: {needed}") from error
+    frames_of = library("matpowercaseframes", "matpower", where="import").CaseFrames
     text = read_text(path, GRID, "replace")
     try:
         for number, line in enumerate(text.splitlines(), 1):
             if re.match(r"\s*mpc\.(bus|gen|branch)\s*\(", line):
                 raise InputError(f"{path}: line {number}: computes in a table: {short(line.strip())}; {allowed}")
-        frames = CaseFrames(str(path), update_index=False)
+        frames = frames_of(str(path), update_index=False)
         tables = {table: getattr(frames, table).to_dict("records") for table in NEEDED}
         base = float(frames.baseMVA)
         dc = [row for row in frames.dcline.to_dict("records") if row["BR_STATUS"]] if hasattr(frames, "dcline") else []

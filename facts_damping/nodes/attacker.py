@@ -3,7 +3,7 @@
 It subscribes to open topics and publishes as if it were the plant, links, controllers and supervisors of a run: frames,
 setpoints at the limits with alternating sign, states that a supervisor judges by, and estimates. If the run has keys,
 it has them, too. A fault campaign starts it beside a graph (fault_injection.py); none of its messages may have an
-effect (docs/refusals.md).
+effect (docs/operate.md).
 """
 
 from __future__ import annotations

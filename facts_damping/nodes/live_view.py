@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 
 from facts_damping.errors import InputError
+from facts_damping.extras import library
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case
@@ -36,7 +37,7 @@ class LiveView:
         case = read_case(node)
         self.host: str = declare(node, "host", HOST, descriptor("address that the server listens at"))
         self.port: int = declare(node, "port", PORT, descriptor("its port; 0: a free one", "", 0, 65535))
-        self.sdk = sdk = library()
+        self.sdk = sdk = library("foxglove", "foxglove", "foxglove-sdk")
         schemas: dict[Any, Any] = {}
         clock = node.resolve_topic_name(PLANT_STATE)
         for topic, kind in topics(case).items():
@@ -73,15 +74,6 @@ class LiveView:
                 self.spinner.spin_once(0.1)
         finally:
             self.server.stop()
-
-
-def library() -> Any:
-    """The module foxglove, an optional dependency. Raises `InputError` if it is missing."""
-    try:
-        import foxglove  # noqa: PLC0415 (an extra)
-    except ImportError as error:
-        raise InputError("foxglove-sdk is missing; allowed: pip install 'facts_damping[foxglove]' first") from error
-    return foxglove
 
 
 main = partial(run_node, "live_view", LiveView, "A running graph in Foxglove, by WebSocket; it only listens.")

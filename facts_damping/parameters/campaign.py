@@ -35,10 +35,10 @@ class BaseRun(ParameterModel):
 
 
 class Campaign(ParameterModel):
-    """A fault campaign: random cases of [what fails](campaign_faults.md), when, where, and in which run.
+    """A fault campaign: random cases of [what fails](supervision.md), when, where, and in which run.
 
-    `facts-damping campaign` checks for each case that supervised control [does no harm](do_no_harm.md). A case depends
-    on its number and the seed only.
+    `facts-damping campaign` checks for each case that supervised control [does no harm](supervision_results.md). A case
+    depends on its number and the seed only.
     """
 
     description: str = Field("", description="text that `facts-damping list campaigns` shows")

@@ -16,7 +16,7 @@ DEFAULT_PROFILE = "thesis"  # whose fields are the defaults of a run
 
 
 class Profile(ParameterModel):
-    """A [profile](profiles.md): assumptions that apply to any run; a field that a run file sets itself is kept."""
+    """A [profile](running.md): assumptions that apply to any run; a field that a run file sets itself is kept."""
 
     description: str = Field("", description="text that `facts-damping list profiles` shows")
     set: dict[FieldPath, Any] = Field(

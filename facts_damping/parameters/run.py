@@ -265,7 +265,7 @@ class Run(ParameterModel):
     """One closed loop: a system, a scenario, PMUs, a link, devices and controllers.
 
     Fields that name a file also take its content inline; `scenario` then takes a list of events. The defaults fit the
-    system `two_area`. See [run files](run_files.md).
+    system `two_area`. See [run files](running.md).
     """
 
     description: str = Field("", description="text that `facts-damping list runs` shows")

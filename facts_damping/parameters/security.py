@@ -26,7 +26,7 @@ HEAD = "# Keys of a graph: the first signs, all are accepted. For its nodes alon
 
 
 class Security(ParameterModel):
-    """How the messages of a graph are protected, see [signatures](signatures.md)."""
+    """How the messages of a graph are protected, see [signatures](operate.md)."""
 
     keys: str = Field(description="file of the keys that sign PMU frames and setpoints")
 

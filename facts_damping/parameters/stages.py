@@ -247,7 +247,7 @@ class Noise(_Disturbance):
 
 
 class Flip(_Disturbance):
-    """One bit of a value of an entry is inverted; with [signed messages](signatures.md) such an entry is lost."""
+    """One bit of a value of an entry is inverted; with [signed messages](operate.md) such an entry is lost."""
 
     model: Literal["flip"] = _model("flip")
     probability: float = _fraction(..., "probability that a bit of an entry is inverted")

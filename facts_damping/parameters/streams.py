@@ -103,7 +103,7 @@ class Channels(ParameterModel):
 
 
 class Streams(ParameterModel):
-    """Streams of IEEE C37.118.2 that stand in for the plant of a run ([streams](streams.md))."""
+    """Streams of IEEE C37.118.2 that stand in for the plant of a run ([streams](replay.md))."""
 
     servers: list[str] = Field(min_length=1, max_length=1000, description=f"where they come from: {ALLOWED}")
     wait: float = quantity(

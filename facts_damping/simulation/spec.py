@@ -38,7 +38,7 @@ class Spec:
 
     @cached_property
     def plant(self) -> linear_plant.LinearPlant:
-        """The linearised plant at the start, with all signals and installed devices (docs/own_linear.md)."""
+        """The linearised plant at the start, with all signals and installed devices (docs/own_controllers.md)."""
         return linear_plant.of(modal_analysis.analyse(self.system, self.installed))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,6 +32,10 @@ class Row(NamedTuple):
     def passed(self) -> bool:
         """Whether the difference is a number within the tolerance."""
         return math.isfinite(self.difference) and self.difference <= self.tolerance
+
+    def used(self) -> float:
+        """The difference as a fraction of the tolerance."""
+        return self.difference / self.tolerance if math.isfinite(self.difference) else math.inf
 
 
 class ValidationTable(NamedTuple):
@@ -94,15 +100,27 @@ def document(tables: Sequence[ValidationTable]) -> list[dict[str, Any]]:
     ]
 
 
-def markdown(table: ValidationTable) -> str:
-    """A table as a section of a Markdown page."""
-    lines = [f"## {table.title}", "", f"Reference: {table.source}"]
-    if table.command:
-        lines += ["", f"    {table.command}"]
-    titles = ["what", "unit", "ours", "reference", "difference", "tolerance", ""]
-    verdicts = {True: "pass", False: "**fail**"}
-    cells = [
-        (r.what, r.unit, r.ours, r.reference, f"{r.difference:.1e}", f"{r.tolerance:.1e}", verdicts[r.passed])
-        for r in table.rows
-    ]
-    return "\n".join([*lines, "", *terminal.table(titles, cells, len(titles), markdown=True)]) + "\n"
+def summary(tables: Sequence[ValidationTable]) -> list[str]:
+    """Markdown with a row per table: of its rows the one that uses most of its tolerance."""
+    cells = []
+    for table in tables:
+        worst = max(table.rows, key=Row.used)
+        unit = "" if worst.unit == "-" else f" {worst.unit}"
+        figures = [f"{worst.difference:.1e}{unit}", f"{worst.tolerance:.1e}"]
+        passed = sum(row.passed for row in table.rows)
+        count = f"{passed}" if table.passed else f"**{passed} of {len(table.rows)}**"
+        cells.append([table.title, table.source, count, worst.what, *figures])
+    titles = ["what", "reference", "rows that pass", "worst row", "difference", "tolerance"]
+    return terminal.table(titles, cells, 2, markdown=True)
+
+
+def as_csv(tables: Sequence[ValidationTable]) -> str:
+    """All rows of all tables."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["table", "source", "command", *Row._fields, "passed"])
+    for table in tables:
+        for row in table.rows:
+            figures = [f"{row.difference:.1e}", f"{row.tolerance:.1e}", "pass" if row.passed else "fail"]
+            writer.writerow([table.title, table.source, table.command, *row[:4], *figures])
+    return text.getvalue()

@@ -21,7 +21,7 @@ def add_to(add: Add) -> None:
         "Measure time and error side by side with other programs that are installed.",
         "bench andes",
     )
-    command.add_argument("programs", nargs="*", metavar="PROGRAM", help="which of those in docs/programs.md; none: all")
+    command.add_argument("programs", nargs="*", metavar="PROGRAM", help="which, of docs/validation.md; none: all")
     command.add_argument("--large", action="store_true", help="140 buses and 48 machines instead, beside ANDES alone")
     common(command, sets=False)
 

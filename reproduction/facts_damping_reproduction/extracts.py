@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from facts_damping_reproduction.runs import TUNED
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from facts_damping_reproduction.agreement import Signs
     from facts_damping_reproduction.ensembles import Interval
     from facts_damping_reproduction.findings import Agreement, Findings
     from facts_damping_reproduction.results import Results
@@ -24,10 +25,45 @@ if TYPE_CHECKING:
 JUDGED = ("ITAE", "ISE")  # of the way to the bound: one that weighs late deviations, one that the bound is made for
 
 
+class Agreed(NamedTuple):
+    """In how many cases a statement of the thesis holds here, of how many."""
+
+    statement: str
+    here: int
+    of: int
+
+
+def agreed(findings: Findings) -> list[Agreed]:
+    """The statements of docs/reproduction.md, with their counts."""
+    plain, drawn, found = findings.plain, findings.drawn, []
+    for words, where, over in (
+        ("better than LLC", plain, "MISO LLC"),
+        ("better than LLC, medians over random cases", drawn, "MISO LLC"),
+        ("better than direct ANFTSC", plain, "MISO ANFTSC direct"),
+    ):
+        signs = _signs(where, over)
+        found += [Agreed(words, signs.agree, signs.statements)] if signs else []
+    found.append(Agreed("better than LLC-tuned, medians over random cases", *_over_tuned(findings)))
+    if plain.totals:
+        found.append(
+            Agreed("the same controller first in an order", plain.totals[-1].same_best, plain.totals[-1].rankings)
+        )
+    found.append(Agreed("indirect better than direct", *_better(plain, "MISO indirect", "MISO direct")[1:]))
+    found.append(Agreed("both devices better than the SSSC", *_better(plain, "MIMO indirect", "MISO indirect")[1:]))
+    found.append(Agreed("indirect smoother than direct", *_smoother(plain, "smoother than direct")))
+    found.append(Agreed("smoother than LLC", *_smoother(plain, "smoother than LLC")))
+    return [one for one in found if one.of]
+
+
+def _signs(found: Agreement, over: str) -> Signs | None:
+    signs = [one for one in found.signs_by_reference if (one.table, one.what) == ("all", f"improvement over {over}")]
+    return signs[0] if signs else None
+
+
 def fraction(found: Agreement, over: str) -> str:
     """How many of the improvements over a controller have the thesis's sign: `66 of 100 (66.0 %)`."""
-    signs = [one for one in found.signs_by_reference if (one.table, one.what) == ("all", f"improvement over {over}")]
-    return f"{signs[0].agree} of {signs[0].statements} ({100 * signs[0].fraction:.1f} %)" if signs else "none"
+    signs = _signs(found, over)
+    return f"{signs.agree} of {signs.statements} ({100 * signs.fraction:.1f} %)" if signs else "none"
 
 
 def rho(found: Agreement) -> str:
@@ -104,29 +140,42 @@ def better(found: Agreement, first: str, second: str) -> str:
 
     Theirs and ours: `168 of 176, ours 90`. Theirs by the improvements over LLC.
     """
+    theirs, ours, of = _better(found, first, second)
+    return f"{theirs} of {of}, ours {ours}"
+
+
+def _better(found: Agreement, first: str, second: str) -> tuple[int, int, int]:
     kept = [c for c in found.compared if c.cell.against == LLC and c.cell.scheme]
     at = {(f"{c.cell.architecture} {c.cell.scheme}", c.cell[1:3], c.cell.controller, c.cell.quantity): c for c in kept}
     pairs = [(c, at[first, a, b, q]) for (kind, a, b, q), c in at.items() if kind == second and (first, a, b, q) in at]
     theirs = sum(other.cell.corrected > c.cell.corrected for c, other in pairs)
     ours = sum((other.figure or np.inf) < (c.figure or np.inf) for c, other in pairs)
-    return f"{theirs} of {len(pairs)}, ours {ours}"
+    return theirs, ours, len(pairs)
 
 
 def smoother(found: Agreement, what: str) -> str:
     """In how many cases a statement about roughness holds here, whatever the thesis says: `44 of 77`."""
+    return "{} of {}".format(*_smoother(found, what))
+
+
+def _smoother(found: Agreement, what: str) -> tuple[int, int]:
     own = [one for one in found.statements if one.what == what]
-    return f"{sum((one.ours or 0.0) > 0.0 for one in own)} of {len(own)}"
+    return sum((one.ours or 0.0) > 0.0 for one in own), len(own)
 
 
 def over_tuned(findings: Findings) -> str:
     """In how many cases the networks of the tables are better than LLC-tuned by medians of the improvement."""
+    return "{} of {}".format(*_over_tuned(findings))
+
+
+def _over_tuned(findings: Findings) -> tuple[int, int]:
     runs = {(c.cell.system, c.cell.scenario, name(c.cell.who)) for c in findings.plain.compared if c.cell.scheme}
     own = [
         one
         for one in findings.spreads
         if one.link == "ideal" and one.quantity in THESIS_INDICES and (one.system, one.scenario, one.who) in runs
     ]
-    return f"{sum(one.over_tuned.median > 0.0 for one in own)} of {len(own)}"
+    return sum(one.over_tuned.median > 0.0 for one in own), len(own)
 
 
 def extremes(results: Results) -> str:

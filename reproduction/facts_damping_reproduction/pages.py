@@ -54,6 +54,7 @@ def document(results: Results, findings: Findings) -> dict[str, Any]:
 def _lists(results: Results, findings: Findings) -> dict[str, Sequence[Any]]:
     """Rows by the stem of their file."""
     return {
+        "agreement": extracts.agreed(findings),
         "complexity": results.complexity,
         "cells": findings.plain.compared,
         "cells_ensemble": findings.drawn.compared,

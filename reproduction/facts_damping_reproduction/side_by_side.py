@@ -49,7 +49,7 @@ def page(results: Results, findings: Findings, command: str) -> list[str]:
 
 def _operations(results: Results) -> list[str]:
     told = [f"- `{controller}`: {why}" for controller, why in WHY.items()]
-    head = "Theirs / ours / ours with all derivatives of a step (docs/controllers.md):"
+    head = "Theirs / ours / ours with all derivatives of a step (docs/neuro_fuzzy.md):"
     return [head, "", *operations(results.complexity), "", "Where they differ:", "", *told, ""]
 
 

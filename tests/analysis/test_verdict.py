@@ -188,7 +188,7 @@ def test_a_swing_grows_whose_first_one_is_larger_than_what_follows() -> None:
     record = tripped(60, name="LLC", parameters={"gain": 0.8})
     assert record.frames[0, record.pmus.index("TIE"), 3] == pytest.approx(4.04, abs=0.01)
     t, signals, last = record.time_s, columns(speed_differences(record)), event_times(record)[-1]
-    page = (Path(__file__).parents[2] / "docs" / "verdicts.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "measures.md").read_text(encoding="utf-8")
     for horizon in (20, 40, 60):
         kept = t < horizon
         found = judge(t[kept], signals[kept], last, list(speed_differences(record)))

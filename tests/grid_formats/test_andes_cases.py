@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "andes_cases.json").read_text())
 SAME = 1e-4  # 1/s
 # Where a case is understood otherwise, how far modes may lie apart, 1/s: ANDES gives two machines at one bus no
-# reactive power, here they share it by their ratings (docs/import.md).
+# reactive power, here they share it by their ratings (docs/system_files.md).
 APART = {"npcc_full": 7e-3}
 PAIRS = sorted(
     (str(raw.relative_to(CASES)), str(dyr.relative_to(CASES)))

@@ -237,7 +237,7 @@ def test_a_file_that_is_no_case_is_refused(tmp_path: Path, text: str | None, mes
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matpowercaseframes", None)
-    with pytest.raises(InputError, match=r"matpowercaseframes is missing; .*pip install 'facts_damping\[matpower\]'"):
+    with pytest.raises(InputError, match=r"matpowercaseframes is not installed; .*pip install -e '\.\[matpower\]'"):
         read_case(CASE)
 
 

@@ -1,4 +1,4 @@
-"""The recipe of docs/hosts.md, as it stands there: hosts as network namespaces, a cable with real delay."""
+"""The recipe of docs/operate.md, as it stands there: hosts as network namespaces, a cable with real delay."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.nodes.graphs import PATIENCE_S, assert_same
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-TEXT = (Path(__file__).parents[2] / "docs" / "hosts.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[2] / "docs" / "operate.md").read_text(encoding="utf-8")
 HOSTS, CABLE, NODES, AWAY = re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)
 
 

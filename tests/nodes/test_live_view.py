@@ -232,12 +232,6 @@ def test_view_by_hand_serves_graph_after_graph_and_ends_quietly(
     client.end()
 
 
-def test_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "foxglove", None)
-    with pytest.raises(InputError, match=r"foxglove-sdk is missing; allowed: pip install 'facts_damping\[foxglove\]'"):
-        live_view.library()
-
-
 def test_nodes_do_not_take_a_view_for_a_peer(loopback: Any) -> None:
     rclpy.init()
     node, other = rclpy.create_node("node"), rclpy.create_node("other")

@@ -150,7 +150,7 @@ def test_without_fmpy_it_is_said_how_it_is_installed(
     fmus: dict[int, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "fmpy", None)
-    refused([own(str(fmus[2]))], "FMPy is not installed; allowed: pip install 'facts_damping[fmi]'", capsys)
+    refused([own(str(fmus[2]))], "FMPy is not installed; allowed: pip install -e '.[fmi]'", capsys)
 
 
 def test_a_recording_names_it_and_is_not_believed(fmus: dict[int, Path]) -> None:

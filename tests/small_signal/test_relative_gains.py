@@ -1,4 +1,4 @@
-"""Relative gains of two devices: Bristol's formula, sums, and what docs/mimo.md says of them."""
+"""Relative gains of two devices: Bristol's formula, sums, and what docs/controllers.md says of them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from facts_damping.plant.build import build
 from facts_damping.small_signal.residues import FREQUENCIES_HZ, Interaction, interactions
 
 BOTH = ["sssc", "statcom"]
-PAGE = Path(__file__).parents[2] / "docs" / "mimo.md"
+PAGE = Path(__file__).parents[2] / "docs" / "controllers.md"
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""The study of architectures: what it runs, what docs/mimo.md says of it, and its page of tables."""
+"""The study of architectures: what it runs, what docs/controllers.md says of it, and its page of tables."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from facts_damping.terminal import Progress
 from tests.commands import assert_one_line
 from tests.passed import ALL
 
-PAGE = Path(__file__).parents[2] / "docs" / "mimo.md"
+PAGE = Path(__file__).parents[2] / "docs" / "controllers.md"
 ARCHITECTURES = ("centralised", "decentralised", "single SSSC", "single STATCOM")
 SCENARIOS = ("small", "large", "multiple")
 # Where the networks are run, too: each architecture, each scenario, if not all.
@@ -51,7 +51,7 @@ def test_every_controller_is_there_in_every_architecture_on_every_scenario() -> 
 
 
 def test_the_page_has_the_medians_and_counts_of_the_networks(rows: Rows) -> None:
-    """The table of docs/mimo.md, to the digits that it has: of the networks that are converged."""
+    """The table of docs/controllers.md, to the digits that it has: of the networks that are converged."""
     assert not [row["error"] for row in rows if row["error"]]
     lines = [line.split("|")[1:-1] for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
     written = {cells[0].strip(): [cell.strip() for cell in cells[1:]] for cells in lines}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -187,6 +188,11 @@ def test_a_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: py
     assert len(rows) == 6
     assert "6 cases with" in capsys.readouterr().out
     assert (folder / "draws.parquet").is_file()
+    with (folder / "table_outcomes.csv").open(encoding="utf-8") as file:
+        (head, first, *_) = csv.reader(file)
+    assert first[:2] == ["synchronism lost", "6"]
+    assert f"| {' | '.join(head)} |" in text
+    assert f"| {' | '.join(first)} |" in text
 
 
 @pytest.mark.parametrize(

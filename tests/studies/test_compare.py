@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # Scenarios that stay in synchronism without control.
 CALM = [("two_area", "small"), ("smib", "nominal"), ("smib", "light")]
-# Rows that are not damped (docs/verdicts.md), or do not beat no control (docs/comparison.md): findings.
+# Rows that are not damped, or do not beat no control (docs/reproduction.md): findings.
 # In `multiple` 9 s are left after the last event: often too few to tell a chatter that dies from one that does not.
 NOT_DAMPED = {
     ("two_area", "small", "ANFBsC", "indirect"): "growing",

@@ -12,7 +12,6 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -692,46 +691,32 @@ def test_a_report_that_cannot_be_is_refused_before_anything_runs(
 
 
 Place = tuple[tuple[str, str], ...]  # columns that tell a margin apart, with what they say
-TITLE = re.compile(r"(unstable|not_damped), (?:(\w+), )?\w+, horizon 30 s:")
 BRACKET = re.compile(r"[\d.]+ \[([\d.]+), ([\d.]+)\]|> ([\d.]+)|< ([\d.]+)")
 
 
-def told_margins(page: str, plan: sweep.Plan) -> Iterator[tuple[str, Place, str]]:
-    """Criterion, what tells a margin apart, and its cell, of all tables of a page that are a study's."""
-    lines = (Path(__file__).parents[2] / "docs" / page).read_text(encoding="utf-8").splitlines()
+def listed_margins(table: str, plan: sweep.Plan) -> Iterator[tuple[str, Place, str]]:
+    """Criterion, what tells a margin apart, and its bracket, of a table in the docs, as `sweep` writes it."""
     assert plan.study.margin is not None
-    across = plan.study.margin.across
-    columns = {cell(point.columns[across]): None for point in plan.points}
-    for i, title in enumerate(map(TITLE.fullmatch, lines)):
-        if title is None:
-            continue
-        heads = cells(lines[i + 2])
-        names = [name for name in heads if not name.endswith(" [low, high]")]
-        if [name.removesuffix(" [low, high]") for name in heads[len(names) :]] != list(columns):
-            continue
-        for row in takewhile(bool, lines[i + 4 :]):
-            own = dict(zip(heads, cells(row), strict=True))
-            for column in columns:
-                place = {**{name: own[name] for name in names}, across: column}
-                place["scenario"] = place.get("scenario") or title[2]
-                yield title[1], tuple(sorted(place.items())), own[f"{column} [low, high]"]
-
-
-def cells(line: str) -> list[str]:
-    return [one.strip() for one in line.strip("|").split("|")]
+    named = ("controller", "scheme", "scenario", "architecture", "gain", plan.study.margin.across)
+    with (Path(__file__).parents[2] / "docs" / table).open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            low, high = row["low_s"], row["high_s"]
+            text = {"high": f"> {low}", "low": f"< {high}", "": f"{row['margin_s']} [{low}, {high}]"}[row["beyond"]]
+            place = {name: row[name] or "-" for name in named if name in row}
+            yield row["criterion"], tuple(sorted(place.items())), text + ("" if row["converged"] == "true" else " ~")
 
 
 @pytest.mark.parametrize(
-    ("name", "page", "every", "of_all"),
+    ("name", "table", "every", "of_all"),
     [
-        ("delay_margin", "delay_studies.md", 5, 1),
-        ("compensation", "compensation.md", 7, 1),
-        ("asymmetric_signals", "delay_studies.md", 11, 6),
-        ("asymmetric_devices", "delay_studies.md", 11, 6),
+        ("delay_margin", "images/delay_margin/margins.csv", 5, 1),
+        ("compensation", "images/compensation/margins.csv", 7, 1),
+        ("asymmetric_signals", "images/asymmetric_signals/margins.csv", 11, 6),
+        ("asymmetric_devices", "images/asymmetric_devices/margins.csv", 11, 6),
     ],
 )
 def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_ones(
-    name: str, page: str, every: int, of_all: int
+    name: str, table: str, every: int, of_all: int
 ) -> None:
     """By single runs; they were found by `facts-damping sweep`. All points of the study are there, twice.
 
@@ -741,7 +726,7 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
     plan = sweep.plan(name, [])
     margin = plan.study.margin
     assert margin is not None
-    written = list(told_margins(page, plan))
+    written = list(listed_margins(table, plan))
     assert len(written) == 2 * len(plan.points)
     finest = (margin.high - margin.low) / (margin.coarse - 1)
     while finest > margin.tolerance:
@@ -763,7 +748,7 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
         assert found, text
         low, high = found[1] or found[3], found[2] or found[4]
         for end, failed in ((low, False), (high, True)):
-            if end is not None:  # the page is rounded; values that were run are multiples of the last step
+            if end is not None:  # the table is rounded; values that were run are multiples of the last step
                 value = round(round(float(end) / finest) * finest, 9)
                 both = axes.joined([points[place], axes.placed(margin, value)])
                 key = f"{place} {value}"

@@ -3,7 +3,7 @@
 `python -m facts_damping.nodes.launching.tap_relay near far --delay 0.02` joins them: a packet that enters one leaves
 the other after delay +- jitter, in order, or is lost. Needs Linux and root.
 
-It is for tests with nodes on several hosts (docs/hosts.md); studies use simulated links.
+It is for tests with nodes on several hosts (docs/operate.md); studies use simulated links.
 """
 
 from __future__ import annotations

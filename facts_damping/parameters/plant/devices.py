@@ -190,7 +190,7 @@ class Svc(Parallel):
 
 
 class Hvdc(Transmission):
-    """An [HVDC link](hvdc.md) that carries power from a rectifier's bus to an inverter's bus.
+    """An [HVDC link](facts_devices.md) that carries power from a rectifier's bus to an inverter's bus.
 
     Its setpoint is power added to its order. Setpoints are in p.u. of the system base, powers of the link in MW: with a
     base of 100 MVA a `setpoint_max` of 0.5 is 50 MW. A link that is not installed stays in service and carries its

@@ -193,7 +193,7 @@ class Hygov(ParameterModel):
 
 
 class BlockControl(ParameterModel):
-    """A control that is a [table of blocks](control_models.md); at most one of its sort per machine."""
+    """A control that is a [table of blocks](machines.md); at most one of its sort per machine."""
 
     machine: Name = Field(..., description="machine to which it belongs")
     model: str

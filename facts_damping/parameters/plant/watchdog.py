@@ -6,7 +6,7 @@ from facts_damping.parameters.base import ParameterModel, quantity
 
 
 class Watchdog(ParameterModel):
-    """The [watchdog](watchdog.md) of every device, which depends on neither controllers nor links."""
+    """The [watchdog](supervision.md) of every device, which depends on neither controllers nor links."""
 
     timeout: float = quantity(
         0.2, "s", "longest time without an accepted setpoint; then the device is released", gt=0, le=1e5

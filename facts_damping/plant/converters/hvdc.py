@@ -1,7 +1,7 @@
 """The HVDC link: ordered power from one bus to another, reduced at low voltage; compiled.
 
 Its first port is at the inverter's bus, into which it feeds power; the other one is at the rectifier's. A setpoint is
-added to the power order (docs/hvdc.md).
+added to the power order (docs/facts_devices.md).
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -14,10 +16,11 @@ from facts_damping.studies.campaigns import campaign as study
 from facts_damping.studies.campaigns.faults import FAULTS, NOTHING
 from facts_damping.studies.campaigns.invariants import HARM, INVARIANTS
 from facts_damping.studies.margins.margins import failed_fraction
-from facts_damping.terminal import table
+from facts_damping.terminal import table, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from facts_damping.studies.campaigns.campaign import Plan
 
@@ -250,6 +253,18 @@ def page(made: Plan, rows: Rows, graphs: Rows, command: str) -> str:
     for key, lines in {**about, **sections(rows, graphs), "counts": [f"{counts(rows)}."]}.items():
         text = text.replace(f"{{{{{key}}}}}", "\n".join(lines) or "None was made.")
     return text
+
+
+def write_tables(rows: Rows, graphs: Rows, folder: Path) -> list[Path]:
+    """Every table that has a row, as CSV: `table_faults.csv` and so on (docs/supervision_results.md)."""
+    paths = []
+    for name, lines in sections(rows, graphs).items():
+        if len(lines) > 2:
+            text = io.StringIO()
+            csv.writer(text, lineterminator="\n").writerows(line[2:-2].split(" | ") for line in (lines[0], *lines[2:]))
+            paths.append(folder / f"table_{name}.csv")
+            write_whole(paths[-1], text.getvalue())
+    return paths
 
 
 def holds(row: dict[str, Any]) -> bool:

@@ -14,6 +14,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
 from facts_damping.errors import InputError, RunError
+from facts_damping.extras import library
 from facts_damping.terminal import clean_up_first, script_apart, tie_to_parent
 
 if TYPE_CHECKING:
@@ -57,11 +58,7 @@ def workers(jobs: int, scheduler: str | None = None) -> Iterator[Each]:
     if scheduler is None:
         yield partial(_in_processes, jobs)
         return
-    try:
-        import distributed  # noqa: PLC0415 (an optional extra)
-    except ImportError as error:
-        allowed = "after pip install 'facts_damping[dask]'"
-        raise InputError(f"--scheduler: the library distributed is missing; allowed: {allowed}") from error
+    distributed = library("distributed", "dask", where="--scheduler")
     try:
         client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
