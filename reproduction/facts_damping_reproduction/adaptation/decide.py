@@ -83,9 +83,10 @@ def decision(low: float, high: float, margin: float) -> str:
     return ALIKE if low > 1.0 - margin else OPEN
 
 
-def best_fixed(found: Mapping[str, Any], names: Sequence[str]) -> str:
-    """The fixed arm whose searches ended lowest in training, on the mean over seeds."""
+def best_fixed(every: Sequence[Mapping[str, Any]], names: Sequence[str]) -> str:
+    """The fixed arm whose searches ended lowest in training, on the mean over all."""
     values = {
-        name: np.mean([one["value"] for (arm, _), one in found["searches"].items() if arm == name]) for name in names
+        name: np.mean([one["value"] for found in every for (arm, _), one in found["searches"].items() if arm == name])
+        for name in names
     }
     return min(values, key=values.__getitem__)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -19,14 +20,12 @@ from facts_damping_reproduction.adaptation.experiment import plan
 from facts_damping_reproduction.templates import render
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
 MOVED = KINDS[1:]  # where the grid is not as it was designed for
 FIXED = ("LLC-tuned", "LQG")
 SAYS = {BETTER: "Yes", WORSE: "No, it is worse", decide.ALIKE: "No", OPEN: "It cannot be told"}
-
-
+Every = Sequence[Mapping[str, Any]]  # the results of a set of devices: of an experiment, and of its repetitions
 BEST = "the best fixed controller"
 
 
@@ -49,20 +48,19 @@ QUESTIONS = (
 )
 
 
-def questions(found: Mapping[str, Any]) -> list[Question]:
+def questions(every: Every) -> list[Question]:
     """The questions that the arms permit, with the fixed controller that was best in training."""
-    best = decide.best_fixed(found, FIXED)
+    best = decide.best_fixed(every, FIXED)
     known = [one._replace(against=best) if one.against == BEST else one for one in QUESTIONS]
-    return [one for one in known if {one.arm, one.against}.issubset(found["arms"])]
+    return [one for one in known if {one.arm, one.against}.issubset(every[0]["arms"])]
 
 
-def ratios(found: Mapping[str, Any]) -> list[Ratio]:
+def ratios(every: Every) -> list[Ratio]:
     """Every arm against no control, and the pairs of the questions, in each kind of cases and where the grid moved."""
     margin, kinds = plan()["margin"], [(kind,) for kind in KINDS]
-    every = dict.fromkeys(
-        [*((arm, NONE) for arm in found["arms"]), *((one.arm, one.against) for one in questions(found))]
-    )
-    return [decide.ratio([found], *pair, own, margin) for pair in every for own in (*kinds, MOVED, KINDS)]
+    asked = [(one.arm, one.against) for one in questions(every)]
+    pairs = dict.fromkeys([*((arm, NONE) for arm in every[0]["arms"]), *asked])
+    return [decide.ratio(every, *pair, own, margin) for pair in pairs for own in (*kinds, MOVED, KINDS)]
 
 
 def of(found: Sequence[Ratio], arm: str, against: str, kinds: Sequence[str]) -> Ratio:
@@ -70,9 +68,9 @@ def of(found: Sequence[Ratio], arm: str, against: str, kinds: Sequence[str]) -> 
     return next(one for one in found if (one.arm, one.against, one.kinds) == (arm, against, ", ".join(kinds)))
 
 
-def answers(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
+def answers(every: Every, told: Sequence[Ratio]) -> list[str]:
     """The question's answers, one sentence each."""
-    main, same, *others = questions(found)
+    main, same, *others = questions(every)
     first, nominal = of(told, *main[1:]), of(told, *same[1:])
     cost = "costs something" if nominal.decision == WORSE else "is not shown to cost anything"
     moved = "where the grid has moved or the model is wrong"
@@ -91,12 +89,12 @@ def rows(told: Sequence[Ratio]) -> list[dict[str, Any]]:
     return [one._asdict() for one in told]
 
 
-def arm_table(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
+def arm_table(every: Every, told: Sequence[Ratio]) -> list[str]:
     """A row for each arm: change against no control by kind, searches, damping, effort."""
     lines = []
-    for arm in found["arms"]:
-        own = [row for (name, _), some in found["rows"].items() if name == arm for row in some]
-        searched = [one for (name, _), one in found["searches"].items() if name == arm]
+    for arm in every[0]["arms"]:
+        own = [row for found in every for (name, _), some in found["rows"].items() if name == arm for row in some]
+        searched = [one for found in every for (name, _), one in found["searches"].items() if name == arm]
         loops = f"{sum(one['loops'] for one in searched)}" if searched else "-"
         values = [one["value"] for one in searched]
         ends = f"{np.mean(values):.2f} ({np.std(values):.2f})" if values else "-"
@@ -117,7 +115,7 @@ def arm_table(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
     return table(heads, lines, 1, markdown=True)
 
 
-def pair_table(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
+def pair_table(every: Every, told: Sequence[Ratio]) -> list[str]:
     """The pairs of the questions."""
     lines = [
         [
@@ -126,28 +124,29 @@ def pair_table(found: Mapping[str, Any], told: Sequence[Ratio]) -> list[str]:
             *(of(told, arm, against, kinds).text() for kinds in (*((kind,) for kind in KINDS), MOVED)),
             of(told, arm, against, MOVED).decision,
         ]
-        for arm, against in dict.fromkeys((one.arm, one.against) for one in questions(found))
+        for arm, against in dict.fromkeys((one.arm, one.against) for one in questions(every))
     ]
     return table(["arm", "against", *KINDS, "both of these", "decision"], lines, 2, markdown=True)
 
 
 def repetitions(every: Mapping[int, Mapping[str, Any]]) -> list[str]:
-    """The answer of each repetition, by its seed, of all together, and how many say what the first says."""
-    lines = []
-    for words, *asked in questions(every[min(every)]):
-        pair = *asked, plan()["margin"]
-        own = [decide.ratio([found], *pair) for found in every.values()]
-        alike = sum(one.decision == own[0].decision for one in own)
-        whole = decide.ratio(list(every.values()), *pair)
-        cells = [f"{one.text()}: {one.decision}" for one in (*own, whole)]
-        lines.append([words, *cells, f"{alike} of {len(own)}"])
-    heads = ["question", *(f"seed {seed}" for seed in every), "all together", "say the same"]
+    """The answer of each repetition, by its seed, of all together, and how many decide as all together do."""
+    lines, whole = [], list(every.values())
+    for asked in questions(whole):
+        first, *own = (
+            decide.ratio(one, asked.arm, asked.against, asked.kinds, plan()["margin"])
+            for one in (whole, *([one] for one in whole))
+        )
+        alike = sum(one.decision == first.decision for one in own)
+        cells = [f"{one.text()}: {one.decision}" for one in (*own, first)]
+        lines.append([asked.words, *cells, f"{alike} of {len(own)}"])
+    heads = ["question", *(f"seed {seed}" for seed in every), "all together", "decide so"]
     return table(heads, lines, 1, markdown=True)
 
 
-def draw(found: Mapping[str, Any], told: Sequence[Ratio], path: Path) -> Path:
+def draw(told: Sequence[Ratio], path: Path) -> Path:
     """Change against no control by arm, a colour for each kind of cases."""
-    arms = found["arms"]
+    arms = list(dict.fromkeys(one.arm for one in told))
     figure = Figure(figsize=(6.5, 1.0 + 0.5 * len(arms)), layout="constrained")
     axes = figure.subplots()
     for i, (kind, colour) in enumerate(zip(KINDS, COLOURS, strict=False)):
@@ -167,46 +166,43 @@ def draw(found: Mapping[str, Any], told: Sequence[Ratio], path: Path) -> Path:
     return save_picture(figure, path)
 
 
-def draw_searches(found: Mapping[str, Any], path: Path) -> Path:
-    """The best of training over the generations, a line for each search seed."""
+def draw_searches(every: Every, path: Path) -> Path:
+    """The best of training over the generations, a line for each search."""
     figure = Figure(figsize=(6.5, 3.6), layout="constrained")
     axes = figure.subplots()
-    names = list(dict.fromkeys(arm for arm, _ in found["searches"]))
-    for (arm, seed), one in found["searches"].items():
-        label = arm if seed == min(s for name, s in found["searches"] if name == arm) else None
-        axes.plot(
-            np.arange(1, len(one["curve"]) + 1), one["curve"], color=COLOURS[names.index(arm)], lw=1.0, label=label
-        )
+    found = [(arm, one) for one in every for (arm, _), one in one["searches"].items()]
+    for arm, colour in zip(dict.fromkeys(arm for arm, _ in found), COLOURS, strict=False):
+        curves = [one["curve"] for name, one in found if name == arm]
+        for i, curve in enumerate(curves):
+            axes.plot(np.arange(1, len(curve) + 1), curve, color=colour, lw=0.8, label=None if i else arm)
     axes.set(xlabel="generation", ylabel="best of training: log index relative to no control")
     axes.grid(visible=True, lw=0.3)
     axes.legend(frameon=False, fontsize="small")
     return save_picture(figure, path)
 
 
-def write(every: Mapping[int, Mapping[str, Mapping[str, Any]]], seed: int, folder: Path) -> list[Path]:
-    """The page of a seed, the figures, and all ratios as CSV; returns the paths. `every`: results by seed, then set."""
-    found, *others = every[seed].values()
-    told, first = ratios(found), next(iter(plan()["sets"]))
+def write(every: Mapping[int, Mapping[str, Mapping[str, Any]]], folder: Path) -> list[Path]:
+    """The page, the figures, and all ratios as CSV; returns the paths. `every`: results by seed, then devices."""
+    first, *others = ([own[name] for own in every.values() if name in own] for name in plan()["sets"])
+    told = ratios(first)
     csv.write_csv(arrow(rows(told)), folder / "what_holds.csv")
-    made = [
-        draw(found, told, folder / "what_holds.png"),
-        draw_searches(found, folder / "searches.png"),
-        folder / "what_holds.csv",
-    ]
+    made = [draw(told, folder / "what_holds.png"), draw_searches(first, folder / "searches.png")]
+    by_seed = {seed: own[next(iter(plan()["sets"]))] for seed, own in every.items()}
     values: dict[str, Any] = {
         "question": plan()["question"].strip(),
         "rule": plan()["rule"].strip(),
-        "answers": "\n".join(f"- {line}" for line in answers(found, told)),
-        "arms": "\n".join(arm_table(found, told)),
-        "pairs": "\n".join(pair_table(found, told)),
-        "network": f"`{found['network']['name']}` {found['network']['scheme']}",
-        "cases": str(len(found["kinds"])),
+        "answers": "\n".join(f"- {line}" for line in answers(first, told)),
+        "arms": "\n".join(arm_table(first, told)),
+        "pairs": "\n".join(pair_table(first, told)),
+        "network": f"`{first[0]['network']['name']}` {first[0]['network']['scheme']}",
+        "cases": str(len(first[0]["kinds"])),
         "seeds": str(plan()["search"]["seeds"]),
+        "repeated": len(every) - 1,
+        "repetitions": "\n".join(repetitions(by_seed)),
         "both": [
             {"arms": "\n".join(arm_table(one, own)), "pairs": "\n".join(pair_table(one, own))}
-            for one, own in ((one, ratios(one)) for one in others)
+            for one, own in ((one, ratios(one)) for one in others if one)
         ],
-        "repetitions": "\n".join(repetitions({s: own[first] for s, own in every.items()})) if len(every) > 1 else "",
     }
     write_whole(folder / "what_holds.md", render("adaptation/what_holds.md", **values))
-    return [folder / "what_holds.md", *made]
+    return [folder / "what_holds.md", *made, folder / "what_holds.csv"]
