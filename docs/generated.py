@@ -13,6 +13,7 @@ import types
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
 
+from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 from pydantic_core import PydanticUndefined
 
@@ -72,9 +73,9 @@ Shells complete commands, options and names after `eval "$(register-python-argco
 """
 FIELDS = """# Fields
 
-Every field of the YAML files, with its type (for numbers the unit), default and range. How files are named and found, and how `--set`
-changes a field, is explained in [running](running.md). A file with a field that is not in these tables, or with a value out
-of range, is refused with one line that names the field and what is allowed.
+Every field of the YAML files, with its type (for numbers the unit), default and range. [Running](running.md) explains
+how files are named and found, and how `--set` changes a field. A file with an unknown field or a value out of range is
+refused with one line that names the field and what is allowed.
 
 Any file may begin with `extends: NAME`, another file in its folder: it then has that file's fields, apart from those it
 gives itself.
@@ -83,6 +84,7 @@ BOUNDS = {"gt": "> {:.10g}", "ge": "≥ {:.10g}", "lt": "< {:.10g}", "le": "≤ 
 WORDS = {str: "text", int: "integer", float: "number", bool: "`true` or `false`", type(None): "none", Any: "any"}
 
 
+@event_priority(50)  # before the plugin redirects
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages to those that are there."""
     for name, file in BESIDE.items():

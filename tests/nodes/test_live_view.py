@@ -6,7 +6,6 @@ import json
 import signal
 import socket
 import struct
-import sys
 import threading
 import time
 from contextlib import ExitStack
@@ -22,8 +21,7 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from facts_damping.case.loading import load_case
-from facts_damping.errors import InputError, RunError
-from facts_damping.nodes import live_view
+from facts_damping.errors import RunError
 from facts_damping.nodes.base.discovery import wait_for_peers
 from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS

@@ -72,11 +72,11 @@ def answers(every: Every, told: Sequence[Ratio]) -> list[str]:
     """The question's answers, one sentence each."""
     main, same, *others = questions(every)
     first, nominal = of(told, *main[1:]), of(told, *same[1:])
-    cost = "costs something" if nominal.decision == WORSE else "is not shown to cost anything"
+    cost = "it costs something" if nominal.decision == WORSE else "it is not shown to cost anything"
     moved = "where the grid has moved or the model is wrong"
     lines = [
         f"**{SAYS[first.decision]}**: {moved}, the network that learns has {first.text()} against `{first.against}`.",
-        f"Where the grid is as it was designed for, learning {cost}: {nominal.text()}.",
+        f"Where the grid is as it was designed for, {cost}: {nominal.text()} against `{nominal.against}`.",
     ]
     for asked in others:
         one = of(told, *asked[1:])
