@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.input_files import share_folder
+from facts_damping.input_files import read_text, share_folder
 from facts_damping.validation import devices, pmus, small_signal, start, time_domain
 from facts_damping.validation.table import summary
 
@@ -42,5 +42,5 @@ def page(tables: Sequence[ValidationTable]) -> str:
     """The page docs/validation.md: its text with a row per table, the one that comes nearest to its tolerance."""
     rows = [row for table in tables for row in table.rows]
     passed = f"{sum(row.passed for row in rows)} of {len(rows)}"
-    text = (share_folder() / "config" / "references" / "validation.md").read_text(encoding="utf-8")
+    text = read_text(share_folder() / "config" / "references" / "validation.md")
     return text.replace("{{passed}}", passed).replace("{{tables}}", "\n".join(summary(tables)))
