@@ -87,8 +87,8 @@ def _what_holds(arguments: argparse.Namespace) -> None:
         found = experiment.run(folder, arguments.jobs, arguments.scheduler, arguments.seed)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
-    written = pages.write(found, folder)
-    first = [next(iter(own.values())) for own in found.values()]
+    first = pages.by_devices(found)[0]
     told = pages.ratios(first)
+    written = pages.write(found, told, folder)
     write_json(arguments.json, {"ratios": pages.rows(told), "answers": pages.answers(first, told)})
     say(arguments, *pages.answers(first, told), "", *(f"written: {path}" for path in written))

@@ -75,7 +75,7 @@ def test_repetitions_stand_beside_each_other() -> None:
     every = {seed: found_of(levels, random, 0.05, 0.1) for seed in range(5)}
     for found in every.values():
         found |= {"arms": names, "searches": {("LQG", 0): {"value": -2.0}, ("LLC-tuned", 0): {"value": -1.9}}}
-    first = next(line for line in pages.repetitions(every) if "best fixed" in line)
+    first = next(line for line in pages.repetitions(every, pages.ratios(list(every.values()))) if "best fixed" in line)
     assert first.count(WORSE) == 6
     assert "5 of 5" in first
     one, whole = (ratio(some, "network", "LQG", KINDS, 0.05) for some in ([every[0]], list(every.values())))

@@ -48,19 +48,21 @@ def ratio(every: Sequence[Mapping[str, Any]], arm: str, against: str, kinds: Seq
 
     `every`: the results of one experiment, or of repetitions, which count alike.
     """
-    both = [_drawn(one, arm, against, kinds) for one in every]
+    random = np.random.default_rng(len(kinds))
+    both = [_drawn(random, one, arm, against, kinds) for one in every]
     middle, drawn = float(np.mean([one[0] for one in both])), np.mean([one[1] for one in both], axis=0)
     tail = (1.0 - CONFIDENCE) / 2.0
     low, high = (float(x) for x in np.exp(np.quantile(drawn, [tail, 1.0 - tail])))
     return Ratio(arm, against, ", ".join(kinds), float(np.exp(middle)), low, high, decision(low, high, margin))
 
 
-def _drawn(found: Mapping[str, Any], arm: str, against: str, kinds: Sequence[str]) -> tuple[float, NDArray[np.float64]]:
+def _drawn(
+    random: np.random.Generator, found: Mapping[str, Any], arm: str, against: str, kinds: Sequence[str]
+) -> tuple[float, NDArray[np.float64]]:
     """The mean log ratio of an experiment, and that of each resample."""
     a = logs(found, arm)
     b = np.zeros_like(a[:1]) if against == NONE else logs(found, against)
-    random, of_case = np.random.default_rng(len(kinds)), np.array(found["kinds"])
-    groups = [np.flatnonzero(of_case == kind) for kind in kinds]
+    groups = [np.flatnonzero(np.array(found["kinds"]) == kind) for kind in kinds]
     of_a, of_b, drawn = _weights(random, len(a)), _weights(random, len(b)), np.zeros(RESAMPLES)
     for group in groups:
         cases = _weights(random, len(group))

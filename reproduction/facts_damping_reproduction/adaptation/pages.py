@@ -129,14 +129,12 @@ def pair_table(every: Every, told: Sequence[Ratio]) -> list[str]:
     return table(["arm", "against", *KINDS, "both of these", "decision"], lines, 2, markdown=True)
 
 
-def repetitions(every: Mapping[int, Mapping[str, Any]]) -> list[str]:
-    """The answer of each repetition, by its seed, of all together, and how many decide as all together do."""
-    lines, whole = [], list(every.values())
-    for asked in questions(whole):
-        first, *own = (
-            decide.ratio(one, asked.arm, asked.against, asked.kinds, plan()["margin"])
-            for one in (whole, *([one] for one in whole))
-        )
+def repetitions(every: Mapping[int, Mapping[str, Any]], told: Sequence[Ratio]) -> list[str]:
+    """The answer of each repetition, by its seed, of all together (`told`), and how many decide as these do."""
+    lines = []
+    for asked in questions(list(every.values())):
+        first = of(told, asked.arm, asked.against, asked.kinds)
+        own = [decide.ratio([one], asked.arm, asked.against, asked.kinds, plan()["margin"]) for one in every.values()]
         alike = sum(one.decision == first.decision for one in own)
         cells = [f"{one.text()}: {one.decision}" for one in (*own, first)]
         lines.append([asked.words, *cells, f"{alike} of {len(own)}"])
@@ -181,13 +179,19 @@ def draw_searches(every: Every, path: Path) -> Path:
     return save_picture(figure, path)
 
 
-def write(every: Mapping[int, Mapping[str, Mapping[str, Any]]], folder: Path) -> list[Path]:
-    """The page, the figures, and all ratios as CSV; returns the paths. `every`: results by seed, then devices."""
-    first, *others = ([own[name] for own in every.values() if name in own] for name in plan()["sets"])
-    told = ratios(first)
+def by_devices(every: Mapping[int, Mapping[str, Mapping[str, Any]]]) -> list[Every]:
+    """The results of each set of devices, from results by seed, then devices."""
+    return [[own[name] for own in every.values() if name in own] for name in plan()["sets"]]
+
+
+def write(every: Mapping[int, Mapping[str, Mapping[str, Any]]], told: Sequence[Ratio], folder: Path) -> list[Path]:
+    """The page, the figures, and all ratios as CSV; returns the paths.
+
+    `every`: results by seed, then devices; `told`: ratios of the first devices.
+    """
+    first, *others = by_devices(every)
     csv.write_csv(arrow(rows(told)), folder / "what_holds.csv")
     made = [draw(told, folder / "what_holds.png"), draw_searches(first, folder / "searches.png")]
-    by_seed = {seed: own[next(iter(plan()["sets"]))] for seed, own in every.items()}
     values: dict[str, Any] = {
         "question": plan()["question"].strip(),
         "rule": plan()["rule"].strip(),
@@ -198,7 +202,7 @@ def write(every: Mapping[int, Mapping[str, Mapping[str, Any]]], folder: Path) ->
         "cases": str(len(first[0]["kinds"])),
         "seeds": str(plan()["search"]["seeds"]),
         "repeated": len(every) - 1,
-        "repetitions": "\n".join(repetitions(by_seed)),
+        "repetitions": "\n".join(repetitions(dict(zip(every, first, strict=True)), told)),
         "both": [
             {"arms": "\n".join(arm_table(one, own)), "pairs": "\n".join(pair_table(one, own))}
             for one, own in ((one, ratios(one)) for one in others if one)
