@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -116,11 +114,9 @@ def summary(tables: Sequence[ValidationTable]) -> list[str]:
 
 def as_csv(tables: Sequence[ValidationTable]) -> str:
     """All rows of all tables."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["table", "source", "command", *Row._fields, "passed"])
-    for table in tables:
-        for row in table.rows:
-            figures = [f"{row.difference:.1e}", f"{row.tolerance:.1e}", "pass" if row.passed else "fail"]
-            writer.writerow([table.title, table.source, table.command, *row[:4], *figures])
-    return text.getvalue()
+    rows = [
+        [table.title, table.source, table.command, *row[:4], f"{row.difference:.1e}", f"{row.tolerance:.1e}", passed]
+        for table in tables
+        for row, passed in ((row, "pass" if row.passed else "fail") for row in table.rows)
+    ]
+    return terminal.as_csv(["table", "source", "command", *Row._fields, "passed"], rows)

@@ -8,7 +8,6 @@ reads `delay_margin/margins.csv` and the like in that folder, and writes `result
 from __future__ import annotations
 
 import csv
-import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,7 +29,6 @@ CAMPAIGNS = (
     ("healthy", "nothing fails"),
 )
 HOLDS = 90.0  # %, drawn in another colour
-SHARE = re.compile(r"\d+: ([\d.]+) % \(([\d.]+) to ([\d.]+)\)")  # as campaign_pages writes it
 
 
 def rows(path: Path) -> Rows:
@@ -81,7 +79,7 @@ def supervision(tables: Sequence[tuple[str, Rows]]) -> Figure:
                 (-0.2, "without supervision", "0.65", "without supervision"),
                 (0.2, "with supervision", COLOURS[0], "with supervision"),
             ):
-                value, low, high = map(float, SHARE.findall(table[row][column])[0])
+                value, low, high = (float(table[row][f"{column}, {end}"]) for end in ("percent", "low", "high"))
                 axis.barh(place + shift, value, 0.36, color=colour, label=words if not place else None)
                 axis.plot([low, high], [place + shift] * 2, color="black", lw=1)
                 axis.annotate(f"{value:.2f}", (high, place + shift), (3, 0), textcoords="offset points", **text)

@@ -55,14 +55,13 @@ def test_rates_of_supervision_are_those_of_the_campaigns() -> None:
     page = text("supervision_results")
     for campaign in ("do_no_harm", "wrong_control"):
         for row in rows(f"{campaign}/table_outcomes.csv")[1:]:
-            count, percent = re.findall(r"^(\d+): ([\d.]+) %", row["with supervision"])[0]
-            assert f"{count} of {row['cases']}" in page or f"{count} ({percent} %)" in page, row
-            count, *_ = re.findall(r"^(\d+): ", row["without supervision"])
-            assert re.search(rf"\b{count}\b", page), row
+            number, percent = row["with supervision, number"], float(row["with supervision, percent"])
+            assert f"{number} of {row['cases']}" in page or f"{number} ({percent:.2f} %)" in page, row
+            assert re.search(rf"\b{row['without supervision, number']}\b", page), row
     total = rows("healthy/table_healthy.csv")[-1]
     for name in ("fell back or tripped", "harmful"):
-        count, percent = re.findall(r"^(\d+): ([\d.]+) %", total[name])[0]
-        assert re.search(rf"\b{count} .{{0,30}}\({percent} %\)", page), name
+        number, percent = total[f"{name}, number"], float(total[f"{name}, percent"])
+        assert re.search(rf"\b{number} .{{0,30}}\({percent:.2f} %\)", page), name
     for campaign, who in (("do_no_harm", "all controllers"), ("healthy", "lead-lags and LQG")):
         for row in rows(f"{campaign}/table_cost.csv"):
             assert " | ".join([f"| {row['the controller']}, {who}", *list(row.values())[1:]]) in page

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +14,7 @@ from facts_damping.studies.campaigns import campaign as study
 from facts_damping.studies.campaigns.faults import FAULTS, NOTHING
 from facts_damping.studies.campaigns.invariants import HARM, INVARIANTS
 from facts_damping.studies.margins.margins import failed_fraction
-from facts_damping.terminal import table, write_whole
+from facts_damping.terminal import as_csv, table, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -45,36 +43,82 @@ WHICH = ("", "unsupervised_", "uncontrolled_")  # prefixes of a row's figures
 LISTED = 4  # number of places listed for a violated invariant
 
 
-def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> list[str]:
+class Share(NamedTuple):
+    """A count, and what fraction it is, in per cent with Wilson's interval; None without cases."""
+
+    number: int
+    percent: float | None
+    low: float | None
+    high: float | None
+
+    @classmethod
+    def of(cls, part: int, whole: int) -> Share:
+        """So many of the whole."""
+        if not whole:
+            return cls(part, None, None, None)
+        ends = failed_fraction(part, whole)
+        return cls(part, *(round(100.0 * value, 2) for value in (part / whole, ends["low"], ends["high"])))
+
+    def __str__(self) -> str:
+        """As in a page: `4: 0.28 % (0.11 to 0.71)`."""
+        if self.percent is None:
+            return f"{self.number}"
+        return f"{self.number}: {self.percent:.2f} % ({self.low:.2f} to {self.high:.2f})"
+
+
+class Pair(NamedTuple):
+    """A figure with supervision and without."""
+
+    supervised: str
+    unsupervised: str
+
+    def __str__(self) -> str:
+        """As in a page."""
+        return " / ".join(self)
+
+
+class Table(NamedTuple):
+    """A table of a page: cells are texts, shares or pairs."""
+
+    titles: list[str]
+    rows: list[list[Any]]
+    left: int = 1  # number of columns that are names
+
+    def markdown(self) -> list[str]:
+        """Its lines; none if it has no row."""
+        return table(*self, markdown=True) if self.rows else []
+
+
+def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> Table:
     """Invariants: of the draws that can violate each, how many do; faults, systems and scenarios of these."""
     lines = []
     for name in names:
         asked = [row for row in rows if row.get(name) is not None]
         failed = [row for row in asked if not row[name]]
         places = _max(failed, lambda row: f"{row['fault']}, {row['base_run']} {row.get('scenario', '')}".strip())
-        lines.append([WORDS[name], str(len(asked)), _share(len(failed), len(asked)), places])
+        lines.append([WORDS[name], str(len(asked)), Share.of(len(failed), len(asked)), places])
     heads = ["what must hold", "cases that can violate it", "violated", "most frequent"]
-    return table(heads, lines, 1, markdown=True)
+    return Table(heads, lines)
 
 
-def outcome_table(rows: Rows) -> list[str]:
+def outcome_table(rows: Rows) -> Table:
     """With supervision, without it, and without control: synchronism of all draws, harm to those that can be harmed."""
     able = [row for row in rows if row["does_no_harm"] is not None]
     known = [which for which in WHICH if any(f"{which}lost_s" in row for row in rows)]
-    found = [["synchronism lost", str(len(rows)), *(_lost(rows, which) for which in known)]]
+    found: list[list[Any]] = [["synchronism lost", str(len(rows)), *(_lost(rows, which) for which in known)]]
     found.append(["the same, if it is kept without control", str(len(able)), *(_lost(able, which) for which in known)])
     harms = [sum(row[f"{which}does_no_harm"] is False for row in able) for which in known if which != WHICH[-1]]
     words = f"ITAE above {HARM:g} times that without control, or synchronism lost; of those that keep it without"
-    found.append([words, str(len(able)), *(_share(count, len(able)) for count in harms), "-"])
+    found.append([words, str(len(able)), *(Share.of(count, len(able)) for count in harms), "-"])
     titles = {"": "with supervision", "unsupervised_": "without supervision", "uncontrolled_": "without control"}
-    return table(["what", "cases", *(titles[which] for which in known)], found, 1, markdown=True)
+    return Table(["what", "cases", *(titles[which] for which in known)], found)
 
 
-def _lost(rows: Rows, which: str) -> str:
-    return _share(sum(row[f"{which}lost_s"] is not None for row in rows), len(rows))
+def _lost(rows: Rows, which: str) -> Share:
+    return Share.of(sum(row[f"{which}lost_s"] is not None for row in rows), len(rows))
 
 
-def healthy_table(rows: Rows) -> list[str]:
+def healthy_table(rows: Rows) -> Table:
     """Of all draws in which nothing fails, by system and monitor: how many were taken off, and how many with harm."""
     healthy, lines = [row for row in rows if row["fault"] == NOTHING], []
     for system in [*sorted({row["base_run"] for row in healthy}), ""]:
@@ -85,13 +129,13 @@ def healthy_table(rows: Rows) -> list[str]:
             by = [row for row in off if monitor in ("", _cause(row))]
             counts = [sum(which(row) for row in by) for which in (_harmed, _helped)]
             never = str(sum(row["armed_s"] is None for row in own)) if not monitor else ""
-            lines.append([system or "all", monitor or "all", str(len(own)), never, _share(len(by), len(own))])
-            lines[-1] += [_share(count, len(own)) for count in counts]
+            lines.append([system or "all", monitor or "all", str(len(own)), never, Share.of(len(by), len(own))])
+            lines[-1] += [Share.of(count, len(own)) for count in counts]
     heads = ["system", "monitor", "healthy cases", "never armed", "fell back or tripped", "harmful", "helpful"]
-    return table(heads, lines, 2, markdown=True)
+    return Table(heads, lines, 2)
 
 
-def missed_table(rows: Rows) -> list[str]:
+def missed_table(rows: Rows) -> Table:
     """Faults by which control adds to an oscillation and which last: how many were never found, and with what harm."""
     long = [row for row in rows if row["fault"] in TURNED and (not row["lasts"] or float(row["lasts"]) >= LONG_S)]
     acting = [row for row in long if row["armed_s"] is not None and not row["early"]]
@@ -100,7 +144,7 @@ def missed_table(rows: Rows) -> list[str]:
         own = [row for row in acting if (row["fault"], row["base_run"]) == (fault, system)]
         missed = [row for row in own if row["detected_s"] is None]
         harmed = sum(row["does_no_harm"] is False for row in missed)
-        lines.append([fault, system, str(len(own)), _share(len(missed), len(own)), str(harmed)])
+        lines.append([fault, system, str(len(own)), Share.of(len(missed), len(own)), str(harmed)])
     heads = [
         "fault",
         "system",
@@ -108,25 +152,25 @@ def missed_table(rows: Rows) -> list[str]:
         "missed",
         f"of these above {HARM:g}",
     ]
-    return table(heads, lines, 2, markdown=True)
+    return Table(heads, lines, 2)
 
 
-def limit_table(rows: Rows) -> list[str]:
+def limit_table(rows: Rows) -> Table:
     """By the limit that was drawn: harm to healthy draws, and wrong signs found with the monitor `harm` and without."""
     lines = []
     for name in sorted({row["limit"] for row in rows}, key=float):
         own = [row for row in rows if row["limit"] == name]
         healthy = [row for row in own if row["fault"] == NOTHING]
         lines.append([name, str(len(healthy))])
-        lines[-1] += [_share(sum(which(row) for row in healthy), len(healthy)) for which in (_taken_off, _harmed)]
+        lines[-1] += [Share.of(sum(which(row) for row in healthy), len(healthy)) for which in (_taken_off, _harmed)]
         wrong = [row for row in own if row["fault"] in TURNED and row["armed_s"] is not None and not row["early"]]
         for harm in ("on", "off"):
             asked = [row for row in wrong if row["harm"] == harm]
             found = [row["detected_s"] for row in asked if row["detected_s"] is not None]
-            lines[-1] += [str(len(asked)), _share(len(found), len(asked)), _times(found)[0]]
+            lines[-1] += [str(len(asked)), Share.of(len(found), len(asked)), _times(found)[0]]
     heads = ["limit, 1/s", "healthy cases", "tripped", "harmful", "wrong signs", "found", "median, s"]
-    heads += ["wrong signs without harm", "found", "median, s"]
-    return table(heads, lines, 1, markdown=True)
+    heads += ["wrong signs without harm", "found without harm", "median without harm, s"]
+    return Table(heads, lines)
 
 
 def _taken_off(row: dict[str, Any]) -> bool:
@@ -150,7 +194,7 @@ def _helped(row: dict[str, Any]) -> bool:
     return _taken_off(row) and own is not None and (free is None or HARM * own < free)
 
 
-def fault_table(rows: Rows) -> list[str]:
+def fault_table(rows: Rows) -> Table:
     """By fault: armed draws, how many fell back and tripped, how soon, and the most frequent cause."""
     lines = []
     for fault in [name for name in FAULTS if name != NOTHING]:
@@ -163,10 +207,10 @@ def fault_table(rows: Rows) -> list[str]:
                 [fault, str(len(own)), *map(str, counts), *_times([row["detected_s"] for row in detected]), causes]
             )
     heads = ["fault", "armed", "fell back", "tripped", "median, s", "99 %, s", "monitor"]
-    return table(heads, lines, 1, markdown=True)
+    return Table(heads, lines)
 
 
-def grid_table(rows: Rows) -> list[str]:
+def grid_table(rows: Rows) -> Table:
     """Effects on the grid of faults that make control wrong, with and without supervision."""
     lines = []
     groups: dict[str, Callable[[dict[str, Any]], bool]] = {
@@ -188,14 +232,14 @@ def grid_table(rows: Rows) -> list[str]:
                 ]
                 for which in WHICH[:2]
             ]
-            pairs = [" / ".join(pair) for pair in zip(*cells, strict=True)]
+            pairs = [Pair(*pair) for pair in zip(*cells, strict=True)]
             lines.append([name, str(len(own)), pairs[0], str(len(able)), *pairs[1:]])
     heads = ["what is wrong", "cases", "synchronism lost", "compared", f"above {HARM:g}"]
     heads += ["ITAE, median", "ITAE, 90 %", "ITAE, 99 %"]
-    return table(heads, lines, 1, markdown=True)
+    return Table(heads, lines)
 
 
-def place_table(rows: Rows) -> list[str]:
+def place_table(rows: Rows) -> Table:
     """By system and scenario: how often ITAE exceeds that without control, and how often before or without a fault."""
     lines = []
     for place in sorted({(row["base_run"], row.get("scenario", "")) for row in rows}):
@@ -210,10 +254,10 @@ def place_table(rows: Rows) -> list[str]:
         lines.append([" ".join(place), str(len(own)), *cells])
     heads = ["system, scenario", "cases", "ITAE without control", "can violate", f"above {HARM:g}, or lost", "%"]
     heads += ["of these before a fault", "without supervision"]
-    return table(heads, lines, 1, markdown=True)
+    return Table(heads, lines)
 
 
-def cost_table(rows: Rows) -> list[str]:
+def cost_table(rows: Rows) -> Table:
     """Cost of supervision without faults: loss of damping of those that are taken off, and of the others."""
     healthy, lines = [row for row in rows if row["fault"] == NOTHING], []
     for name, off in (("stays armed", False), ("falls back or is tripped", True)):
@@ -222,10 +266,10 @@ def cost_table(rows: Rows) -> list[str]:
         found = [f"{np.percentile(pairs, q):.3f}" for q in (50, 90, 99)] if pairs else ["-"] * 3
         lines.append([name, str(len(own)), *found])
     heads = ["the controller", "healthy cases", "ITAE beside no supervision, median", "90 %", "99 %"]
-    return table(heads, lines, 1, markdown=True)
+    return Table(heads, lines)
 
 
-def controller_table(rows: Rows) -> list[str]:
+def controller_table(rows: Rows) -> Table:
     """By controller: how often it was armed, tripped without a fault, and did harm."""
     lines = []
     for name in dict.fromkeys((row["controller"], row["scheme"]) for row in rows):
@@ -241,7 +285,7 @@ def controller_table(rows: Rows) -> list[str]:
         lines.append([" ".join(part for part in name if part), *counts])
     heads = ["controller", "cases", "never armed", "tripped although nothing failed"]
     heads += [f"ITAE above {HARM:g}, or lost", "synchronism lost that is kept without"]
-    return table(heads, sorted(lines), 1, markdown=True)
+    return Table(heads, sorted(lines))
 
 
 def page(made: Plan, rows: Rows, graphs: Rows, command: str) -> str:
@@ -250,7 +294,8 @@ def page(made: Plan, rows: Rows, graphs: Rows, command: str) -> str:
     own = folder / f"{made.name}.md"
     text = (own if own.is_file() else folder / "any.md").read_text(encoding="utf-8")
     about = {"name": [made.name], "description": [made.campaign.description], "command": [f"    {command}"]}
-    for key, lines in {**about, **sections(rows, graphs), "counts": [f"{counts(rows)}."]}.items():
+    tables = {key: found.markdown() for key, found in sections(rows, graphs).items()}
+    for key, lines in {**about, **tables, "counts": [f"{counts(rows)}."]}.items():
         text = text.replace(f"{{{{{key}}}}}", "\n".join(lines) or "None was made.")
     return text
 
@@ -258,12 +303,10 @@ def page(made: Plan, rows: Rows, graphs: Rows, command: str) -> str:
 def write_tables(rows: Rows, graphs: Rows, folder: Path) -> list[Path]:
     """Every table that has a row, as CSV: `table_faults.csv` and so on (docs/supervision_results.md)."""
     paths = []
-    for name, lines in sections(rows, graphs).items():
-        if len(lines) > 2:
-            text = io.StringIO()
-            csv.writer(text, lineterminator="\n").writerows(line[2:-2].split(" | ") for line in (lines[0], *lines[2:]))
+    for name, found in sections(rows, graphs).items():
+        if found.rows:
             paths.append(folder / f"table_{name}.csv")
-            write_whole(paths[-1], text.getvalue())
+            write_whole(paths[-1], as_csv(found.titles, found.rows))
     return paths
 
 
@@ -275,11 +318,13 @@ def holds(row: dict[str, Any]) -> bool:
 def overview(rows: Rows, graphs: Rows) -> list[str]:
     """Summary for a terminal."""
     found = sections(rows, graphs)
-    shown = [counts(rows), *found["invariants"], "", *found["outcomes"], "", *found["healthy"]]
-    return shown + (["", f"{len(graphs)} graphs", *found["graphs"]] if graphs else [])
+    shown = [counts(rows)]
+    for name in ("invariants", "outcomes", "healthy"):
+        shown += [*found[name].markdown(), ""]
+    return [*shown, f"{len(graphs)} graphs", *found["graphs"].markdown()] if graphs else shown[:-1]
 
 
-def sections(rows: Rows, graphs: Rows) -> dict[str, list[str]]:
+def sections(rows: Rows, graphs: Rows) -> dict[str, Table]:
     """All tables of a campaign, by name."""
     good = [row for row in rows if row["error"] is None]
     wrong = [row for row in good if row["wrong"]]
@@ -288,16 +333,16 @@ def sections(rows: Rows, graphs: Rows) -> dict[str, list[str]]:
         "outcomes": outcome_table(good),
         "healthy": healthy_table(good),
         "missed": missed_table(good),
-        "limits": limit_table(good) if all("limit" in row for row in good) else [],
+        "limits": limit_table(good if all("limit" in row for row in good) else []),
         "wrong": invariant_table(wrong, ("does_no_harm",)),
         "faults": fault_table(good),
         "controllers": controller_table(good),
         "places": place_table(good),
         "cost": cost_table(good),
-        "grid": grid_table(good) if any("unsupervised_ratio" in row for row in good) else [],
+        "grid": grid_table(good if any("unsupervised_ratio" in row for row in good) else []),
     }
     sound = [row for row in graphs if row["error"] is None]
-    return found | {"graphs": invariant_table(sound, tuple(WORDS)) if sound else []}
+    return found | {"graphs": invariant_table(sound, tuple(WORDS) if sound else ())}
 
 
 def counts(rows: Rows) -> str:
@@ -316,14 +361,6 @@ def _max(rows: Rows, what: Callable[[dict[str, Any]], str]) -> str:
     ranked = sorted(found.items(), key=lambda one: -one[1])
     more = [f"{len(ranked) - LISTED} others"] if len(ranked) > LISTED else []
     return "; ".join([*(f"{name} {count}" for name, count in ranked[:LISTED]), *more]) or "-"
-
-
-def _share(part: int, of: int) -> str:
-    """A count, and what fraction it is, in per cent with Wilson's interval."""
-    if not of:
-        return f"{part}"
-    low, high = (100.0 * failed_fraction(part, of)[name] for name in ("low", "high"))
-    return f"{part}: {percent(part, of)} % ({low:.2f} to {high:.2f})"
 
 
 def percent(part: int, of: int) -> str:
