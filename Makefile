@@ -99,16 +99,17 @@ pages: demo
 	rm -rf $(PAGES)/large
 	$(BIN)/facts-damping run two_area_large --out $(PAGES)/large
 	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --out $(PAGES)/large
-	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --windows inf,0 --out $(PAGES)/wvd
 	for study in $(QUOTED); do $(BIN)/facts-damping sweep $$study --out $(PAGES)/$$study || exit 1; done
 	for campaign in do_no_harm wrong_control healthy growing; do \
 	    $(BIN)/facts-damping campaign $$campaign --out $(PAGES)/$$campaign || exit 1; \
 	done
+	$(BIN)/python benchmarks/verdicts.py --out $(PAGES)/verdicts
+	rm -rf $(PAGES)/score && $(BIN)/facts-damping score --out $(PAGES)/score
 	$(BIN)/facts-damping reproduce --out $(PAGES)/reproduction
 	$(BIN)/facts-damping reproduce --profile deployment --out $(PAGES)/deployment
 	sed 's|](what_holds.png)|](images/deployment/what_holds.png)|' $(PAGES)/deployment/what_holds.md > docs/what_holds.md
 	$(BIN)/python -m facts_damping_reproduction.result_figures $(PAGES)
-	cd docs/images && for picture in */*; do cp ../../$(PAGES)/$$picture $$picture || exit 1; done
+	cd docs/images && for made in */*; do cp ../../$(PAGES)/$$made $$made || exit 1; done
 
 # Both are for this Python, this kind of processor and this distribution of ROS 2. `make demo` takes the messages' wheel
 # where it fits, and then needs no compiler.

@@ -9,9 +9,10 @@ that of the linear mode of its frequency differ by at most 0.5 percentage points
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from facts_damping.simulation.twins import twin_of
 from facts_damping.small_signal import modal_analysis
 from facts_damping.studies.margins.delay_margin import oscillations
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
+from facts_damping.terminal import as_csv
 
 SOUND, GROWS = 0.01, 0.05  # damping ratio; 1/s
 WELL = 0.1  # damping ratio above which ringdowns are over too soon to be measured
@@ -33,6 +35,16 @@ MANY = (0.001, 0.1, 0.2, 0.3, 0.4)
 BARE = ("supervision=null", "arm_at=null")
 FREE = (*BARE, "controllers=[]")
 OUT = ("system.lines.4.x=10", "system.lines.4.b=0")  # the line of the recommended run's own event, after it
+COLUMNS = (
+    "loop",
+    "delay_ms",
+    "linear_growth_per_s",
+    "linear_lowest_damping_percent",
+    "linear_strongest_damping_percent",
+    "response_damping_percent",
+    "verdicts",
+    "verdicts_without_twin",
+)
 NONE, EARLY = (0.0,), (0.001, 0.1)  # s, delays
 LOADS = "load_noise={std: 0.01, time_constant: 1}"
 
@@ -190,19 +202,15 @@ def nearest(modes: list[tuple[float, float]], own: list[Seen]) -> tuple[float, s
     return linear[0], text, [100 * abs(ratio - linear[0]) for ratio in near]
 
 
-def main(first: int = FIRST, *names: str) -> None:
-    """Print both tables in Markdown; `first`: seed; names: of ROWS, all without."""
+def main(first: int, names: list[str], out: Path) -> None:
+    """Print both tables and write the first as CSV; `first`: seed; names: of ROWS, all without."""
     chosen = [(name, delay) for name in names or ROWS for delay in ROWS[name].delays]
     with ProcessPoolExecutor() as pool:
         found = list(
             pool.map(seen, [(*one, seed) for one in chosen for seed in range(first, first + SEEDS)], chunksize=4)
         )
     counted: dict[str, list[Seen]] = {"sound": [], "grows": []}
-    print(
-        "| loop | delay, ms | linear: growth, 1/s | lowest, % | strongest, % | response, % (seeds) | verdicts | alone |"
-    )
-    print("|---|--:|--:|--:|--:|--:|---|---|")
-    failed, errors = [], []
+    table, failed, errors = [], [], []
     for name, delay in chosen:
         own = [one for one in found if (one.name, one.delay) == (name, delay)]
         growth, modes = truth(name, delay)
@@ -214,15 +222,11 @@ def main(first: int = FIRST, *names: str) -> None:
         strongest, text, off = nearest(modes, own)
         if kind == "sound" and strongest < WELL and "no event" not in name:
             errors += off
-        cells = [
-            name,
-            f"{1e3 * delay:.0f}",
-            f"{growth:.3f}",
-            f"{100 * modes[0][0]:.2f}",
-            f"{100 * strongest:.2f}",
-            text,
-        ]
-        print(f"| {' | '.join([*cells, words([x.verdict for x in own]), words([x.alone for x in own])])} |", flush=True)
+        figures = [f"{1e3 * delay:.0f}", f"{growth:.3f}", f"{100 * modes[0][0]:.2f}", f"{100 * strongest:.2f}", text]
+        table.append([name, *figures, words([x.verdict for x in own]), words([x.alone for x in own])])
+        print("  ".join(table[-1]), flush=True)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "verdicts.csv").write_text(as_csv(COLUMNS, table), encoding="utf-8")
     print("\n| the linear loop | runs | called so | right | undecided | without twin |\n|---|--:|---|--:|--:|--:|")
     for kind, verdict in (("sound", "damped"), ("grows", "growing, limit cycle or lost")):
         own = counted[kind]
@@ -245,4 +249,9 @@ def main(first: int = FIRST, *names: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*(int(word) if word.isdigit() else word for word in sys.argv[1:]))  # type: ignore[arg-type]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("seed", nargs="?", type=int, default=FIRST, help="the first of the seeds")
+    parser.add_argument("rows", nargs="*", help="loops (all without)")
+    parser.add_argument("--out", type=Path, default=Path("results/verdicts"), help="folder for verdicts.csv")
+    asked = parser.parse_args()
+    main(asked.seed, asked.rows, asked.out)

@@ -218,8 +218,9 @@ def score(arguments: argparse.Namespace) -> None:
         say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
     say(arguments, *pages.ranking_table(ranked))
     if folder is not None:
-        shown = cards if arguments.controller is not None else ranked
-        say(arguments, *(f"written: {path}" for path in pages.write(case_set, shown, folder)))
+        one = arguments.controller is not None
+        paths = pages.write(case_set, cards, folder) if one else pages.write_ranking(ranked, folder)
+        say(arguments, *(f"written: {path}" for path in paths))
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import facts_damping as fd
 from facts_damping.cli.main import main
 from facts_damping.studies.score.card import LOST, case_of, estimate, logs, ranking, read_set
 from facts_damping.studies.score.measure import Measured
-from facts_damping.studies.score.pages import ranking_table
+from facts_damping.studies.score.pages import ranking_table, write_ranking
 
 # What was published under a name and a version never changes.
 FROZEN = {"two_area_1.0": "c1e6bc09e5427bda", "nets_nyps_1.0": "64f36fb55048ba28"}
@@ -57,7 +57,7 @@ def test_every_case_of_a_set_can_be_made(name: str) -> None:
     assert kinds == set(found.content.kinds)
 
 
-def test_a_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cases: str) -> None:
+def test_a_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cases: str, tmp_path: Path) -> None:
     nothing, wrong, right = (fd.score(one, cases, ["LLC"], jobs=1) for one in (Nothing, WrongSign, "LLC"))
     assert nothing.value == pytest.approx(0.0, abs=0.1)
     assert wrong.value < right.value
@@ -65,8 +65,11 @@ def test_a_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(c
     assert wrong.content["does_harm"]
     assert "It cannot be said to be better than no control." in repr(wrong)
     better = {**right.content, "score": 5.0}
-    rows = [line.split()[0] for line in ranking_table(ranking([wrong.content, better]))[2:]]
+    ranked = ranking([wrong.content, better])
+    rows = [line.split()[0] for line in ranking_table(ranked)[2:]]
     assert rows == ["LLC", "no", "tests.studies.test_score:WrongSign"]
+    table, _ = write_ranking(ranked, tmp_path)
+    assert [line.split(",")[0] for line in table.read_text().splitlines()[1:]] == ['"LLC"', f'"{rows[2]}"']
 
 
 def test_the_card_is_the_same_on_any_number_of_cores_and_from_the_command(cases: str, tmp_path: Path) -> None:

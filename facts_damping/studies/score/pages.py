@@ -6,9 +6,11 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
+from pyarrow import csv
 
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.studies.score.card import NONE, NOTICED
+from facts_damping.studies.sweeps.results import table as arrow
 from facts_damping.terminal import save_picture, table, write_whole
 
 if TYPE_CHECKING:
@@ -68,24 +70,47 @@ def kinds_table(card: Mapping[str, Any], *, markdown: bool = False) -> list[str]
     return table(heads, rows, 1, markdown=markdown)
 
 
+RANKING = {
+    "controller": "controller",
+    "score": "score",
+    "change": "index relative to no control",
+    "lost": "lost",
+    "helps_to": "helps to a delay of",
+    "harm": "harm",
+}
+
+
 def ranking_table(cards: Sequence[Mapping[str, Any]], *, markdown: bool = False) -> list[str]:
-    """A row for each card."""
+    """A row for each card, and one for no control."""
     rows = [
-        [
-            card["controller"],
-            f"{card['score']:.1f}",
-            change_text(card["change"]),
-            str(sum(row["lost"] for row in card["kinds"].values())),
-            delays(card),
-            ", ".join(card["does_harm"]) or "-",
-        ]
+        {**row, "score": f"{row['score']:.1f}", "change": change_text(row), "harm": row["harm"] or "-"}
+        for row in ranked(cards)
+    ]
+    at = next((i for i, card in enumerate(cards) if card["score"] < 0.0), len(cards))
+    none = sum(row["lost_without_control"] for row in cards[0]["kinds"].values())
+    rows.insert(at, {**dict.fromkeys(RANKING, ""), "controller": NONE, "score": "0", "lost": none})
+    return table(list(RANKING.values()), [[row[name] for name in RANKING] for row in rows], 1, markdown=markdown)
+
+
+def ranked(cards: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The cards as rows: score, change of the index in per cent, lost cases, and where a controller helps and harms."""
+    return [
+        {
+            "controller": card["controller"],
+            "score": card["score"],
+            **{name: card["change"][name] for name in ("percent", "low", "high")},
+            "lost": sum(row["lost"] for row in card["kinds"].values()),
+            "helps_to": delays(card),
+            "harm": ", ".join(card["does_harm"]),
+        }
         for card in cards
     ]
-    none = sum(row["lost_without_control"] for row in cards[0]["kinds"].values())
-    at = next((i for i, card in enumerate(cards) if card["score"] < 0.0), len(cards))
-    rows.insert(at, [NONE, "0", "", str(none), "", ""])
-    heads = ["controller", "score", "index relative to no control", "lost", "helps to a delay of", "harm"]
-    return table(heads, rows, 1, markdown=markdown)
+
+
+def write_ranking(cards: Sequence[Mapping[str, Any]], folder: Path) -> list[Path]:
+    """Write `ranking.csv` and `ranking.png`; return the paths."""
+    csv.write_csv(arrow(ranked(cards)), folder / "ranking.csv")
+    return [folder / "ranking.csv", draw(cards, folder / "ranking.png")]
 
 
 def draw(cards: Sequence[Mapping[str, Any]], path: Path) -> Path:

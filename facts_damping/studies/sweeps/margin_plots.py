@@ -10,6 +10,7 @@ from matplotlib.patches import Patch
 from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.studies.margins.criteria import CRITERIA
+from facts_damping.studies.sweeps.column_names import axis_label, column_words
 from facts_damping.studies.sweeps.results import beneath, cell, label, margin_names, margin_text, ranked, reach, spans
 
 if TYPE_CHECKING:
@@ -42,10 +43,10 @@ def draw_margins(margins: Rows, across: str) -> Figure:
             _dress(axes, ", ".join(part for part in (scenario, cell(column)) if part), own)
     grid[0][0].set_yticks(range(len(labels)), labels)
     for axes in grid[-1]:
-        axes.set_xlabel(margins[0]["field"])
-    title = f"Least {margins[0]['field']} at which a run {CRITERIA[first].words}"
+        axes.set_xlabel(axis_label(margins[0]["field"]))
+    title = f"Smallest {column_words(margins[0]['field'])[0]} at which a run {CRITERIA[first].words}"
     if not all(row["monotonic"] for row in margins if row["criterion"] == first):
-        title += "; again: where it does not"
+        title += "; again: where it does not, beyond that"
     if any(row.get("converged") is False for row in margins):
         title += f"; {MARK} or grey: otherwise with half the integration step"
     figure.suptitle(title, x=0.01, ha="left", fontsize="medium")

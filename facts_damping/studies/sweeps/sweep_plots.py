@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,11 +9,11 @@ from matplotlib.figure import Figure
 
 from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping.parameters.base import ParameterModel
 from facts_damping.studies.margins.criteria import fails
 from facts_damping.studies.margins.margins import failed_fraction
 from facts_damping.studies.pages import save
 from facts_damping.studies.sweeps.batch import LATENCIES, QUANTILES
+from facts_damping.studies.sweeps.column_names import axis_label, value_label
 from facts_damping.studies.sweeps.margin_plots import draw_margins
 from facts_damping.studies.sweeps.results import by_scenario, counted, label, varying
 from facts_damping.studies.sweeps.sweep import differ
@@ -43,7 +42,6 @@ MAX_TICKS = 12  # largest number of ticks of a map with a tick per value
 MAX_GROUPS = 30  # largest number of distinguishable curves
 MAX_TOGETHER = 8  # largest number of groups with all figures in one picture
 SPREAD_MS = 1e-3  # a smaller variation of latency is not drawn as a distribution
-SUFFIXES = {"s": "s", "ms": "ms", "hz": "Hz", "pu": "p.u.", "mw": "MW", "percent": "%", "deg": "deg"}
 LOST_RUNS = "Open circles: so many of the runs lose synchronism, which counts as worst. No line: half or more do."
 LEFT_OUT = "Runs that do otherwise with half the integration step are left out."
 MAX_DISTINCT = 60  # a column with more values counts as random
@@ -114,34 +112,6 @@ def settings(rows: Rows, axes: Sequence[str], x: str) -> dict[str, list[dict[str
             for value in kept
         }
     return {title: own for title, own in found.items() if own}
-
-
-def axis_label(name: str) -> str:
-    """A column's name in words, with its unit: `delay_s` as `delay [s]`."""
-    words, unit = _words(name)
-    return f"{words} [{unit}]" if unit else words
-
-
-def value_label(name: str, value: float) -> str:
-    """A value of a column in words, with its unit: `delay 0.1 s`."""
-    words, unit = _words(name)
-    return f"{words} {value:g} {unit}".rstrip()
-
-
-@cache
-def _words(name: str) -> tuple[str, str]:
-    """A column's name in words, and its unit: by its ending, or that of all parameters of the name; may be empty."""
-    field = name.rpartition(".")[2]
-    words, _, end = field.rpartition("_")
-    if words and end in SUFFIXES:
-        return words.replace("_", " "), SUFFIXES[end]
-    models, units = [ParameterModel], set()
-    for model in models:
-        models += model.__subclasses__()
-        extra = model.model_fields[field].json_schema_extra if field in model.model_fields else None
-        units |= {extra.get("unit")} if isinstance(extra, dict) else set()
-    unit = str(units.pop()) if len(units) == 1 else "-"
-    return field.replace("_", " "), "" if unit == "-" else unit
 
 
 def _panels(columns: Mapping[str, Rows], titles: Sequence[str], x: str) -> tuple[Figure, dict[str, Any]]:
