@@ -118,7 +118,7 @@ def rate(campaign: str, row: int, side: str, table: str = "outcomes") -> str:
 
 def learning() -> tuple[str, str, str]:
     """The neuro-fuzzy controller that learns, against the best that is fixed, where the grid has moved."""
-    return change("network", "LQG", "drift, wrong model")
+    return change("neuro-fuzzy", "LQG", "drift, wrong model")
 
 
 def deployed(controller: str) -> str:
@@ -131,7 +131,7 @@ def of_what_holds() -> list[str]:
         re.findall(r"\bseed \d\b", (DOCS / "what_holds.md").read_text(encoding="utf-8").split("decide so")[0])
     )
     ratio, low, high = learning()
-    own, less, more = change("network", "network, not learning", "drift, wrong model")
+    own, less, more = change("neuro-fuzzy", "neuro-fuzzy, not learning", "drift, wrong model")
     llc = reduction("LLC")
     return [
         f"In {repeated * plan()['evaluation']['cases']} unseen cases",

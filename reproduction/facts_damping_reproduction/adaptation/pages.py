@@ -39,10 +39,10 @@ class Question(NamedTuple):
 
 
 QUESTIONS = (
-    Question(f"the network that learns against {BEST}", "network", BEST, MOVED),
-    Question("the same, where the grid is as it was designed for", "network", BEST, KINDS[:1]),
-    Question("learning against the same network that was tuned without", "network", "network, not learning", MOVED),
-    Question("learning on against stopping at the event", "network", "network, frozen at the event", MOVED),
+    Question(f"the neuro-fuzzy controller that learns against {BEST}", "neuro-fuzzy", BEST, MOVED),
+    Question("the same, where the grid is as it was designed for", "neuro-fuzzy", BEST, KINDS[:1]),
+    Question("learning against the same controller tuned without", "neuro-fuzzy", "neuro-fuzzy, not learning", MOVED),
+    Question("learning on against stopping at the event", "neuro-fuzzy", "neuro-fuzzy, frozen at the event", MOVED),
     Question("an adaptive gain on the lead-lag", "LLC-tuned, adaptive gain", "LLC-tuned", MOVED),
     Question("an LQG for a model identified in the first minute", "LQG, model identified", "LQG", MOVED),
 )
@@ -75,7 +75,8 @@ def answers(every: Every, told: Sequence[Ratio]) -> list[str]:
     cost = "it costs something" if nominal.decision == WORSE else "it is not shown to cost anything"
     moved = "where the grid has moved or the model is wrong"
     lines = [
-        f"**{SAYS[first.decision]}**: {moved}, the network that learns has {first.text()} against `{first.against}`.",
+        f"**{SAYS[first.decision]}**: {moved}, the neuro-fuzzy controller that learns has {first.text()} "
+        f"against `{first.against}`.",
         f"Where the grid is as it was designed for, {cost}: {nominal.text()} against `{nominal.against}`.",
     ]
     for asked in others:
