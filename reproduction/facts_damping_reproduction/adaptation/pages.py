@@ -73,10 +73,9 @@ def answers(every: Every, told: Sequence[Ratio]) -> list[str]:
     main, same, *others = questions(every)
     first, nominal = of(told, *main[1:]), of(told, *same[1:])
     cost = "it costs something" if nominal.decision == WORSE else "it is not shown to cost anything"
-    moved = "where the grid has moved or the model is wrong"
+    moved, learns = "where the grid has moved or the model is wrong", "the neuro-fuzzy controller that learns"
     lines = [
-        f"**{SAYS[first.decision]}**: {moved}, the neuro-fuzzy controller that learns has {first.text()} "
-        f"against `{first.against}`.",
+        f"**{SAYS[first.decision]}**: {moved}, {learns} has {first.text()} against `{first.against}`.",
         f"Where the grid is as it was designed for, {cost}: {nominal.text()} against `{nominal.against}`.",
     ]
     for asked in others:
