@@ -25,6 +25,7 @@ from facts_damping.parameters.campaign import Campaign
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.measurement import Measurement
+from facts_damping.parameters.plant.blocks import MODELS
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Run, Scenario, Tuned, Weights
@@ -62,6 +63,7 @@ BESIDE = {
     "security.md": "SECURITY.md",
     "changelog.md": "CHANGELOG.md",
 }  # at the top
+CONTROLS = "Block controls"
 COMMANDS = """# Commands
 
 All commands of the program `facts-damping` and their options. After `make demo` it is in `.venv/bin`; activate the
@@ -145,11 +147,24 @@ def fields() -> str:
             if one in told:
                 continue
             told.add(one)
-            if one is not model:
-                lines += [f"### {_title(one)}", ""]
-            lines += [f"{_sentences(one)}", "", *_table(one), ""]
+            if one.__name__ not in MODELS:
+                lines += [f"### {_title(one)}", ""] if one is not model else []
+                lines += [f"{_sentences(one)}", "", *_table(one), ""]
             inside = [other for field in one.model_fields.values() for other in _models(field.annotation)] + inside
+        lines += _controls() if model is System else []
     return "\n".join([*lines, *_parameters()])
+
+
+def _controls() -> Iterator[str]:
+    """Controls of machines that have the fields of the PSS/E library: a row each instead of a table each."""
+    yield f"### {CONTROLS}\n"
+    yield "Exciters, stabilisers and governors of the PSS/E library. Fields are in p.u. and s, in the order of a DYR record."
+    yield "Each also has `machine`, `model` and `enabled` (default: `true`).\n"
+    yield "| model | description | fields |"
+    yield "|---|---|---|"
+    for name, row in MODELS.items():
+        yield f"| `{name}` | {_cell(row.text)} | {' '.join(f'`{field}`' for field in row.fields.split())} |"
+    yield ""
 
 
 # Controllers whose parameters are told, by their title; the other networks differ in defaults alone.
@@ -242,7 +257,8 @@ def _kind(annotation: Any) -> str:
     if origin is dict:
         return "mapping" if inside[1] is Any else f"mapping to {_kind(inside[1])}"
     if isinstance(annotation, type) and issubclass(annotation, ParameterModel):
-        return f"[{_title(annotation)}](#{_title(annotation).lower().replace(' ', '-')})"
+        title = CONTROLS if annotation.__name__ in MODELS else _title(annotation)
+        return f"[{title}](#{title.lower().replace(' ', '-')})"
     return getattr(annotation, "__name__", str(annotation))
 
 
