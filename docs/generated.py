@@ -158,7 +158,7 @@ def fields() -> str:
 def _controls() -> Iterator[str]:
     """Controls of machines that have the fields of the PSS/E library: a row each instead of a table each."""
     yield f"### {CONTROLS}\n"
-    yield "Exciters, stabilisers and governors of the PSS/E library. Fields are in p.u. and s, in the order of a DYR record."
+    yield "Controls of machines from the PSS/E library. Fields in the order of a DYR record, in p.u. and s."
     yield "Each also has `machine`, `model` and `enabled` (default: `true`).\n"
     yield "| model | description | fields |"
     yield "|---|---|---|"
