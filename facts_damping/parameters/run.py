@@ -65,6 +65,26 @@ class Clear(ParameterModel):
         return self
 
 
+class Brake(ParameterModel):
+    """A braking resistor is inserted at a bus: a constant conductance."""
+
+    time: float = _time()
+    kind: Literal["brake"] = _kind()
+    bus: Name = Field(..., description="bus of the resistor")
+    power: float = quantity(..., "MW", "active power of the resistor at 1 p.u. of voltage", gt=0, le=1e6)
+    duration: float | None = quantity(
+        None, "s", "time until it is removed; none: until a `brake_out` event or the end of the run", gt=0, le=1e5
+    )
+
+
+class BrakeOut(ParameterModel):
+    """The braking resistor at a bus is removed."""
+
+    time: float = _time()
+    kind: Literal["brake_out"] = _kind()
+    bus: Name = Field(..., description="bus of the resistor")
+
+
 class LineSwitch(ParameterModel):
     """A line or transformer is taken out of service (`line_out`) or put back into service (`line_in`)."""
 
@@ -98,6 +118,33 @@ class MechanicalPowerStep(ParameterModel):
     change: float = quantity(..., "-", "relative change; 0.1 is ten per cent more", ge=-2, le=10)
 
 
+class ForcedOscillation(ParameterModel):
+    """The mechanical power of a machine, behind its governor, or the active power of a load oscillates.
+
+    The phase is 0 at the start. Several at one machine or load add up.
+    """
+
+    time: float = _time()
+    kind: Literal["forced_oscillation"] = _kind()
+    machine: Name | None = Field(None, description="machine whose power oscillates; give either this or `load`")
+    load: Name | None = Field(None, description="load whose power oscillates; give either this or `machine`")
+    frequency: float = quantity(
+        ..., "Hz", "frequency, at most half the rate of integration steps", usual=0.5, gt=0, le=1e3
+    )
+    amplitude: float = quantity(
+        ..., "-", "amplitude relative to the power after steps, of a load at most 1; 0: no oscillation", ge=0, le=10
+    )
+    ramp: float = quantity(0.0, "s", "time in which the amplitude rises from 0, linearly", ge=0, le=1e5)
+    duration: float | None = quantity(None, "s", "time until it ends; none: until the end of the run", gt=0, le=1e5)
+    waveform: Literal["sine", "square"] = Field("sine", description="waveform; `square` is the sign of the sine")
+
+    @model_validator(mode="after")
+    def _one_place(self) -> ForcedOscillation:
+        if (self.machine is None) == (self.load is None):
+            raise ValueError("a forced oscillation needs either `machine` or `load`")
+        return self
+
+
 class GeneratorTrip(ParameterModel):
     """A machine is disconnected for the rest of the run."""
 
@@ -107,7 +154,8 @@ class GeneratorTrip(ParameterModel):
 
 
 Event = Annotated[
-    Fault | Clear | LineSwitch | LoadStep | MechanicalPowerStep | GeneratorTrip, Field(discriminator="kind")
+    Fault | Clear | Brake | BrakeOut | LineSwitch | LoadStep | MechanicalPowerStep | ForcedOscillation | GeneratorTrip,
+    Field(discriminator="kind"),
 ]
 
 
