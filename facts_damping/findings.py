@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 KINDS = {
     "fault": "fault",
+    "brake": "braking",
     "line_out": "trip",
     "line_in": "reclosing",
     "load_step": "step",

@@ -75,7 +75,7 @@ def _end(event: Lasting, time: float) -> Event:
     if isinstance(event, events.Fault):
         return events.Clear(time=time, kind="clear", bus=event.bus, line=event.line)
     if isinstance(event, events.Brake):
-        return events.BrakeOut(time=time, kind="brake_out", bus=event.bus)
+        return events.Brake(time=time, kind="brake_out", bus=event.bus)
     return event.model_copy(update={"time": time, "amplitude": 0.0, "ramp": 0.0, "duration": None})
 
 
@@ -105,7 +105,7 @@ def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyI
         elif event.line is not None:
             check_known(f"{where}.line", event.line, lines)
         return replace(stage, topology=_fault(before, event, where))
-    if isinstance(event, (events.Brake, events.BrakeOut)):
+    if isinstance(event, events.Brake):
         check_known(f"{where}.bus", event.bus, buses)
         return replace(stage, topology=_brake(before, event, where, system.base_power))
     if isinstance(event, events.LineSwitch):
@@ -144,8 +144,8 @@ def _check_oscillation(system: System, before: Topology, event: events.ForcedOsc
         raise InputError(f"{where}.frequency: {event.frequency:g} given; allowed: {allowed}")
 
 
-def _brake(before: Topology, event: events.Brake | events.BrakeOut, where: str, base_power: float) -> Topology:
-    if isinstance(event, events.BrakeOut):
+def _brake(before: Topology, event: events.Brake, where: str, base_power: float) -> Topology:
+    if event.power is None:  # `brake_out`
         if event.bus not in before.brakes:
             given = f"'{event.bus}' given, where no brake is inserted"
             raise InputError(f"{where}: {given}; allowed: {', '.join(before.brakes) or 'none'}")

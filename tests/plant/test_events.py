@@ -307,6 +307,8 @@ def test_two_islands_run_apart_with_the_device_between_them(lines: tuple[str, st
         (at(1, "line_out"), "scenario.0.line", "missing"),
         (at(float("nan"), "line_out", line="line_1"), "scenario.0.time", "finite"),
         (at(1, "brake", bus="B9", power=0.0), "scenario.0.power", "greater than 0"),
+        (at(1, "brake", bus="B9"), r"scenario.0(\.\w+)?", "needs `power`"),
+        (at(1, "brake_out", bus="B9", duration=1.0), r"scenario.0(\.\w+)?", "needs `bus` alone"),
         (at(1, "brake", bus="B9", power=1.0, duration=0.0), "scenario.0.duration", "greater than 0"),
         (oscillation(machine="G1", frequency=0.0), "scenario.0.frequency", "greater than 0"),
         (oscillation(machine="G1", duration=0.0), "scenario.0.duration", "greater than 0"),
