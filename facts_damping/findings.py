@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 
 KINDS = {
     "fault": "fault",
+    "brake": "braking",
     "line_out": "trip",
     "line_in": "reclosing",
     "load_step": "step",
     "mechanical_power_step": "step of the power",
     "generator_trip": "trip",
 }  # common names of events; others keep their own
-UNSAID = ("clear",)  # events that titles leave out
+UNSAID = ("clear", "brake_out")  # events that titles leave out
 EVENTS, CONTROLLERS, NETWORK, MEASUREMENT, SEED = range(5)  # parts of a title
 MAXIMUM = 3  # elements with events in a title, at most
 NO_CONTROL: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None, "asked": None}

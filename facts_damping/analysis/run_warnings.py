@@ -6,6 +6,7 @@ relays would have acted, and the models of loads and converters are not valid.
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,11 +37,12 @@ def limit_warnings(record: Record) -> list[str]:
 
     Limits: frequency 2.5 Hz from nominal at a machine in service; voltage 0.7 to 1.2 p.u. at a machine or PMU
     outside of faults; no separated part of the network; without governors and infinite bus, a change of the common
-    frequency of 0.5 Hz. All but the voltage are checked only if the configuration has the system inline.
+    frequency of 0.5 Hz; no forced oscillation up to the end. All but voltage and the last are checked only if
+    the configuration has the system inline.
     """
     if not len(record.time_ns):
         return []
-    return [*_frequency(record), *_voltage(record), *_islands(record), *_drift(record)]
+    return [*_frequency(record), *_voltage(record), *_islands(record), *_drift(record), *_forced(record)]
 
 
 def _frequency(record: Record) -> Iterator[str]:
@@ -119,6 +121,16 @@ def _drift(record: Record) -> Iterator[str]:
     moved = float(system["frequency"] * (common[-1] - common[0]))
     if abs(moved) > DRIFT:
         yield f"the common frequency has moved by {moved:+.2f} Hz at the end, and no governor holds it"
+
+
+def _forced(record: Record) -> Iterator[str]:
+    """Forced oscillations that last to the end, where the verdict is of them instead of the loop."""
+    lasting: Counter[str] = Counter()
+    for event in record.events:
+        if event.kind == "forced_oscillation":
+            lasting[event.element] += 1 if event.value > 0.0 else -1
+    if names := [name for name, count in lasting.items() if count > 0]:
+        yield f"a forced oscillation of {', '.join(names)} lasts to the end: the verdict is of what it forces"
 
 
 def _when(record: Record, beyond: NDArray[np.bool_]) -> str:

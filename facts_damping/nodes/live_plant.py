@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.link.transfer import merge
-from facts_damping.plant.model import workspace
+from facts_damping.plant.model import fitted, workspace
 from facts_damping.plant.watchdog import initial_clock_state, late_by_clock, let_go, rearm
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation.build import build_plant, build_pmus, grid_events
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
+    from facts_damping.plant.model import Plant, PlantState
     from facts_damping.signals import GridEvent
 
 DRAWS = 36_000  # frames after which measurement noise repeats in an endless graph: ten minutes at 60 frames/s
@@ -87,6 +88,9 @@ class LivePlant:
 
         return act
 
+    def _exchange(self, plant: Plant, state: PlantState) -> None:
+        self._plant, self.state, self._work = plant, state, workspace(plant, state)
+
     def ask_event(self, text: str) -> Callable[[int], None]:
         """Prepare an event at the next tick, after those requested before. Returns the function that applies it.
 
@@ -96,7 +100,8 @@ class LivePlant:
         plant, self._case = build_plant(changed).plant, changed
 
         def act(tick: int) -> None:
-            self._plant, self.events = plant, pending(changed, self.events, self.start(tick))
+            self._exchange(plant, fitted(self.state, plant))
+            self.events = pending(changed, self.events, self.start(tick))
 
         return act
 
@@ -106,7 +111,7 @@ class LivePlant:
         self._case = replace(self._case, scenario=changed.scenario)
 
         def act(tick: int) -> None:
-            self._plant, self.state = built.plant, built.state
+            self._exchange(built.plant, built.state)
             self.events = pending(changed, self.events, self.start(tick))
             self._accepted = initial_clock_state(len(self.devices))
 

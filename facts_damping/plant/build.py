@@ -15,7 +15,7 @@ from facts_damping.phasors import magnitudes, over, times
 from facts_damping.plant import load_noise
 from facts_damping.plant.converters import devices
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
-from facts_damping.plant.events import topology_intervals
+from facts_damping.plant.events import oscillating_loads, oscillations, topology_intervals
 from facts_damping.plant.grid import load
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 from facts_damping.plant.grid.reduction import Place, reduce_network
@@ -72,6 +72,8 @@ def build(
             rotating.rows[g]["salient"] = 1.0
     magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
     loads = port_loads(system, noisy)
+    own, oscillating = {load.name for load in loads}, oscillating_loads(listed)
+    loads += [one for one in system.loads if one.name in oscillating and one.name not in own]  # after those with noise
     load_rows = _loads(system, loads, flow, magnitude, states, ports)
     placed = _devices(system, in_service(system, installed), flow, magnitude, states, ports)
     if watchdog is not None:
@@ -98,7 +100,8 @@ def build(
         mechanical_power=np.where(online > 0.0, rotating.power * np.array(scales), 0.0),
         online=online,
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
-        load_noise=load_noise.table({}, loads),
+        load_noise=load_noise.table({}, loads, len(loads)),
+        oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
         network=np.array([reduce_network(system, ports.places, norton, s.topology, magnitude) for s in steps]),
         pmu_machine=np.array(pmus),
     )
@@ -116,7 +119,7 @@ def port_loads(system: System, noisy: Collection[str]) -> list[Load]:
 
 def with_noise(built: Built, system: System, noise: Mapping[str, Float2]) -> Built:
     """A built plant with the noise of loads by name, from `load_noise.draw`; it was built with their names."""
-    table = load_noise.table(noise, port_loads(system, noise))
+    table = load_noise.table(noise, port_loads(system, noise), len(built.plant.loads))
     return built._replace(plant=built.plant._replace(load_noise=table))
 
 

@@ -191,7 +191,8 @@ def move_controls(
     """
     m, s = plant.machines[g], work.signals
     omega, size, asked = x[m.offset + 1], magnitude(voltage), plant.mechanical_power[stage, g]
-    driven = governor.power(plant.governors[g], x, asked, omega)
+    forced = asked * work.forced[g]
+    driven = governor.power(plant.governors[g], x, asked, omega) + forced
     governor.derivatives(plant.governors[g], x, asked, omega, dx)
     added = stabiliser.output(plant.stabilisers[g], x, omega)
     stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
@@ -204,7 +205,7 @@ def move_controls(
         s[PE] = (seen * current.conjugate()).real
         s[VREF], s[PREF] = c.Vref, asked + c.power_offset
         if c.governor_end > c.governor_first:
-            driven = _given(plant, c.governor_first, c.governor_end, c.governor_gives, x, dx, work)
+            driven = _given(plant, c.governor_first, c.governor_end, c.governor_gives, x, dx, work) + forced
         s[PA] = driven - s[PE]
         if c.stabiliser_end > c.stabiliser_first:
             added = _given(plant, c.stabiliser_first, c.stabiliser_end, c.stabiliser_gives, x, dx, work)

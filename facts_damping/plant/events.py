@@ -1,9 +1,11 @@
-"""Conversion of a list of events to stages with a constant network."""
+"""Conversion of a list of events to stages with a constant network, and a table of forced oscillations."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import run as events
@@ -13,8 +15,29 @@ from facts_damping.signals import to_ns
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Event
+
+    Lasting = events.Fault | events.Brake | events.ForcedOscillation
+
+
+OSCILLATION = np.dtype(
+    [
+        ("machine", "i8"),  # index, or -1
+        ("load", "i8"),  # index among the plant's loads, or -1
+        ("square", "i8"),  # 1: the sign of the sine
+        ("frequency", "f8"),  # Hz
+        ("amplitude", "f8"),  # relative to the power
+        ("ramp", "f8"),  # s
+        ("start_ns", "i8"),
+        ("full_ns", "i8"),  # end of the ramp
+        ("end_ns", "i8"),
+    ]
+)
+NEVER = np.iinfo(np.int64).max
+LASTING = (events.Fault, events.Brake, events.ForcedOscillation)  # events that may have a duration
 
 
 @dataclass(frozen=True)
@@ -35,15 +58,25 @@ class Change(NamedTuple):
 
 
 def timeline(listed: Sequence[Event]) -> list[Change]:
-    """All changes sorted by time, including the clearing of faults with a duration."""
+    """All changes sorted by time, including the ends of events with a duration.
+
+    A forced oscillation ends with one of amplitude 0.
+    """
     found = []
     for i, event in enumerate(listed):
         found.append(Change(to_ns(event.time), f"events.{i}", event))
-        if isinstance(event, events.Fault) and event.duration is not None:
+        if isinstance(event, LASTING) and event.duration is not None:
             end = event.time + event.duration
-            clear = events.Clear(time=end, kind="clear", bus=event.bus, line=event.line)
-            found.append(Change(to_ns(end), f"events.{i}.duration", clear))
+            found.append(Change(to_ns(end), f"events.{i}.duration", _end(event, end)))
     return sorted(found, key=lambda change: change.time_ns)
+
+
+def _end(event: Lasting, time: float) -> Event:
+    if isinstance(event, events.Fault):
+        return events.Clear(time=time, kind="clear", bus=event.bus, line=event.line)
+    if isinstance(event, events.Brake):
+        return events.Brake(time=time, kind="brake_out", bus=event.bus)
+    return event.model_copy(update={"time": time, "amplitude": 0.0, "ramp": 0.0, "duration": None})
 
 
 def topology_intervals(system: System, listed: Sequence[Event]) -> list[TopologyInterval]:
@@ -52,6 +85,8 @@ def topology_intervals(system: System, listed: Sequence[Event]) -> list[Topology
     check_islands(system, found[0].topology, f"system {system.name}: has an")
     for change in timeline(listed):
         after = _apply(system, found[-1], change)
+        if after is found[-1]:
+            continue
         check_islands(system, after.topology, f"{change.where} ({change.event.kind}): leaves an")
         if change.time_ns == found[-1].start_ns:
             found[-1] = after
@@ -70,6 +105,9 @@ def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyI
         elif event.line is not None:
             check_known(f"{where}.line", event.line, lines)
         return replace(stage, topology=_fault(before, event, where))
+    if isinstance(event, events.Brake):
+        check_known(f"{where}.bus", event.bus, buses)
+        return replace(stage, topology=_brake(before, event, where, system.base_power))
     if isinstance(event, events.LineSwitch):
         branches = lines + [t.name for t in system.transformers]
         closed = [name for name in branches if name not in before.lines_out]
@@ -83,11 +121,38 @@ def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyI
         return replace(
             stage, topology=replace(before, load_scale={**before.load_scale, event.load: 1.0 + event.change})
         )
+    if isinstance(event, events.ForcedOscillation):
+        _check_oscillation(system, before, event, where)
+        return stage
     running = [m.name for m in system.machines if m.name not in before.machines_out]
     check_known(f"{where}.machine", event.machine, running)
     if isinstance(event, events.MechanicalPowerStep):
         return replace(stage, mechanical_scale={**stage.mechanical_scale, event.machine: 1.0 + event.change})
     return replace(stage, topology=replace(before, machines_out=before.machines_out | {event.machine}))
+
+
+def _check_oscillation(system: System, before: Topology, event: events.ForcedOscillation, where: str) -> None:
+    if event.load is not None:
+        check_known(f"{where}.load", event.load, [load.name for load in system.loads])
+        if event.amplitude > 1.0:
+            raise InputError(f"{where}.amplitude: {event.amplitude:g} given; allowed: at most 1, the whole load")
+    else:
+        gone = before.machines_out if event.amplitude > 0.0 else ()  # it may end after a trip
+        check_known(f"{where}.machine", event.machine or "", [m.name for m in system.machines if m.name not in gone])
+    if event.frequency * system.step > 0.5:
+        allowed = f"at most {0.5 / system.step:g}, in Hz, half the rate of integration steps"
+        raise InputError(f"{where}.frequency: {event.frequency:g} given; allowed: {allowed}")
+
+
+def _brake(before: Topology, event: events.Brake, where: str, base_power: float) -> Topology:
+    if event.power is None:  # `brake_out`
+        if event.bus not in before.brakes:
+            given = f"'{event.bus}' given, where no brake is inserted"
+            raise InputError(f"{where}: {given}; allowed: {', '.join(before.brakes) or 'none'}")
+        return replace(before, brakes={bus: g for bus, g in before.brakes.items() if bus != event.bus})
+    if event.bus in before.brakes:
+        raise InputError(f"{where}: '{event.bus}' given, where a brake is inserted already; allowed: one brake a bus")
+    return replace(before, brakes={**before.brakes, event.bus: event.power / base_power})
 
 
 def _fault(before: Topology, event: events.Fault | events.Clear, where: str) -> Topology:
@@ -103,3 +168,24 @@ def _fault(before: Topology, event: events.Fault | events.Clear, where: str) -> 
     location = event.location if event.line is not None else 0.0
     place = FaultPlace(event.bus, event.line, location)
     return replace(before, faults={**before.faults, place: complex(event.r, event.x)})
+
+
+def _oscillating(listed: Sequence[Event]) -> list[events.ForcedOscillation]:
+    return [event for event in listed if isinstance(event, events.ForcedOscillation) and event.amplitude > 0.0]
+
+
+def oscillating_loads(listed: Sequence[Event]) -> set[str]:
+    """Names of the loads with a forced oscillation."""
+    return {event.load for event in _oscillating(listed) if event.load is not None}
+
+
+def oscillations(listed: Sequence[Event], machines: Sequence[str], loads: Sequence[str]) -> NDArray[Any]:
+    """The forced oscillations among the events, rows of OSCILLATION; none for an amplitude of 0."""
+    rows = []
+    for event in _oscillating(listed):
+        place = -1 if event.machine is None else machines.index(event.machine)
+        of_load = -1 if event.load is None else loads.index(event.load)
+        what = place, of_load, int(event.waveform == "square"), event.frequency, event.amplitude, event.ramp
+        end = NEVER if event.duration is None else to_ns(event.time + event.duration)
+        rows.append((*what, to_ns(event.time), to_ns(event.time + event.ramp), end))
+    return np.array(rows, OSCILLATION)

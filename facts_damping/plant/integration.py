@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.plant.converters.first_order_lag import first_order_lag
 from facts_damping.plant.dynamics import derivatives
+from facts_damping.plant.forced_oscillations import begin_oscillations, move_oscillations
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
 from facts_damping.plant.watchdog import NEVER, accepts, arrive, due_ns, release, send
@@ -28,7 +29,7 @@ def _runge_kutta(
 ) -> None:
     """One classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s.
 
-    It begins `elapsed` seconds after the current segment of the loads' noise.
+    It begins `elapsed` seconds after the current segment of the loads' noise and of forced oscillations.
 
     `derivatives` is called at one place only, so that the compiler inlines it: a call would copy the plant's arrays.
     The lags of references are solved in closed form, so they are exact even if much shorter than the step.
@@ -42,6 +43,7 @@ def _runge_kutta(
             for d in range(reference.size):
                 reference[d] = state.reference[d]
             move_noise(plant, work, elapsed)
+            move_oscillations(plant, work, elapsed)
         else:
             fraction = h if part == 3 else 0.5 * h
             for i in range(x.size):
@@ -54,6 +56,7 @@ def _runge_kutta(
                         x[row.lag], state.reference[d], ramp[d], row.response_time, fraction
                     )
             move_noise(plant, work, elapsed + fraction)
+            move_oscillations(plant, work, elapsed + fraction)
         derivatives(plant, trial, reference, state.source, stage, k[part], work)
     for i in range(x.size):
         x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
@@ -142,9 +145,9 @@ def advance(
 ) -> None:
     """Advance the plant in place from `start_ns` to `end_ns` with `count` setpoints, sorted by time.
 
-    Setpoints, ends of dead times, events, points of the loads' noise and ends of reference ramps split the interval
-    exactly; each part has equal steps of at most `plant.step_ns`. The watchdog of each device decides which setpoints
-    act, and when the device is released.
+    Setpoints, ends of dead times, events, points of the loads' noise, kinks of forced oscillations and ends of
+    reference ramps split the interval exactly; each part has equal steps of at most `plant.step_ns`. The watchdog of
+    each device decides which setpoints act, and when the device is released.
     """
     now, following = start_ns, 0
     ramp = work.slopes[5, : state.reference.size]
@@ -158,6 +161,7 @@ def advance(
         if stage + 1 < plant.stage_start_ns.size:
             end = min(end, plant.stage_start_ns[stage + 1])
         end = begin_noise(plant, work, now, _ramp(plant, state, ramp, end, now))
+        end = begin_oscillations(plant, work, now, end)
         steps = (end - now + plant.step_ns - 1) // plant.step_ns
         h = (end - now) * 1e-9 / steps
         for n in range(steps):

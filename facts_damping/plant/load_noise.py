@@ -63,13 +63,21 @@ def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: 
     return found
 
 
-def table(drawn: Mapping[str, Float2], loads: Sequence[Load]) -> Float3:
-    """Noise of a plant's loads, (points, loads, 2): zeros for loads without noise; no points if all are without."""
+def table(drawn: Mapping[str, Float2], loads: Sequence[Load], count: int) -> Float3:
+    """Noise of a plant's loads, (points, count, 2): zeros for loads without noise; no points if all are without."""
     points = len(next(iter(drawn.values()))) if drawn else 0
-    made = np.zeros((points, len(loads), 2))
+    made = np.zeros((points, count, 2))
     for i, load in enumerate(loads):
         if load.name in drawn:
             made[:, i] = drawn[load.name]
+    return made
+
+
+def fitted(noise: Float3, count: int) -> Float3:
+    """A table for a plant with another number of loads, of which those with noise are the first."""
+    made = np.zeros((len(noise), count, 2))
+    common = min(count, noise.shape[1])
+    made[:, :common] = noise[:, :common]
     return made
 
 

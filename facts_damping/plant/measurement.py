@@ -11,6 +11,7 @@ from facts_damping.elementary import atan2, magnitude, phase
 from facts_damping.plant.converters import devices as facts
 from facts_damping.plant.converters.first_order_lag import effective_reference
 from facts_damping.plant.dynamics import derivatives, move_controls, row_times, saturated, solve_network, stator
+from facts_damping.plant.forced_oscillations import begin_oscillations, move_oscillations
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
 from facts_damping.signals import SPEED_BAND, DeviceTruths, MachineTruths
@@ -87,6 +88,7 @@ def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
     """Write voltage and current of each PMU at an instant into `work.phasors`."""
     stage = begin_interval(plant, state, time_ns)
     begin_noise(plant, work, time_ns, time_ns)
+    begin_oscillations(plant, work, time_ns, time_ns)
     solve_network(plant, state.x, state.reference, state.source, stage, work)
     _phasors(plant, stage, work.inputs, work.phasors)
 
@@ -101,6 +103,7 @@ def _a_moment_later(plant: Plant, state: PlantState, stage: int, work: Work) -> 
     for i in range(dx.size):
         trial[i] = state.x[i] + MOMENT * dx[i]
     move_noise(plant, work, MOMENT)
+    move_oscillations(plant, work, MOMENT)
     solve_network(plant, trial, state.reference, work.source, stage, work)
 
 
@@ -123,6 +126,7 @@ def measure(
     stage = begin_interval(plant, state, time_ns)
     x = state.x
     begin_noise(plant, work, time_ns, time_ns)
+    begin_oscillations(plant, work, time_ns, time_ns)
     solve_network(plant, x, state.reference, state.source, stage, work)
     sound = _in_synchronism(plant, x, stage)
     for i in range(x.size):

@@ -22,6 +22,7 @@ from facts_damping.compiling.structs import (
 )
 from facts_damping.plant.converters.devices import DEVICE
 from facts_damping.plant.converters.site import PORT
+from facts_damping.plant.events import OSCILLATION
 from facts_damping.plant.grid.load import LOAD
 from facts_damping.plant.machines.blocks import BLOCK, CONTROLS, SENSED
 from facts_damping.plant.machines.excitation import EXCITER
@@ -61,6 +62,7 @@ class Plant(Struct):
     online: Float2  # (stages, machines), 1 or 0
     load_scale: Float2  # (stages, loads)
     load_noise: Float3  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: no noise
+    oscillations: Annotated[NDArray[Any], Array(OSCILLATION, 1)]  # events.OSCILLATION
     network: Complex3
     pmu_machine: Int1  # (PMUs,), machine index or -1
 
@@ -98,9 +100,12 @@ class Work(Struct):
     step: Float1  # (2 ports,)
     source: Complex1  # (ports,), of a solution that is not stored in the state
     phasors: Complex2  # (PMUs, 2), voltages and currents of the PMUs, p.u.
-    noise: Float2  # (loads, 2), relative, of P and Q, current values
+    noise: Float2  # (loads, 2), relative, of P and Q, current values, with forced oscillations
     noise_start: Float2  # values at the start of the current segment of its grid
     noise_slope: Float2  # 1/s
+    since: Float1  # (oscillations,), s from the start to the current segment; negative: not active
+    level: Float1  # (oscillations,), of square waves in the current segment
+    forced: Float1  # (machines,), forced oscillation relative to the mechanical power, current value
     signals: Float1  # of the blocks of one control
 
 
@@ -125,6 +130,9 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros((len(plant.loads), 2)),
         np.zeros((len(plant.loads), 2)),
         np.zeros((len(plant.loads), 2)),
+        np.full(len(plant.oscillations), -1.0),
+        np.zeros(len(plant.oscillations)),
+        np.zeros(machines),
         np.zeros(len(SENSED) + len(plant.blocks)),
     )
 
@@ -132,6 +140,12 @@ def workspace(plant: Plant, state: PlantState) -> Work:
 def copy(state: PlantState) -> PlantState:
     """An independent copy of a state."""
     return PlantState(*(array.copy() for array in state))
+
+
+def fitted(state: PlantState, plant: Plant) -> PlantState:
+    """A state for a plant with more ports or fewer, as after an event during a run; the same if it fits."""
+    count = len(plant.ports)
+    return state if len(state.source) == count else state._replace(source=np.zeros(count, np.complex128))
 
 
 @compiled

@@ -314,5 +314,6 @@ def grid_events(case: Case) -> list[GridEvent]:
         element = next(row[key] for key in ("line", "bus", "load", "machine") if row.get(key) is not None)
         on_line = row["kind"] == "fault" and row.get("line") is not None
         location = row["location"] if on_line else math.nan
-        found.append(GridEvent(change.time_ns, row["kind"], element, row.get("change", math.nan), location))
+        value = next((row[key] for key in ("change", "power", "amplitude") if row.get(key) is not None), math.nan)
+        found.append(GridEvent(change.time_ns, row["kind"], element, value, location))
     return found

@@ -22,6 +22,8 @@ from facts_damping.link.transfer import Links, changed, replaced
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.files import read_value
 from facts_damping.parameters.validation import worded
+from facts_damping.plant.load_noise import fitted as fitted_noise
+from facts_damping.plant.model import fitted, workspace
 from facts_damping.plant.watchdog import initial_watch, let_go, rearm
 from facts_damping.signals import NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_plant, build_pmus, commands, grid_events, ways
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     from facts_damping.measurement.pmu_model import Pmus
     from facts_damping.parameters.link import Link
     from facts_damping.plant.build import Built
+    from facts_damping.plant.model import Plant, PlantState
     from facts_damping.signals import GridEvent, Record, RunChange
     from facts_damping.simulation.tick import Loop
     from facts_damping.supervision.model import Supervisors, SupervisorState
@@ -124,11 +127,10 @@ def apply(loop: Loop, now: Case, start: Case, change: RunChange) -> tuple[Loop, 
         ask(loop.control.supervisors, loop.control.supervisor_state, change)
     elif what == "event":
         now = with_event(now, value, at)
-        loop = loop._replace(plant=build_plant(now).plant._replace(load_noise=loop.plant.load_noise))
+        loop = _with_plant(loop, build_plant(now).plant, loop.plant_state)
     elif what == "reset":
         built, again = reset_plant(start, at)
-        plant = built.plant._replace(load_noise=loop.plant.load_noise)
-        loop = loop._replace(plant=plant, plant_state=built.state)
+        loop = _with_plant(loop, built.plant, built.state)
         now = replace(now, scenario=again.scenario)
     elif what == "link":
         now = with_link(now, index, value)
@@ -145,6 +147,13 @@ def apply(loop: Loop, now: Case, start: Case, change: RunChange) -> tuple[Loop, 
     elif what == "parameter":
         set_parameter(now, loop.control.bank, loop.control.identifiers, change)
     return loop, now
+
+
+def _with_plant(loop: Loop, plant: Plant, state: PlantState) -> Loop:
+    """The loop with another plant, in the same noise."""
+    plant = plant._replace(load_noise=fitted_noise(loop.plant.load_noise, len(plant.loads)))
+    state = fitted(state, plant)
+    return loop._replace(plant=plant, plant_state=state, work=workspace(plant, state))
 
 
 def change_watch(devices: Sequence[str], watch: NDArray[Any], change: RunChange, at_ns: int) -> None:

@@ -61,6 +61,13 @@ def test_frequency(calm: Callable[..., Record]) -> None:
     )  # nobody sees how fast a machine runs that is not connected
 
 
+def test_a_forced_oscillation_that_does_not_end(calm: Callable[..., Record]) -> None:
+    begun = [GridEvent((2 + i) * NANOSECONDS, "forced_oscillation", name, 0.1) for i, name in enumerate(("G1", "G2"))]
+    ends = GridEvent(4 * NANOSECONDS, "forced_oscillation", "G2", 0.0)
+    (found,) = limit_warnings(calm((0, 0), (1, 1), *begun, ends))
+    assert found.startswith("a forced oscillation of G1 lasts to the end: ")
+
+
 def test_voltage_outside_of_faults_alone(calm: Callable[..., Record]) -> None:
     fault = (T >= 1) & (T < 1.1)
     assert limit_warnings(calm((0, 0), (np.where(fault, 0.1, 1.0), 1.0))) == []

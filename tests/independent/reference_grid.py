@@ -54,7 +54,9 @@ class Stage:
             return replace(self, loads={**self.loads, event.load: 1.0 + event.change})
         if event.kind == "mechanical_power_step":
             return replace(self, powers={**self.powers, event.machine: 1.0 + event.change})
-        return replace(self, tripped=self.tripped | {event.machine})
+        if event.kind == "generator_trip":
+            return replace(self, tripped=self.tripped | {event.machine})
+        raise ValueError(f"{event.kind} given; allowed: the kinds above")
 
 
 HEALTHY = Stage()

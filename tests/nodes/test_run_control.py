@@ -14,8 +14,10 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.recording.reader import load
-from facts_damping.simulation import replay
+from facts_damping.signals import NANOSECONDS
+from facts_damping.simulation import loop, replay
 from facts_damping.simulation.changes import rerun, with_event
+from facts_damping.simulation.measured_plant import tick_ns
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, payloads, set_parameter, step
 
 if TYPE_CHECKING:
@@ -60,6 +62,7 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(start: Any
     for text in ("pipe.yaml", "link.yaml", "{{up: [{{model: trace, file: {}/link.yaml}}]}}"):
         assert not apply("wan_link", text.format(tmp_path) if "{" in text else f"{tmp_path / text}")
     assert apply("plant_sim", "{kind: load_step, load: load_1, change: 0.05}")
+    assert apply("plant_sim", "{kind: forced_oscillation, load: load_2, frequency: 0.7, amplitude: 0.02, duration: 1}")
     assert set_to("wan_link", "up.0.delay", 0.03)
     assert not set_to("wan_link", "up.0.start", 1.0)
     assert set_to("plant_sim", "noise.angle", 0.002)
@@ -86,7 +89,7 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(start: Any
     kinds = [(one.role, one.kind, one.name) for one in record.changes]
     assert sorted(kinds) == sorted(
         [
-            *(("plant", kind, "") for kind in ("pause", "step", "event", "step", "step", "reset", "event", "resume")),
+            *(("plant", kind, "") for kind in ("pause", "resume", "reset", *("step", "event") * 3)),
             *(("plant", "parameter", f"noise.{name}") for name in ("angle", "magnitude")),
             ("controller", "parameter", "leakage"),
             ("identifier", "parameter", "identifier_eta"),
@@ -103,6 +106,35 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(start: Any
     assert replay.first_difference(part, issued) is None
     assert replay.first_estimate(part, estimates) is None
     assert replay.watched(mine, part).devices["released"].tobytes() == part.devices["released"].tobytes()
+
+
+def test_events_that_are_asked_for_are_those_of_a_file_to_the_bit(start: Any, tmp_path: Path, client: Any) -> None:
+    rows = [
+        "kind: brake, bus: B9, power: 300, duration: 0.25",
+        "kind: forced_oscillation, machine: G1, frequency: 0.7, amplitude: 0.05, ramp: 0.5",
+    ]
+    sets = ["scenario=[]", "duration=2"]
+    common = {"set": str(sets), "recorder": "true", "start_timeout": PATIENCE_S, "timeout": LOADED_S}
+    recorder = start("recorder", output=tmp_path / "recording", **common)
+    plant = start("plant_sim", **common)
+    assert client(Trigger, "/plant_sim/pause", Trigger.Request()).success
+    others = [start(name, **common) for name in ("wan_link", "controller")]
+    step(client, 30)
+    for row in rows:
+        assert client(Apply, "/plant_sim/apply", Apply.Request(change=f"{{{row}}}")).success
+    assert client(Trigger, "/plant_sim/resume", Trigger.Request()).success
+    assert plant.communicate(timeout=PATIENCE_S)[1] == ""
+    recorder.terminate()
+    assert recorder.communicate(timeout=PATIENCE_S)[1] == ""
+    assert [node.poll() for node in others] == [None] * 2
+    record = load(tmp_path / "recording")
+    tick = next(one.tick for one in record.changes if one.kind == "event")
+    listed = ", ".join(f"{{time: {tick_ns(tick, 60) / NANOSECONDS!r}, {row}}}" for row in rows)
+    expected = loop.run(load_case(None, [*sets, f"scenario=[{listed}]"]))
+    for name in ("frames", "machines", "devices", "issued", "applied"):
+        assert getattr(record, name).tobytes() == getattr(expected, name).tobytes(), name
+    assert str(record.events) == str(expected.events)
+    assert [event.kind for event in record.events] == ["brake", "forced_oscillation", "brake_out"]
 
 
 def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_path: Path) -> None:

@@ -30,6 +30,9 @@ KINDS: dict[str, list[dict[str, Any]]] = {
     "line_in": [at(1.0, "line_out", line="line_2"), at(1.5, "line_in", line="line_2")],
     "load_step": [at(1.5, "load_step", load="load_2", change=-0.1)],
     "mechanical_power_step": [at(1.5, "mechanical_power_step", machine="G1", change=0.1)],
+    "brake": [at(1.5, "brake", bus="B9", power=100.0)],
+    "brake_out": [at(1.0, "brake", bus="B9", power=100.0), at(1.5, "brake_out", bus="B9")],
+    "forced_oscillation": [at(1.5, "forced_oscillation", machine="G1", frequency=2.5, amplitude=0.1)],
     "generator_trip": [at(1.5, "generator_trip", machine="G4")],
 }
 
@@ -50,19 +53,22 @@ def test_every_kind_is_here() -> None:
 def test_every_kind_acts_from_its_instant_on(kind: str) -> None:
     """Nothing before, something after; what is taken back leaves the start's network."""
     built = plant("two_area", *KINDS[kind])
+    trace = follow(built, [0.0, KINDS[kind][0]["time"], 1.5, 1.6])
+    assert np.abs(trace.x[1] - built.state.x).max() < 1e-9
+    assert np.abs(trace.x[3] - built.state.x).max() > 1e-4
+    if kind == "forced_oscillation":  # the network stays
+        assert built.plant.stage_start_ns.tolist() == [0]
+        return
     assert built.plant.stage_start_ns[-1] == 1.5 * SECOND
     assert built.plant.stage_start_ns[0] == 0
     before, after = slopes(built, stage=0), slopes(built, stage=len(built.plant.stage_start_ns) - 1)
     assert np.abs(before).max() < 1e-9
-    if kind in ("clear", "line_in"):
+    if kind in ("clear", "brake_out", "line_in"):
         assert np.abs(slopes(built, stage=1)).max() > 1e-3
         np.testing.assert_array_equal(built.plant.network[2], built.plant.network[0])
         np.testing.assert_array_equal(after, before)
     else:
         assert np.abs(after).max() > 1e-3
-    trace = follow(built, [0.0, KINDS[kind][0]["time"], 1.5, 1.6])
-    assert np.abs(trace.x[1] - built.state.x).max() < 1e-9
-    assert np.abs(trace.x[3] - built.state.x).max() > 1e-4
 
 
 def test_a_line_that_goes_out_and_comes_in_leaves_no_trace() -> None:
@@ -187,6 +193,11 @@ def test_a_line_taken_out_takes_its_fault_along() -> None:
     np.testing.assert_array_equal(healthy[-1], healthy[0])
 
 
+def oscillation(**fields: Any) -> dict[str, Any]:
+    """A forced oscillation."""
+    return {**at(1.0, "forced_oscillation"), "frequency": 0.5, "amplitude": 0.1, **fields}
+
+
 # Events, and what the message must name: index and field, value given, what is allowed.
 REFUSED: list[tuple[list[dict[str, Any]], str, str, str]] = [
     ([at(1, "fault", bus="B99")], "events.0.bus", "'B99'", "B1, B2"),
@@ -212,6 +223,21 @@ REFUSED: list[tuple[list[dict[str, Any]], str, str, str]] = [
     ([at(1, "line_out", line="line_2"), at(2, "line_in", line="line_3")], "events.1.line", "'line_3'", "line_2"),
     ([at(1, "load_step", load="load_3", change=0.1)], "events.0.load", "'load_3'", "load_1, load_2"),
     ([at(1, "mechanical_power_step", machine="G5", change=0.1)], "events.0.machine", "'G5'", "G1, G2, G3, G4"),
+    ([at(1, "brake", bus="B99", power=1.0)], "events.0.bus", "'B99'", "B1, B2"),
+    ([at(1, "brake", bus="B9", power=1.0), at(2, "brake", bus="B9", power=2.0)], "events.1", "'B9'", "one brake a bus"),
+    ([at(1, "brake_out", bus="B9")], "events.0", "'B9'", "none"),
+    ([at(1, "brake", bus="B9", power=1.0), at(2, "brake_out", bus="B8W")], "events.1", "'B8W'", "B9"),
+    (
+        [at(1, "brake", bus="B9", power=1.0, duration=0.5), at(2, "brake_out", bus="B9")],
+        "events.1",
+        "'B9'",
+        "none",
+    ),
+    ([oscillation(machine="G5")], "events.0.machine", "'G5'", "G1, G2, G3, G4"),
+    ([oscillation(load="load_3", amplitude=0.0)], "events.0.load", "'load_3'", "load_1, load_2"),
+    ([oscillation(load="load_1", amplitude=1.5)], "events.0.amplitude", "1.5", "at most 1, the whole load"),
+    ([oscillation(machine="G1", frequency=500.0)], "events.0.frequency", "500", "at most "),
+    ([at(0, "generator_trip", machine="G1"), oscillation(machine="G1")], "events.1.machine", "'G1'", "G2, G3, G4"),
     ([at(1, "generator_trip", machine="G5")], "events.0.machine", "'G5'", "G1, G2, G3, G4"),
     ([at(1, "generator_trip", machine="G1")] * 2, "events.1.machine", "'G1'", "G2, G3, G4"),
     (
@@ -280,6 +306,15 @@ def test_two_islands_run_apart_with_the_device_between_them(lines: tuple[str, st
         (at(1, "generator_trip", machine="G1", change=1.0), "scenario.0.change", "time, kind, machine"),
         (at(1, "line_out"), "scenario.0.line", "missing"),
         (at(float("nan"), "line_out", line="line_1"), "scenario.0.time", "finite"),
+        (at(1, "brake", bus="B9", power=0.0), "scenario.0.power", "greater than 0"),
+        (at(1, "brake", bus="B9"), r"scenario.0(\.\w+)?", "needs `power`"),
+        (at(1, "brake_out", bus="B9", duration=1.0), r"scenario.0(\.\w+)?", "needs `bus` alone"),
+        (at(1, "brake", bus="B9", power=1.0, duration=0.0), "scenario.0.duration", "greater than 0"),
+        (oscillation(machine="G1", frequency=0.0), "scenario.0.frequency", "greater than 0"),
+        (oscillation(machine="G1", duration=0.0), "scenario.0.duration", "greater than 0"),
+        (oscillation(machine="G1", waveform="saw"), "scenario.0.waveform", "'sine' or 'square'"),
+        (oscillation(), r"scenario.0(\.\w+)?", "either `machine` or `load`"),
+        (oscillation(machine="G1", load="load_1"), r"scenario.0(\.\w+)?", "either `machine` or `load`"),
     ],
 )
 def test_rows_that_are_no_events_are_refused(row: dict[str, Any], field: str, allowed: str) -> None:

@@ -1,7 +1,7 @@
 """The network `I = Y V`: branches, switching state, admittance matrix, islands.
 
-A `Topology` is the switching state: components in service, active faults, scale of each load. After an event the
-admittance matrix is built anew.
+A `Topology` is the switching state: components in service, active faults, brakes, scale of each load. After an event
+the admittance matrix is built anew.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ class Topology:
     faults: Mapping[FaultPlace, complex] = field(default_factory=dict)  # place: impedance, p.u.; 0 = bolted
     load_scale: Mapping[str, float] = field(default_factory=dict)
     machines_out: frozenset[str] = frozenset()
+    brakes: Mapping[str, float] = field(default_factory=dict)  # bus: conductance, p.u.
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,7 @@ def admittance(names: list[str], present: list[Branch]) -> Complex2:
 
 
 def shunts(system: System, topology: Topology, voltage: Mapping[str, float]) -> dict[str, complex]:
-    """Shunt admittance at each bus from loads, capacitors and faults, p.u.; `voltage`: from the power flow.
+    """Shunt admittance at each bus from loads, capacitors, brakes and faults, p.u.; `voltage`: from the power flow.
 
     A load counts as its impedance at its reference voltage, whatever its ZIP fractions.
     """
@@ -156,6 +157,8 @@ def shunts(system: System, topology: Topology, voltage: Mapping[str, float]) -> 
         total[load.bus] = total.get(load.bus, 0j) + power.conjugate() / (reference * reference)
     for shunt in system.shunts:
         total[shunt.bus] = total.get(shunt.bus, 0j) + complex(shunt.P, shunt.Q) / system.base_power
+    for bus, conductance in topology.brakes.items():
+        total[bus] = total.get(bus, 0j) + conductance
     for place, impedance in topology.faults.items():
         if impedance != 0 and (place.line is None or place.line not in topology.lines_out):
             bus = place.bus or fault_bus(place.line or "")
