@@ -2,7 +2,7 @@
 
     python benchmarks/scaling.py
 
-Copies of Kundur's two areas are joined by lines of 100 km into ever larger grids (machines); its lines are cut into
+Copies of Kundur's two areas are joined by short lines into ever larger grids (machines); its lines are cut into
 ever more sections (buses); its loads become loads of constant current (ports). Each runs 5 s with a load step; the
 time is that of the compiled loop beside simulated time, and that of power flow and set-up.
 """
@@ -15,6 +15,7 @@ import time
 from typing import Any
 
 from facts_damping.case.loading import load_case, load_system
+from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation import build, loop
 
 SECONDS = 5.0
@@ -23,20 +24,21 @@ SHIPPED = ("smib", "wscc_9", "wscc_9_constant_power", "two_area", "new_england_3
 
 
 def copies(k: int) -> dict[str, Any]:
-    """K copies of kundur_12_6, each joined to the next between their buses B8."""
-    base = load_system("kundur_12_6").model_dump(by_alias=True)
+    """K copies of kundur_12_6, joined between their buses B8: a tree in which each has up to eight others behind it."""
+    system = load_system("kundur_12_6")
+    base, power = system.model_dump(by_alias=True), solve(system, []).generation
     made: dict[str, Any] = {**base, "signals": {}, "measures": {}, "pmus": []}
     for table in ("buses", "lines", "transformers", "loads", "shunts", "machines"):
         made[table] = [_renamed(row, i) for i in range(k) for row in base[table]]
     for row in made["machines"][len(base["machines"]) :]:
         if row["slack"]:
-            row |= {"slack": False, "P": 719.0}
+            row |= {"slack": False, "P": float(power[row["name"].rpartition("_")[0]].real) * system.base_power}
     made["lines"] += [
         {
             "name": f"joint_{i}",
-            "from": f"B8_{i}",
+            "from": f"B8_{i // 8}",
             "to": f"B8_{i + 1}",
-            "length": 100,
+            "length": 2,
             "r": 1e-4,
             "x": 1e-3,
             "b": 1.75e-3,

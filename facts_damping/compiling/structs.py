@@ -17,6 +17,7 @@ dangling pointers. Kernels read fields like those of any object: `plant.x`.
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import inspect
 import typing
 import weakref
@@ -231,6 +232,18 @@ def layout(cls: Any) -> dict[str, tuple[Any, int]]:
 def size_of(cls: Any) -> int:
     """Size of a block in words."""
     return sum(kind.words if isinstance(kind, Array) else 1 for kind, _ in layout(cls).values()) or 1
+
+
+@cache
+def fingerprint(cls: Any) -> str:
+    """A short hash of a struct's layout, with those of the structs in it: what is compiled for it depends on this."""
+    told = []
+    for name, (kind, at) in layout(cls).items():
+        inside: list[Any] = [
+            one for one in (kind, *typing.get_args(kind)) if isinstance(one, type) and issubclass(one, Struct)
+        ]
+        told.append(f"{name} {at} {described(kind)} {[fingerprint(one) for one in inside]}")
+    return hashlib.sha256("\n".join(told).encode()).hexdigest()[:8]
 
 
 def described(kind: Any) -> Any:

@@ -30,7 +30,17 @@ from numba.extending import NativeValue, infer_getattr, lower_builtin, lower_get
 from numba.np import arrayobj
 
 from facts_damping.compiling import keys, store
-from facts_damping.compiling.structs import HOST, NUMBERS, Array, Struct, Table, is_numbers, layout, words_of
+from facts_damping.compiling.structs import (
+    HOST,
+    NUMBERS,
+    Array,
+    Struct,
+    Table,
+    fingerprint,
+    is_numbers,
+    layout,
+    words_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -78,17 +88,17 @@ class _Passes(compiler.CompilerBase):
 class StructType(types.Type):
     """A struct: a pointer to its block."""
 
-    def __init__(self, cls: type[Struct]) -> None:
+    def __init__(self, cls: Any) -> None:
         self.cls = cls
-        super().__init__(name=f"Struct({cls.__module__}.{cls.__qualname__})")
+        super().__init__(name=f"Struct({cls.__module__}.{cls.__qualname__} {fingerprint(cls)})")
 
 
 class TableType(types.Type):
     """Several structs: a pointer to their number and addresses."""
 
-    def __init__(self, cls: type[Struct]) -> None:
+    def __init__(self, cls: Any) -> None:
         self.cls = cls
-        super().__init__(name=f"Table({cls.__module__}.{cls.__qualname__})")
+        super().__init__(name=f"Table({cls.__module__}.{cls.__qualname__} {fingerprint(cls)})")
 
 
 class _Pointer(models.PrimitiveModel):

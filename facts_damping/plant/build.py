@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.compiling.structs import Table
 from facts_damping.elementary import magnitude, phase, rect
 from facts_damping.errors import InputError
 from facts_damping.parameters.plant.blocks import MODELS
@@ -18,7 +19,7 @@ from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, S
 from facts_damping.plant.events import oscillating_loads, oscillations, topology_intervals
 from facts_damping.plant.grid import load
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
-from facts_damping.plant.grid.reduction import Place, reduce_network
+from facts_damping.plant.grid.reduction import Place, reduce_network, stage_network
 from facts_damping.plant.machines import block_controls, blocks, excitation, governor, machine, stabiliser
 from facts_damping.plant.model import Plant, PlantState
 from facts_damping.plant.watchdog import initial_watch, line
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.parameters.run import Event
+
+
+LARGE = 200  # buses, above which the network is kept as factors instead of a dense matrix
 
 
 class Built(NamedTuple):
@@ -82,6 +86,8 @@ def build(
     pmus = [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.pmus]
     online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
+    given = [(system, ports.places, norton, s.topology, magnitude) for s in steps]
+    large = len(system.buses) > LARGE
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=to_ns(system.step),
@@ -102,7 +108,8 @@ def build(
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
         load_noise=load_noise.table({}, loads, len(loads)),
         oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
-        network=np.array([reduce_network(system, ports.places, norton, s.topology, magnitude) for s in steps]),
+        network=np.zeros((0, 0, 0), np.complex128) if large else np.array([reduce_network(*one) for one in given]),
+        stages=Table([stage_network(*one) for one in given] if large else []),
         pmu_machine=np.array(pmus),
     )
     n = len(installed)

@@ -16,16 +16,8 @@ from facts_damping.plant.grid import load
 from facts_damping.plant.machines import blocks, excitation, governor, stabiliser
 from facts_damping.plant.machines.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VD, VQ, VREF, VS, VT
 from facts_damping.plant.model import Plant, Work
+from facts_damping.plant.network_response import respond, row_times, set_sources
 from facts_damping.plant.ports import solve_ports
-
-
-@compiled
-def row_times(plant: Plant, stage: int, row: int, inputs: Complex1) -> complex:
-    """One row of the network times its inputs, p.u."""
-    total = 0j
-    for column in range(inputs.size):
-        total += plant.network[stage, row, column] * inputs[column]
-    return total
 
 
 @entry_point
@@ -51,14 +43,16 @@ def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
         work.inputs[machines + i] = plant.infinite[i]
     first = machines + plant.infinite.size
     if source.size == 0:
+        respond(plant, stage, work)
         return
     for p in range(source.size):
         work.inputs[first + p] = 0.0
+    respond(plant, stage, work)
     for p in range(source.size):
-        work.given[p] = row_times(plant, stage, machines + p, work.inputs)
+        work.given[p] = row_times(plant, stage, machines + p, work.inputs, work)
     solve_ports(plant, x, reference, source, stage, work)
-    for p in range(source.size):
-        work.inputs[first + p] = source[p]
+    set_sources(plant, source, work)
+    respond(plant, stage, work)
 
 
 @compiled
@@ -69,7 +63,7 @@ def stator(plant: Plant, stage: int, g: int, work: Work) -> tuple[complex, compl
     """
     m = plant.machines[g]
     emf = work.emf[g]
-    voltage = row_times(plant, stage, g, work.inputs)
+    voltage = row_times(plant, stage, g, work.inputs, work)
     back = work.rotation[g].conjugate()  # into the rotor's frame
     # A factor of zero instead of a branch, which doubles the time of the compiled code.
     beyond = m.salient * work.inputs[m.column] * back

@@ -10,10 +10,11 @@ from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2
 from facts_damping.elementary import atan2, magnitude, phase
 from facts_damping.plant.converters import devices as facts
 from facts_damping.plant.converters.first_order_lag import effective_reference
-from facts_damping.plant.dynamics import derivatives, move_controls, row_times, saturated, solve_network, stator
+from facts_damping.plant.dynamics import derivatives, move_controls, saturated, solve_network, stator
 from facts_damping.plant.forced_oscillations import begin_oscillations, move_oscillations
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
+from facts_damping.plant.network_response import row_times
 from facts_damping.signals import SPEED_BAND, DeviceTruths, MachineTruths
 
 MOMENT = 1e-6  # s, time step of the angle's difference quotient for the frequency
@@ -75,12 +76,12 @@ def _in_synchronism(plant: Plant, x: Float1, stage: int) -> bool:
 
 
 @compiled
-def _phasors(plant: Plant, stage: int, inputs: Complex1, phasors: Complex2) -> None:
+def _phasors(plant: Plant, stage: int, inputs: Complex1, phasors: Complex2, work: Work) -> None:
     """Voltage and current of each PMU from the network's inputs, p.u."""
     first, pmus = plant.machines.size + plant.ports.size, plant.pmu_machine.size
     for s in range(pmus):
-        phasors[s, 0] = row_times(plant, stage, first + s, inputs)
-        phasors[s, 1] = row_times(plant, stage, first + pmus + s, inputs)
+        phasors[s, 0] = row_times(plant, stage, first + s, inputs, work)
+        phasors[s, 1] = row_times(plant, stage, first + pmus + s, inputs, work)
 
 
 @entry_point
@@ -90,7 +91,7 @@ def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
     begin_noise(plant, work, time_ns, time_ns)
     begin_oscillations(plant, work, time_ns, time_ns)
     solve_network(plant, state.x, state.reference, state.source, stage, work)
-    _phasors(plant, stage, work.inputs, work.phasors)
+    _phasors(plant, stage, work.inputs, work.phasors, work)
 
 
 @compiled
@@ -137,14 +138,14 @@ def measure(
         _machine(plant, state, stage, g, machines[g], work)
     for d in range(plant.devices.size):
         _device(plant, state, d, devices[d], work)
-    _phasors(plant, stage, work.inputs, work.phasors)
+    _phasors(plant, stage, work.inputs, work.phasors, work)
     _a_moment_later(plant, state, stage, work)
     first = plant.machines.size + plant.ports.size
     for s in range(plant.pmu_machine.size):
         voltage, current = work.phasors[s, 0], work.phasors[s, 1]
         g = plant.pmu_machine[s]
         flow = voltage * current.conjugate()
-        later = row_times(plant, stage, first + s, work.inputs)
+        later = row_times(plant, stage, first + s, work.inputs, work)
         frame[s, 0] = magnitude(voltage)
         frame[s, 1] = atan2(voltage.imag, voltage.real)
         frame[s, 2] = math.nan if g < 0 else x[plant.machines[g].offset + 1]

@@ -19,11 +19,13 @@ from facts_damping.compiling.structs import (
     Float3,
     Int1,
     Struct,
+    Table,
 )
 from facts_damping.plant.converters.devices import DEVICE
 from facts_damping.plant.converters.site import PORT
 from facts_damping.plant.events import OSCILLATION
 from facts_damping.plant.grid.load import LOAD
+from facts_damping.plant.grid.stage_network import StageNetwork
 from facts_damping.plant.machines.blocks import BLOCK, CONTROLS, SENSED
 from facts_damping.plant.machines.excitation import EXCITER
 from facts_damping.plant.machines.governor import GOVERNOR
@@ -39,7 +41,7 @@ class Plant(Struct):
     currents of machines, voltages of infinite buses, sources at the ports) to its outputs (machine voltages, responses
     of the ports, PMU voltages, PMU currents), p.u. A parallel port injects a current and its response is the
     bus voltage; a series port injects a voltage drop and its response is the current. Shape
-    (machines + ports + 2 PMUs, machines + infinite buses + ports).
+    (machines + ports + 2 PMUs, machines + infinite buses + ports). Of a large grid `stages` has it instead.
     """
 
     omega_0: float  # rad/s
@@ -64,6 +66,7 @@ class Plant(Struct):
     load_noise: Float3  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: no noise
     oscillations: Annotated[NDArray[Any], Array(OSCILLATION, 1)]  # events.OSCILLATION
     network: Complex3
+    stages: Table[StageNetwork]
     pmu_machine: Int1  # (PMUs,), machine index or -1
 
 
@@ -89,6 +92,8 @@ class Work(Struct):
     slopes: Float2  # (6, states)
     reference: Float1  # (devices,)
     inputs: Complex1  # of the network
+    unit: Complex1  # the same, zero between uses
+    voltage: Complex1  # of a large grid's buses, p.u., in their order of elimination
     emf: Complex1  # (machines,), Ed + j Eq behind the stator's reactances, in the rotor's frame, p.u.
     rotation: Complex1  # (machines,), exp(j (delta - pi/2)), from the rotor's frame to the network's
     given: Complex1  # (ports,), response to all inputs except the ports' sources
@@ -112,10 +117,13 @@ class Work(Struct):
 def workspace(plant: Plant, state: PlantState) -> Work:
     """Arrays of the right size for `plant`."""
     machines, ports = len(plant.machines), len(plant.ports)
+    inputs = machines + len(plant.infinite) + ports
     return Work(
         np.zeros((6, len(state.x))),
         np.zeros(len(state.reference)),
-        np.zeros(plant.network.shape[2], np.complex128),
+        np.zeros(inputs, np.complex128),
+        np.zeros(inputs, np.complex128),
+        np.zeros(max((len(net.lower.begin) - 1 for net in plant.stages), default=0), np.complex128),
         np.zeros(machines, np.complex128),
         np.zeros(machines, np.complex128),
         np.zeros(ports, np.complex128),

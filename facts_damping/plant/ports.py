@@ -15,8 +15,10 @@ from facts_damping.compiling.structs import Complex1, Float1, Float2
 from facts_damping.elementary import magnitude
 from facts_damping.matrices import eliminate
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
+from facts_damping.plant.grid.stage_network import solve_voltages
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.model import Plant, Work
+from facts_damping.plant.network_response import own_response, respond, row_times, set_sources
 
 TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
 MAX_ITERATIONS = 40
@@ -49,10 +51,15 @@ def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stag
     """
     first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
     solved, total, last = True, 0.0, 2 * source.size
+    set_sources(plant, source, work)
+    respond(plant, stage, work)
     for p in range(source.size):
-        q = work.given[p]
-        for r in range(source.size):
-            q += plant.network[stage, first_row + p, first_column + r] * source[r]
+        if len(plant.stages) > 0:
+            q = row_times(plant, stage, first_row + p, work.inputs, work)
+        else:
+            q = work.given[p]
+            for r in range(source.size):
+                q += plant.network[stage, first_row + p, first_column + r] * source[r]
         work.response[p] = q
         rest = law(plant, x, reference, stage, p, work) - source[p]
         work.matrix[2 * p, last], work.matrix[2 * p + 1, last] = rest.real, rest.imag
@@ -66,17 +73,27 @@ def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stag
 
 @compiled
 def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
-    """Write I - F H into `work.matrix`, F the ports' derivatives, H their mutual responses, in real pairs."""
+    """Write I - F H into `work.matrix`, F the ports' derivatives, H their mutual responses, in real pairs.
+
+    Of a large grid H is found here, column by column: this takes long, but only where port by port none is found.
+    """
     first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
-    for p in range(plant.ports.size):
-        for r in range(plant.ports.size):
-            h = plant.network[stage, first_row + p, first_column + r]
+    for r in range(plant.ports.size):
+        if len(plant.stages) > 0:
+            work.unit[first_column + r] = 1.0
+            solve_voltages(plant.stages[stage], work.unit, work.voltage)
+        for p in range(plant.ports.size):
+            if len(plant.stages) > 0:
+                h = row_times(plant, stage, first_row + p, work.unit, work)
+            else:
+                h = plant.network[stage, first_row + p, first_column + r]
             own = 1.0 if p == r else 0.0
             i, j = 2 * p, 2 * r
             work.matrix[i, j] = own - (work.slope[p, 0, 0] * h.real + work.slope[p, 0, 1] * h.imag)
             work.matrix[i, j + 1] = work.slope[p, 0, 0] * h.imag - work.slope[p, 0, 1] * h.real
             work.matrix[i + 1, j] = -(work.slope[p, 1, 0] * h.real + work.slope[p, 1, 1] * h.imag)
             work.matrix[i + 1, j + 1] = own + work.slope[p, 1, 0] * h.imag - work.slope[p, 1, 1] * h.real
+        work.unit[first_column + r] = 0.0
 
 
 @compiled
@@ -115,7 +132,7 @@ def _newton_single_port(plant: Plant, x: Float1, reference: Float1, source: Comp
     From q = q0 + H s and s = f(|q|) q / |q| follows |q0| = | |q| - H f |: one equation,
     |q| = Re(H f) + sqrt(|q0|^2 - Im(H f)^2), for the magnitude; then q / |q| = q0 / (|q| - H f).
     """
-    h = plant.network[stage, plant.machines.size, plant.machines.size + plant.infinite.size]
+    h = own_response(plant, stage, 0)
     q0 = work.given[0]
     square = q0.real * q0.real + q0.imag * q0.imag
     m = magnitude(q0 + h * source[0])
@@ -152,15 +169,20 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     before = math.inf
     for _ in range(MAX_ITERATIONS):
         solved, total = True, 0.0
+        set_sources(plant, source, work)
+        respond(plant, stage, work)
         for p in range(source.size):
-            row = plant.network[stage, first_row + p]
-            work.response[p] = work.given[p] + product(row, first_column, source)
+            if len(plant.stages) > 0:
+                work.response[p] = row_times(plant, stage, first_row + p, work.inputs, work)
+            else:
+                row = plant.network[stage, first_row + p]
+                work.response[p] = work.given[p] + product(row, first_column, source)
             rest = law(plant, x, reference, stage, p, work) - source[p]
             square = rest.real * rest.real + rest.imag * rest.imag
             size = source[p].real * source[p].real + source[p].imag * source[p].imag
             solved = solved and square <= TOLERANCE * TOLERANCE * (1.0 + size)
             total += square
-            source[p] += _own_step(row[first_column + p], work.slope[p], rest)
+            source[p] += _own_step(own_response(plant, stage, p), work.slope[p], rest)
         if solved:
             return True
         if not total < 0.25 * before:

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array
 
-from facts_damping.case.loading import load_system
+from facts_damping.case.loading import load_case, load_system
 from facts_damping.grid_formats.matpower import import_case
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.validation import check
+from facts_damping.plant import build as plant_build
 from facts_damping.plant.build import build
 from facts_damping.plant.grid import power_flow, sparse
+from facts_damping.simulation import loop
 from tests.andes_cases import CASES
 
 if TYPE_CHECKING:
@@ -81,3 +83,25 @@ def balances(system: System, voltage: NDArray[np.complex128]) -> NDArray[np.comp
         i = at[shunt.bus]
         found[i] += abs(voltage[i]) ** 2 * np.conj(complex(shunt.P, shunt.Q)) / system.base_power
     return found
+
+
+@pytest.mark.parametrize(
+    ("run", "sets"),
+    [
+        ("two_area_large", ["devices=[sssc,statcom]", "controllers=[]", "duration=2.5"]),
+        ("lead_lag_smib", ["duration=2.5"]),
+        ("new_england_39_fault", ["duration=1.5", "system.loads.*.P_fractions={power: 1.0}"]),
+    ],
+)
+def test_runs_are_the_same_with_factors_instead_of_a_dense_network(
+    run: str, sets: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Devices in series and parallel, infinite buses, faults; loads whose voltage collapses in a fault."""
+    case = load_case(run, sets)
+    dense = loop.run(case)
+    monkeypatch.setattr(plant_build, "LARGE", 0)
+    found = loop.run(case)
+    assert dense.in_synchronism.all()
+    for name in ("rotor_angle", "speed_deviation", "electrical_power", "terminal_voltage"):
+        np.testing.assert_allclose(found.machines[name], dense.machines[name], rtol=1e-7, atol=1e-8)
+    np.testing.assert_allclose(found.frames, dense.frames, rtol=1e-6, atol=1e-7)

@@ -147,16 +147,16 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     turned = {index[source.bus] for source in fixed}
     kept = {index[source.bus] for source in held}
     free_angle = np.array([i for i in range(len(names)) if i not in turned], int)
-    angle[free_angle] = _between(matrix, angle, free_angle)
     with np.errstate(all="ignore"):  # the mismatch shows divergence
-        voltage, residual = _newton(
-            matrix,
-            scheduled,
-            lambda m: demand(system, names, m),
-            (magnitude, angle),
-            free_angle,
-            np.array([i for i in range(len(names)) if i not in kept], int),
-        )
+        free_magnitude = np.array([i for i in range(len(names)) if i not in kept], int)
+        for flow in (0.0, 1.0):  # if it does not converge from angles without a flow, from those of a linear power flow
+            active = flow * _balanced((scheduled - demand(system, names, magnitude)[0]).real)
+            start = magnitude.copy(), _initial_angles(matrix, angle, free_angle, active)
+            voltage, residual = _newton(
+                matrix, scheduled, lambda m: demand(system, names, m), start, free_angle, free_magnitude
+            )
+            if residual < TOLERANCE:
+                break
     if not residual < TOLERANCE:
         raise InputError(
             f"system {system.name}: power flow does not converge: mismatch {residual:.3g} p.u. after "
@@ -199,17 +199,30 @@ def _shared(
     ]
 
 
-def _between(matrix: Complex2, angle: Float1, free: Int1) -> Float1:
-    """Initial angles, rad: interpolated between the given angles, weighted by branch admittances.
+def _balanced(active: Float1) -> Float1:
+    """Power into each bus with what generation exceeds the load by drawn where power is generated, in proportion.
 
-    A fictitious branch to angle zero at each bus covers those without a connection to a given angle.
+    Without it the losses of a large grid would all flow to the slack.
+    """
+    generated = np.maximum(active, 0.0)
+    excess: float = active.sum() / max(float(generated.sum()), STRAY)
+    return active - generated * excess
+
+
+def _initial_angles(matrix: Complex2, angle: Float1, free: Int1, active: Float1) -> Float1:
+    """Angles, rad, of a linear power flow: `active` p.u. into each bus, at branches with the magnitudes of `matrix`.
+
+    Without it they are interpolated between the given angles. A fictitious branch to angle zero at each bus covers
+    those without a connection to a given angle.
     """
     weight = magnitudes(matrix)
     np.fill_diagonal(weight, 0.0)
     laplacian = np.diag(weight.sum(axis=1) + STRAY) - weight
     given = np.setdiff1d(np.arange(len(angle)), free)
     own = as_needed(laplacian[np.ix_(free, free)], len(angle))
-    return solve_network(own, product(weight[np.ix_(free, given)], angle[given]))
+    found: Float1 = angle.copy()
+    found[free] = solve_network(own, product(weight[np.ix_(free, given)], angle[given]) + active[free])
+    return found
 
 
 def _newton(

@@ -11,7 +11,7 @@ Linear Systems, 2006, 6.3).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -69,18 +69,24 @@ def joined(parts: list[list[Any]]) -> Any:
     return _sparse().block_array(parts, format="csc")
 
 
-def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
-    """Solve a x = b for a vector or matrix b, a dense or sparse. Raises `LinAlgError` if a is singular."""
-    if isinstance(a, np.ndarray):
-        return solve(a, b)
-    kind, n = np.result_type(a.dtype, b, float), a.shape[0]
+class Factors(NamedTuple):
+    """L and U of a matrix with ordered columns: `place` of each row, and the `order` of the columns."""
+
+    lower: Any
+    upper: Any
+    place: Int1
+    order: Int1
+
+
+def factors(a: Any, kind: type) -> Factors:
+    """L and U of a matrix, as numbers of a kind. Raises `LinAlgError` if it is singular."""
+    a, n = _sparse().csc_array(a), a.shape[0]
     a.sort_indices()
-    is_complex = kind == np.complex128
+    is_complex = kind is complex
     entries = ComplexEntries if is_complex else Entries
     given = entries(a.indptr.astype(np.int64), a.indices.astype(np.int64), a.data.astype(kind))
     order, room = _order(a)
     eliminate = _eliminate_complex if is_complex else _eliminate_real
-    substitute = _substitute_complex if is_complex else _substitute_real
     place, ended = np.full(n, NONE, np.int64), FULL
     while ended == FULL:
         lower, upper = (
@@ -91,12 +97,21 @@ def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
         room *= 2
     if ended == SINGULAR:
         raise np.linalg.LinAlgError("singular matrix")
+    return Factors(lower, upper, place, order)
+
+
+def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
+    """Solve a x = b for a vector or matrix b, a dense or sparse. Raises `LinAlgError` if a is singular."""
+    if isinstance(a, np.ndarray):
+        return solve(a, b)
+    kind, n = complex if np.result_type(a.dtype, b, float) == np.complex128 else float, a.shape[0]
+    found = factors(a, kind)
     x = np.zeros((n, b.size // n if n else 0), kind)
-    x[place] = b.reshape(x.shape)
-    substitute(lower, upper, x)
-    found = np.zeros_like(x)
-    found[order] = x
-    return found.reshape(b.shape)
+    x[found.place] = b.reshape(x.shape)
+    (_substitute_complex if kind is complex else _substitute_real)(found.lower, found.upper, x)
+    solution = np.zeros_like(x)
+    solution[found.order] = x
+    return solution.reshape(b.shape)
 
 
 def _order(a: Any) -> tuple[Int1, int]:
