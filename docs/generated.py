@@ -25,6 +25,7 @@ from facts_damping.parameters.campaign import Campaign
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.measurement import Measurement
+from facts_damping.parameters.plant.machines import BlockControl
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Run, Scenario, Tuned, Weights
@@ -75,7 +76,8 @@ FIELDS = """# Fields
 
 Every field of the YAML files, with its type (for numbers the unit), default and range. [Running](running.md) explains
 how files are named and found, and how `--set` changes a field. A file with an unknown field or a value out of range is
-refused with one line that names the field and what is allowed.
+refused with one line that names the field and what is allowed. Controls named as in the PSS/E library also take
+`machine`, `model` (their name) and `enabled` (`false`: switched off).
 
 Any file may begin with `extends: NAME`, another file in its folder: it then has that file's fields, apart from those it
 gives itself.
@@ -181,8 +183,8 @@ def _table(model: type[ParameterModel]) -> Iterator[str]:
     yield "| field | type or unit | default | range | meaning |"
     yield "|---|---|---|---|---|"
     for name, field in model.model_fields.items():
-        if name == "asked":  # in stored runs alone
-            continue
+        if name == "asked" or (issubclass(model, BlockControl) and name in BlockControl.model_fields):
+            continue  # in stored runs alone; told once for all
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         limits = [
             text.format(value) for key, text in BOUNDS.items() if (value := _bound(field.metadata, key)) is not None
