@@ -25,7 +25,7 @@ from facts_damping.parameters.campaign import Campaign
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.measurement import Measurement
-from facts_damping.parameters.plant.machines import BlockControl
+from facts_damping.parameters.plant.blocks import MODELS
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Run, Scenario, Tuned, Weights
@@ -63,6 +63,7 @@ BESIDE = {
     "security.md": "SECURITY.md",
     "changelog.md": "CHANGELOG.md",
 }  # at the top
+CONTROLS = "Block controls"
 COMMANDS = """# Commands
 
 All commands of the program `facts-damping` and their options. After `make demo` it is in `.venv/bin`; activate the
@@ -76,8 +77,7 @@ FIELDS = """# Fields
 
 Every field of the YAML files, with its type (for numbers the unit), default and range. [Running](running.md) explains
 how files are named and found, and how `--set` changes a field. A file with an unknown field or a value out of range is
-refused with one line that names the field and what is allowed. Controls named as in the PSS/E library also take
-`machine`, `model` (their name) and `enabled` (`false`: switched off).
+refused with one line that names the field and what is allowed.
 
 Any file may begin with `extends: NAME`, another file in its folder: it then has that file's fields, apart from those it
 gives itself.
@@ -147,11 +147,24 @@ def fields() -> str:
             if one in told:
                 continue
             told.add(one)
-            if one is not model:
-                lines += [f"### {_title(one)}", ""]
-            lines += [f"{_sentences(one)}", "", *_table(one), ""]
+            if one.__name__ not in MODELS:
+                lines += [f"### {_title(one)}", ""] if one is not model else []
+                lines += [f"{_sentences(one)}", "", *_table(one), ""]
             inside = [other for field in one.model_fields.values() for other in _models(field.annotation)] + inside
+        lines += _controls() if model is System else []
     return "\n".join([*lines, *_parameters()])
+
+
+def _controls() -> Iterator[str]:
+    """Controls of machines that have the fields of the PSS/E library: a row each instead of a table each."""
+    yield f"### {CONTROLS}\n"
+    yield "Controls of machines from the PSS/E library. Fields in the order of a DYR record, in p.u. and s."
+    yield "Each also has `machine`, `model` and `enabled` (default: `true`).\n"
+    yield "| model | description | fields |"
+    yield "|---|---|---|"
+    for name, row in MODELS.items():
+        yield f"| `{name}` | {_cell(row.text)} | {' '.join(f'`{field}`' for field in row.fields.split())} |"
+    yield ""
 
 
 # Controllers whose parameters are told, by their title; the other networks differ in defaults alone.
@@ -183,8 +196,8 @@ def _table(model: type[ParameterModel]) -> Iterator[str]:
     yield "| field | type or unit | default | range | meaning |"
     yield "|---|---|---|---|---|"
     for name, field in model.model_fields.items():
-        if name == "asked" or (issubclass(model, BlockControl) and name in BlockControl.model_fields):
-            continue  # in stored runs alone; told once for all
+        if name == "asked":  # in stored runs alone
+            continue
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         limits = [
             text.format(value) for key, text in BOUNDS.items() if (value := _bound(field.metadata, key)) is not None
@@ -244,7 +257,8 @@ def _kind(annotation: Any) -> str:
     if origin is dict:
         return "mapping" if inside[1] is Any else f"mapping to {_kind(inside[1])}"
     if isinstance(annotation, type) and issubclass(annotation, ParameterModel):
-        return f"[{_title(annotation)}](#{_title(annotation).lower().replace(' ', '-')})"
+        title = CONTROLS if annotation.__name__ in MODELS else _title(annotation)
+        return f"[{title}](#{title.lower().replace(' ', '-')})"
     return getattr(annotation, "__name__", str(annotation))
 
 

@@ -87,7 +87,7 @@ def _parts(record: Record) -> tuple[str, ...]:
     grid = clause(run["system"])
     what = ", ".join([grid[0].upper() + grid[1:], *_events(run.get("scenario") or [])])
     named = isinstance(record.asked.get("link"), str)
-    network = f"{clause(run['link']) or 'a network'}{'' if named else ', changed'}"
+    network = f"{clause(run['link']) or 'a link'}{'' if named else ', changed'}"
     who = _several([row["name"] for row in run.get("controllers") or []]) or "no control"
     return what, who, network, clause(run.get("measurement") or {}), f"seed {run.get('seed')}"
 

@@ -42,143 +42,143 @@ def _data(description: str, unit: str, limit: float, low: float, high: float, la
 # In the order of their codes (supervision/monitors.py).
 MONITORS = {
     "missing": _data(
-        "since frames have come that its signals can be made of",
+        "time without frames from which its signals can be computed",
         "s", 0.16, 0.01, 60.0, 0.0,
-        "nine frames of 60 a second pass: single losses, and bursts of a tenth of a second",
+        "nine missing frames at 60 frames/s are tolerated: single losses, and bursts of 0.1 s",
     ),
     "stale": _data(
-        "age of the oldest frame that its signals are made of",
+        "age of the oldest frame that its signals use",
         "s", 0.4, 0.01, 60.0, 0.05,
-        "more than twice the 69 to 113 ms of the Pacific DC Intertie, with a frame that is lost, and less than most "
-        "controllers tolerate",
+        "more than twice the delay of the Pacific DC Intertie, 69 to 113 ms, plus one lost frame; less than the delay "
+        "that most controllers tolerate",
     ),
     "jitter": Monitor(
         "data",
-        "mean deviation of the latency from its mean, both over a second",
+        "mean deviation of the latency from its mean, both over 1 s",
         "s", 0.05, 0.001, 10.0, 1.0, "s", "warn",
-        "a link that is uneven by three frames is not the one that controllers were chosen for",
+        "three frames of jitter: controllers were not designed for such a link",
     ),
     "misaligned": _data(
-        "between the times of measurement of the PMUs that its signals are made of",
+        "difference of the time stamps of the PMUs that its signals use",
         "s", 0.1, 0.001, 10.0, 0.05,
-        "a tenth of a second turns the phase of a 1 Hz mode by 36 degrees",
+        "0.1 s shifts the phase of a 1 Hz mode by 36 degrees",
     ),
     "stuck": _data(
-        "a PMU repeats its values though its frequency is not the nominal one",
+        "time for which a PMU repeats its values although its frequency is not nominal",
         "s", 0.2, 0.02, 60.0, 0.0,
-        "the angle of a voltage off its nominal frequency cannot stand still; twelve frames tell a repeated one apart",
+        "off nominal frequency the voltage angle cannot be constant; twelve equal frames are no coincidence",
     ),
     "range": _data(
-        "largest value of a channel that it uses, beside what is plausible of such a channel",
+        "largest value of a channel that it uses, relative to the largest plausible value",
         "-", 1.0, 0.01, 100.0, 0.0,
-        "plausible: 0.1 p.u. of speed, 6 Hz off the nominal frequency, 30 Hz/s, 2 p.u. of voltage, 50 p.u. of power "
-        "and current",
+        "plausible: speed 0.1 p.u., frequency 6 Hz from nominal, ROCOF 30 Hz/s, voltage 2 p.u., power and current "
+        "50 p.u.",
     ),
     "angle": _data(
-        "a PMU's frequency beside the change of its voltage's angle, over a tenth of a second",
+        "difference between a PMU's frequency and the rate of change of its voltage angle, over 0.1 s",
         "Hz", 0.25, 0.01, 30.0, 0.3,
-        "at a bus near a fault angles jump, for less than that time; a bias of this size is a step of half the swing "
-        "after a fault",
+        "near a fault angles jump, but for less than 0.3 s; a frequency error of 0.25 Hz is half of the swing after "
+        "a fault",
     ),
     "speed": _data(
-        "a PMU's rotor speed beside its frequency, over a tenth of a second",
+        "difference between a PMU's rotor speed and its frequency, over 0.1 s",
         "Hz", 0.5, 0.01, 30.0, 0.5,
         "after a fault the two differ by up to 0.4 Hz (`two_area_large`)",
     ),
     "powers": _data(
-        "sum of the powers that PMUs at both ends of a line measure into it, beside the larger one",
+        "sum of the powers that PMUs measure into both ends of a line, relative to the larger one",
         "-", 0.2, 0.01, 10.0, 0.2,
-        "a line loses a few per cent; a current transformer the wrong way round doubles the sum",
+        "losses of a line are a few per cent; with a reversed current transformer the value is 2",
     ),
     "status": _data(
-        "PMUs whose frames say data error, test mode or no time (bits 15 to 13)",
+        "PMUs with status data error, test mode or not synchronised (bits 15 to 13)",
         "pmus", 0.5, 0.5, 100.0, 0.05,
-        "IEEE C37.118.2: such frames are not to be used",
+        "IEEE C37.118.2: such frames must not be used",
     ),
     "clock": _data(
-        "how far a frame's time of measurement lies after its arrival",
+        "how much a frame's time stamp is later than its arrival",
         "s", 0.001, 1e-6, 10.0, 0.0,
-        "nothing arrives before it is measured; a clock in time is right to a microsecond",
+        "no frame arrives before it is measured; a synchronised clock is accurate to 1 us",
     ),
     "local": Monitor(
         "data",
-        "since the fallback has said something, while it acts",
+        "time without a setpoint of the fallback while it acts",
         "s", 0.16, 0.01, 60.0, 0.0, "s", "trip",
-        "as of remote frames; nothing is left to fall back on",
+        "the same limit as for remote frames; there is no other fallback",
     ),
     "silent": Monitor(
         "controller",
-        "since frames have come that the controller has not answered: it hangs, has died, or needs more than a frame",
+        "time since the first frames that the controller has not answered: it is hung, dead or too slow",
         "s", 0.16, 0.01, 60.0, 0.0, "s", "fall_back",
-        "less than the 0.2 s after which the device lets go by itself",
+        "less than the 0.2 s after which the watchdog releases the device",
     ),
     "non_finite": Monitor(
         "controller",
         "outputs that are not finite",
         "-", 0.0, 0.0, 1e9, 0.0, "s", "trip",
-        "a controller that does so once has lost its state",
+        "after one such output the state of the controller is lost",
     ),
     "saturated": Monitor(
         "controller",
-        "fraction of the last 2 s in which an output is at the same limit",
+        "fraction of the last 2 s in which an output is at one of its limits",
         "-", 0.95, 0.01, 1.0, 2.0, "s", "trip",
-        "an output that damps changes sign each half cycle, 1 s of a mode of 0.5 Hz, and may stay at a limit for two "
-        "of them after an event; one that stays for four does not damp",
+        "an output that damps changes sign each half cycle (1 s at 0.5 Hz) and after an event may stay at a limit "
+        "for two of them; an output that stays for four does not damp",
     ),
     "reversals": Monitor(
         "controller",
-        "reversals of an output by more than a tenth of its limit, over a second",
+        "number of reversals of an output by more than 10 % of its limit, over 1 s",
         "1/s", 12.0, 1.0, 1000.0, 0.5, "s", "warn",
-        "an oscillation of 2 Hz, the fastest of machines, reverses four times a second; three times as many are a "
-        "limit cycle. What it does to the grid is judged by `harm` and `growing`; the preset strict trips it",
+        "the fastest electromechanical modes, 2 Hz, give 4 reversals per second; three times as many are a limit "
+        "cycle. Its effect on the grid is judged by `harm` and `growing`; with the preset `strict` it is a trip",
     ),
     "weights": Monitor(
         "controller",
-        "Euclidean norm of what a network has learnt, beside its norm at the start",
+        "Euclidean norm of a neuro-fuzzy controller's parameters, relative to the start",
         "-", 10.0, 1.0, 1e9, 0.0, "s", "trip",
-        "in the scenarios of `two_area` the thesis's variants stay below 1.7; without guards one comes to 7 without "
-        "delay, and two to a thousand with that of the Pacific DC Intertie",
+        "in the scenarios of `two_area` the thesis's variants stay below 1.7; without safety measures one reaches 7 "
+        "without delay, and two reach 1000 with the link `pdci`",
     ),
     "lyapunov": Monitor(
         "controller",
-        "rise of the Lyapunov function by a step of learning, beside the function",
+        "relative increase of the Lyapunov function by one learning step",
         "-", 1.0, 0.001, 1e9, 0.5, "s", "trip",
-        "learning that doubles what it is to make small, frame after frame, runs away",
+        "learning that doubles the function which it should reduce, frame after frame, diverges",
     ),
     "harm": Monitor(
         "grid",
-        "what the output adds to the growth rate of the watched mode; more than zero takes damping away",
+        "growth rate that the output adds to the watched mode; a positive value reduces damping",
         "1/s", 0.03, 0.0, 10.0, 1.5, CYCLES, "trip",
-        "half a per cent of damping ratio at 1 Hz; below it phasors of a quiet grid are uncertain",
+        "a damping ratio of 0.5 % at 1 Hz; smaller values are uncertain when the grid is quiet",
     ),
     "growing": Monitor(
         "grid",
-        "how much faster the oscillation grows, or slower it fades, than without control: the least of three cycles, "
-        "while the output drives it, and once it is larger than earlier ones would be by now without control",
+        "mean growth rate of the oscillation over three cycles, minus the rate without control; 0 unless it grows "
+        "faster in each cycle, the output may drive it, and it is 1.6 times what earlier ones would be by now",
         "1/s", 0.15, 0.0, 10.0, 0.6, CYCLES, "trip",
-        "chosen on 3,400 training cases: of sound controllers on one machine it trips 4 in 1,000 with harm, and it "
-        "finds as many wrong ones as when it tripped 14 in 100. Beside the plant's own rate, so that an oscillation "
-        "that control sustains counts where there would be none, and one that it contains does not",
+        "chosen on 3,400 training cases: with `harm` it trips 4 in 1,000 sound controllers on one machine, and finds "
+        "as many wrong ones as when it tripped 14 in 100. Relative to the rate without control, so that an "
+        "oscillation that control sustains counts, and one that control contains does not",
     ),
     "frequency": Monitor(
         "grid",
         "largest deviation of a PMU's frequency",
         "Hz", 3.0, 0.05, 30.0, 0.2, "s", "trip",
-        "generators' own protection lets 57 to 62.5 Hz pass for seconds only; the thesis's runs, without governors, "
-        "end 2.5 Hz above the nominal frequency",
+        "generator protection tolerates 57 to 62.5 Hz for seconds only; the thesis's runs, without governors, end "
+        "2.5 Hz above nominal frequency",
     ),
     "islanding": Monitor(
         "grid",
-        "largest angle between two PMUs that its signals are made of, from that at the start",
+        "largest change, since the start, of the angle between two PMUs that its signals use",
         "deg", 150.0, 10.0, 1e6, 0.1, "s", "trip",
-        "two areas so far apart slip; damping by the one against the other has no meaning any more",
+        "two areas so far apart lose synchronism; damping one against the other is then meaningless",
     ),
     "device": Monitor(
         "grid",
         "devices that are blocked, or released by their watchdog",
         "devices", 0.5, 0.5, 100.0, 0.5, "s", "trip",
-        "who commands a device that does not follow learns nonsense, and would act at once when it comes back; a "
-        "fault's undervoltage is over before",
+        "a controller of a device that does not follow learns wrongly, and would act at once when the device returns; "
+        "undervoltage in a fault is shorter",
     ),
 }  # fmt: skip
 CODES = {name: code for code, name in enumerate(MONITORS)}
@@ -221,10 +221,10 @@ def reason_of(row: Any, thresholds: NDArray[Any], *, refused: bool = False) -> s
         return f"{_NAMES[code]} ({monitor.description}): {value:.3g} {monitor.unit}; allowed: {limit:g}"
     found = {
         NOT_PROBED: "no probe; allowed: after ~/probe",
-        PROBE_WEAK: f"probe with coherence {row['probe_coherence']:.2f}: the answer is lost in others' noise",
-        PROBE_GAIN: f"probe with {row['probe_gain']:.2f} times the known answer",
-        PROBE_HARM: f"probe by which control would take {-row['added_damping']:.3g} 1/s of damping away",
-        PROBE_PHASE: f"probe with {math.degrees(row['probe_phase']):.0f} degrees off the known answer",
+        PROBE_WEAK: f"probe: coherence {row['probe_coherence']:.2f}, the response is lost in noise",
+        PROBE_GAIN: f"probe: response {row['probe_gain']:.2f} times that of the model",
+        PROBE_HARM: f"probe: control would reduce damping by {-row['added_damping']:.3g} 1/s",
+        PROBE_PHASE: f"probe: response {math.degrees(row['probe_phase']):.0f} degrees from that of the model",
     }
     return found.get(code, cause_name(code))
 

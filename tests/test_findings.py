@@ -21,7 +21,7 @@ from facts_damping.report.contents import ReportedRun
 if TYPE_CHECKING:
     from pathlib import Path
 
-PDCI = "LLC-tuned over the Pacific DC Intertie's network"
+PDCI = "LLC-tuned over a link like the Pacific DC Intertie's"
 
 
 @pytest.mark.parametrize(
@@ -30,9 +30,9 @@ PDCI = "LLC-tuned over the Pacific DC Intertie's network"
         ("two_area_deployment", {}, f"Two areas, fault and trip of line 3: {PDCI}"),
         ("two_area_deployment", {"link.up.1.delay": "303 ms"}, f"Two areas, fault and trip of line 3: {PDCI}, changed"),
         ("two_area_deployment", {"controllers": []}, "Two areas, fault and trip of line 3: no control"),
-        ("two_area_small", {}, "Two areas, step of load 2: LLC over a network without delay"),
+        ("two_area_small", {}, "Two areas, step of load 2: LLC over a link without delay"),
         ("two_area_multiple", {}, "Two areas, trip and reclosing of line 2 and step of the power of G1: LLC over a "),
-        ("two_area_small", {"scenario": []}, "Two areas: LLC over a network without delay"),
+        ("two_area_small", {"scenario": []}, "Two areas: LLC over a link without delay"),
         ("smib_supervised", {}, f"Single machine, fault of line 1: LLC and {PDCI}"),
     ],
 )
@@ -51,7 +51,7 @@ def test_several_runs_are_named_by_what_tells_them_apart() -> None:
     assert names([llc]) == [title(llc)]
     assert names([llc, other]) == ["LLC", "HBsWC"]
     ideal, slow = names([llc, late])
-    assert (ideal, slow) == ("a network without delay", "a constant delay of 100 ms")
+    assert (ideal, slow) == ("a link without delay", "a constant delay of 100 ms")
     assert names([llc, other, late]) == [f"LLC, {ideal}", f"HBsWC, {ideal}", f"LLC, {slow}"]
     assert names([late, calm]) == ["Two areas, step of load 2", "Two areas"]
     assert names([llc, llc]) == ["1 LLC", "2 LLC"]

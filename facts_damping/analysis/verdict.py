@@ -11,8 +11,8 @@ If one exponential does not fit, or the record is short, and the oscillation at 
 - if a few damped waves with common poles explain nearly all (`ringdown`), such as modes that beat or a growing mode
   behind a decaying one, the worst pole that matters at the end decides, with its interval. If poles are closer than
   1/T, the envelope must give the same verdict, else it is undecided;
-- otherwise the line is bent if that fits far better, and the part before the bend is dropped, repeatedly: an
-  oscillation that decays to steady chatter, or grows until a limit stops it.
+- otherwise a piecewise-linear fit is used if it is far better, and the part before the last bend is dropped,
+  repeatedly: an oscillation that decays to a limit cycle, or grows until a limit stops it.
 """
 
 from __future__ import annotations
@@ -102,12 +102,12 @@ def judge(
     if not np.isfinite(x).all():
         return Judgement(UNDECIDED, "a value is not finite", None, begin, 0.0)
     if np.ptp(x, axis=0).max() < RESOLUTION:
-        return Judgement(DAMPED, "nothing swings", None, begin, 0.0)
+        return Judgement(DAMPED, "there is no oscillation", None, begin, 0.0)
     dt, rest = float(np.median(np.diff(t))), x[t >= begin + SKIP]
     points, sizes = envelopes(rest, dt)
     first = envelope(t, x, begin, min(begin + WINDOW, t[-1]))
     if len(points) < 2:
-        because = f"{len(rest) * dt:.1f} s after the first second are too short"
+        because = f"too short: {len(rest) * dt:.1f} s after the first second"
         return Judgement(UNDECIDED, because, None, begin, float(first.max()))
     floor = max(BAND * float(max(first.max(), sizes.max())), RESOLUTION)
     waves = cache(fitted or (lambda: fit_ringdown(time_s, signals, since)))
@@ -158,7 +158,7 @@ def _signal(part: _Part, i: int, waves: Callable[[], Fit | None]) -> Judgement:
     found = _decide(part, _growth(part, first, len(points)), first)
     if by_waves is None or by_waves.verdict == found.verdict:
         return found
-    because = "its modes are too close to be told apart in this time: beats, or one that changes with its amplitude"
+    because = "its modes are too close to separate in this time: beats, or a mode that depends on amplitude"
     return found._replace(verdict=UNDECIDED, because=because)
 
 
@@ -168,12 +168,12 @@ def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
     length = float(part.points[-1] - part.points[first]) + HANN
     size = float(np.median(part.sizes[first:]))
     if growth is None:
-        return Judgement(UNDECIDED, f"{length:.1f} s of it are too short", None, start, size)
+        return Judgement(UNDECIDED, f"too short: {length:.1f} s of oscillation", None, start, size)
     if growth.high < 0.0 and growth.value * length < -STEADY:
         return Judgement(DAMPED, "it decays", growth, start, size)
     rest = part.samples[len(part.samples) - round(length / part.dt) :]
     if _tone(rest, part.dt) < TONE:
-        return Judgement(UNDECIDED, "what remains is noise, no oscillation", growth, start, size)
+        return Judgement(UNDECIDED, "what remains is noise, not an oscillation", growth, start, size)
     if growth.high < 0.0:
         return Judgement(DAMPED, "it decays", growth, start, size)
     if growth.low > 0.0:
@@ -181,7 +181,7 @@ def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
     may = max(-growth.low, growth.high) * length
     seen = max(float(np.ptp(np.log(part.sizes[first:]))), 2 * abs(growth.value) * length)
     if may > STEADY and (seen > STEADY or may > WIDEST):
-        return Judgement(UNDECIDED, "it may grow or decay: the interval holds zero and is wide", growth, start, size)
+        return Judgement(UNDECIDED, "it may grow or decay: the interval contains zero and is wide", growth, start, size)
     return Judgement(LIMIT_CYCLE, "it neither grows nor decays", growth, start, size)
 
 

@@ -36,7 +36,7 @@ def parser() -> argparse.ArgumentParser:
 
     def add(name: str, function: str, text: str, *examples: str) -> argparse.ArgumentParser:
         command = verbs.add_parser(name, help=text, description=text, epilog=options.examples_text(examples))
-        command.add_argument("--verbose", action="store_true", help="with an error, also where in the code it is from")
+        command.add_argument("--verbose", action="store_true", help="with an error, also its place in the code")
         path = function if ":" in function else f"facts_damping.cli.{function}"
         command.set_defaults(function=path, known=command.options)
         return command

@@ -102,7 +102,7 @@ def common(
 
 def jobs(command: argparse.ArgumentParser) -> None:
     """Add an option for the number of parallel runs."""
-    text = "how many runs at once; default: all cores"
+    text = "number of parallel runs; default: all cores"
     command.add_argument("--jobs", type=whole(1, 10**6), default=os.cpu_count() or 1, metavar="N", help=text)
 
 

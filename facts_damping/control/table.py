@@ -122,7 +122,7 @@ class ControllerKind(NamedTuple):
         return self.own in NODES
 
     def code(self, scheme: str | None) -> int:
-        """Code of its step; that of a network depends on the scheme."""
+        """Code of its step; that of a neuro-fuzzy controller depends on the scheme."""
         if self.network is not None:
             return INDIRECT if scheme == "indirect" else DIRECT
         if self.program:
@@ -144,19 +144,29 @@ def _start(
 
 # For controllers that use a model of the plant and its delay.
 LOOP_DELAY = Parameter(
-    -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: of PMUs, the link's mean, dead time", live=False
+    -1.0,
+    "s",
+    -1.0,
+    10.0,
+    "delay from measurement to actuation; -1: PMU filter, mean of the link, dead time",
+    live=False,
 )
 
 # For `compensation` (control/compensation.py); without it they have no effect.
 COMPENSATION_PARAMETERS = {
     "mode_hz": Parameter(
-        0.0, "Hz", 0.0, 10.0, "frequency that compensation is for; 0: the plant's, as linearised", live=False
+        0.0,
+        "Hz",
+        0.0,
+        10.0,
+        "frequency that is compensated; 0: that of the least damped mode",
+        live=False,
     ),
     "down_delay": Parameter(
-        -1.0, "s", -1.0, 10.0, "delay after the controller; -1: mean of the way down, and dead time", live=False
+        -1.0, "s", -1.0, 10.0, "delay from controller to actuation; -1: mean of the link, dead time", live=False
     ),
-    "latency_filter": Parameter(0.5, "s", 0.0, 100.0, "time constant of the filter of measured latency"),
-    "phasor_rate": Parameter(4.0, "1/s", 0.01, 100.0, "rate at which the phasor forgets"),
+    "latency_filter": Parameter(0.5, "s", 0.0, 100.0, "time constant of the filter of the measured latency"),
+    "phasor_rate": Parameter(4.0, "1/s", 0.01, 100.0, "forgetting rate of the phasor"),
 }
 
 LEAD_LAG_PARAMETERS = {
@@ -184,7 +194,7 @@ LQG_PARAMETERS = {
         "p.u.",
         1e-12,
         1e3,
-        "price of a device's limit, beside speeds' squares",
+        "price of a setpoint at its limit, relative to squared speed differences",
         live=False,
         search=powers(1e-10, 1e-2),
     ),
@@ -193,7 +203,7 @@ LQG_PARAMETERS = {
         "p.u.",
         1e-9,
         1e6,
-        "measurement noise beside steps of torque, in the signal's swing",
+        "noise for torque steps of 1 p.u., relative to the signal's swing in the least damped mode",
         live=False,
         each="signal",
         search=powers(1e-3, 1e3),
@@ -206,7 +216,13 @@ LOOP_SHAPING_PARAMETERS = {
     "gain": LEAD_LAG_PARAMETERS["gain"]._replace(live=False, description="gain of the shaped plant"),
     "Tw": LEAD_LAG_PARAMETERS["Tw"]._replace(live=False),
     "above": Parameter(
-        1.2, "-", 1.01, 10.0, "how many times the least gamma it has", live=False, search=Range(1.02, 3.0)
+        1.2,
+        "-",
+        1.01,
+        10.0,
+        "gamma of the design, relative to the smallest possible gamma",
+        live=False,
+        search=Range(1.02, 3.0),
     ),
     "loop_delay": LOOP_DELAY,
 }
@@ -218,7 +234,7 @@ NEURO_FUZZY_PARAMETERS = {
         "p.u.",
         1e-6,
         1e3,
-        "signal that counts as one; others: as they swing beside the first",
+        "signal that gives an input of 1; a single number is for the first signal, others in proportion",
         each="signal",
         search=powers(0.001, 0.05),
     ),
@@ -227,61 +243,71 @@ NEURO_FUZZY_PARAMETERS = {
         "p.u./frame",
         1e-8,
         1e3,
-        "the same of a signal's change from frame to frame",
+        "the same for the signal's change in a frame",
         each="signal",
         search=powers(1e-4, 0.01),
     ),
-    "range": Parameter(3.0, "-", 0.1, 3.0, "inputs of the network are clipped to it"),
+    "range": Parameter(3.0, "-", 0.1, 3.0, "inputs are clipped to -range and range"),
     "weight": _start(
-        0.5, -5.0, 5.0, "start of the consequents' weights, 1 = the device's limit", "device", search=Range(0.0, 2.0)
+        0.5, -5.0, 5.0, "initial weights of the consequents; 1: the device's limit", "device", search=Range(0.0, 2.0)
     ),
-    "spread": _start(0.5, 0.0, 3.0, "start of the memberships' centres, -spread and spread", search=Range(0.1, 1.5)),
-    "width": _start(1.0, 0.2, 5.0, "start of the memberships' widths s", search=Range(0.4, 3.0)),
-    "dilation": _start(1.0, 0.2, 10.0, "start of the wavelets' dilation nu", search=Range(0.5, 8.0)),
-    "rate": _choice("fixed", RATES, "learning rates: fixed, or half of the Lyapunov bound times eta"),
+    "spread": _start(0.5, 0.0, 3.0, "initial centres of the memberships: -spread and spread", search=Range(0.1, 1.5)),
+    "width": _start(1.0, 0.2, 5.0, "initial widths s of the memberships", search=Range(0.4, 3.0)),
+    "dilation": _start(1.0, 0.2, 10.0, "initial dilation nu of the wavelets", search=Range(0.5, 8.0)),
+    "rate": _choice(
+        "fixed", RATES, "learning rates: `eta`, or `eta` times half of the Lyapunov bound, jointly or by group"
+    ),
     "eta": Parameter(
-        0.02, "-", 0.0, 1e6, "learning rate, or its fraction of the best Lyapunov rate", search=powers(1e-4, 0.3)
+        0.02,
+        "-",
+        0.0,
+        1e6,
+        "learning rate, or factor of the best Lyapunov rate",
+        search=powers(1e-4, 0.3),
     ),
     "momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the consequents", search=Range(0.0, 0.9)),
     "hbar": Parameter(0.1, "-", 0.0, 1e6, "penalty on effort", each="device", search=powers(0.001, 1.0)),
-    "sensitivity": Parameter(0.0, "-", -1.0, 1.0, "sign of dy/du; 0: the plant's, as linearised", live=False),
-    "dead_zone": Parameter(0.0, "-", 0.0, 10.0, "smaller errors (of scale) teach nothing; 0: off", deployed=1e-3),
+    "sensitivity": Parameter(0.0, "-", -1.0, 1.0, "sign of dy/du; 0: that of the linearised plant", live=False),
+    "dead_zone": Parameter(
+        0.0, "-", 0.0, 10.0, "smaller errors, in units of `scale`, count as 0; 0: off", deployed=1e-3
+    ),
     "leakage": Parameter(
-        0.0, "1/frame", 0.0, 1.0, "fraction of the way back to the start each frame; 0: off", search=powers(1e-5, 0.1)
+        0.0,
+        "1/frame",
+        0.0,
+        1.0,
+        "fraction by which parameters return to their start; 0: off",
+        search=powers(1e-5, 0.1),
     ),
-    "projection": _choice("off", OFF_ON, "parameters stay within their bounds", deployed="on"),
-    "clip": Parameter(0.0, "-", 0.0, 1e3, "longest step of all parameters together; 0: off", deployed=0.5),
-    "anti_windup": _choice("off", OFF_ON, "learning from the applied setpoint", deployed="on"),
-    "stale": Parameter(0.0, "s", 0.0, 1e3, "older frames teach nothing; 0: off", deployed=1.0),
-    "sign_guard": _choice("off", OFF_ON, "a Jacobian of the wrong sign counts as zero (indirect)", deployed="on"),
-    "identifier": Parameter("ANFTSI", "", 0, 1, "network of the identifier", tuple(IDENTIFIERS), live=False),
-    "identifier_horizon": Parameter(
-        1.0, "frames", 1.0, MAX_AHEAD, "how far the identifier looks ahead", live=False, whole=True
-    ),
+    "projection": _choice("off", OFF_ON, "on: parameters stay within their bounds", deployed="on"),
+    "clip": Parameter(0.0, "-", 0.0, 1e3, "largest norm of a step of all parameters; 0: off", deployed=0.5),
+    "anti_windup": _choice("off", OFF_ON, "on: learning uses the applied setpoint", deployed="on"),
+    "stale": Parameter(0.0, "s", 0.0, 1e3, "older frames are not learnt from; 0: off", deployed=1.0),
+    "sign_guard": _choice("off", OFF_ON, "on: an estimated Jacobian of the wrong sign counts as zero", deployed="on"),
+    "identifier": Parameter("ANFTSI", "", 0, 1, "neuro-fuzzy model of the identifier", tuple(IDENTIFIERS), live=False),
+    "identifier_horizon": Parameter(1.0, "frames", 1.0, MAX_AHEAD, "how far it predicts ahead", live=False, whole=True),
     "identifier_span": Parameter(
         0.0,
         "frames",
         0.0,
         MAX_AHEAD,
-        "between two past values that the identifier is given; 0: one",
+        "distance of two past values that it uses; 0: it uses one",
         live=False,
         whole=True,
     ),
-    "identifier_rate": _choice("lyapunov", RATES, "the identifier's learning rates"),
-    "identifier_eta": Parameter(
-        0.1, "-", 0.0, 100.0, "the identifier's learning rate, or fraction of the best one", search=powers(0.001, 1.0)
-    ),
-    "identifier_momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the identifier's consequents"),
+    "identifier_rate": _choice("lyapunov", RATES, "`rate` of the identifier"),
+    "identifier_eta": Parameter(0.1, "-", 0.0, 100.0, "`eta` of the identifier", search=powers(0.001, 1.0)),
+    "identifier_momentum": Parameter(0.0, "-", 0.0, 0.99, "`momentum` of the identifier"),
     "identifier_leakage": Parameter(
         0.0,
         "1/frame",
         0.0,
         1.0,
-        "fraction of the identifier's way back to its start each frame",
+        "`leakage` of the identifier",
         deployed=1e-3,
         search=powers(1e-4, 1.0),
     ),
-    "identifier_weight": _start(1.5, 0.2, 5.0, "start of the identifier's weights", search=Range(0.5, 4.0)),
+    "identifier_weight": _start(1.5, 0.2, 5.0, "initial weights of the identifier", search=Range(0.5, 4.0)),
     "loop_delay": LOOP_DELAY,
     **COMPENSATION_PARAMETERS,
 }
@@ -301,17 +327,17 @@ LLC = ControllerKind(
 CONTROLLERS = {
     "LLC": LLC,
     "LLC-tuned": LLC._replace(
-        tuned=True, description="lead-lag with gain and time constants of an optimiser, one set a system"
+        tuned=True, description="lead-lag with tuned gain and time constants, one set per system"
     ),
     "LQG": ControllerKind(
-        "linear-quadratic-Gaussian: optimal for the linearised plant with its delay",
+        "linear-quadratic-Gaussian: optimal for the linearised plant with the delay",
         ANY,
         0,
         LQG_PARAMETERS,
         design="facts_damping.small_signal.lqg:design",
     ),
     "Hinf": ControllerKind(
-        "H-infinity loop shaping of the least damped mode with its delay: a robust design",
+        "H-infinity loop shaping for the least damped mode and the delay: a robust design",
         ANY,
         0,
         LOOP_SHAPING_PARAMETERS,
@@ -330,7 +356,7 @@ OWN = {
 
 
 def _neuro_fuzzy(network: Variant) -> ControllerKind:
-    """The row of a network, with its identifier; inputs are within [-1, 1] for B-splines and Legendre polynomials."""
+    """The row of a neuro-fuzzy controller; inputs are within [-1, 1] for B-splines and Legendre polynomials."""
     antecedent = ANTECEDENTS[network.antecedent]
     bounded = antecedent.bounded or CONSEQUENTS[network.consequent].bounded
     own = dict(NEURO_FUZZY_PARAMETERS)
@@ -389,7 +415,7 @@ def defaults(kind: ControllerKind, profile: str, signals: int = 1, devices: int 
 
 
 def variant_of(kind: ControllerKind, devices: int) -> Variant | None:
-    """A kind's network, or None; with several devices the named ones of the thesis have affine consequents (6.4)."""
+    """A kind's neuro-fuzzy variant, or None; with several devices those named in the thesis have affine consequents."""
     if kind.network is None or devices == 1 or not kind.named:
         return kind.network
     return kind.network._replace(consequent=MIMO_FORM.get(kind.network.consequent, kind.network.consequent))

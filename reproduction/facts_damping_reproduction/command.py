@@ -87,8 +87,9 @@ def _what_holds(arguments: argparse.Namespace) -> None:
         found = experiment.run(folder, arguments.jobs, arguments.scheduler, arguments.seed)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
-    first = pages.by_devices(found)[0]
-    told = pages.ratios(first)
-    written = pages.write(found, told, folder)
-    write_json(arguments.json, {"ratios": pages.rows(told), "answers": pages.answers(first, told)})
-    say(arguments, *pages.answers(first, told), "", *(f"written: {path}" for path in written))
+    results = pages.by_devices(found)
+    told = {devices: pages.ratios(own) for devices, own in results.items()}
+    written, first = pages.write(found, told, folder), next(iter(results))
+    answers = pages.answers(results[first], told[first])
+    write_json(arguments.json, {"ratios": pages.rows(told), "answers": answers})
+    say(arguments, *answers, "", *(f"written: {path}" for path in written))

@@ -156,7 +156,7 @@ def test_services_do_what_an_operator_asks_for_or_say_why_not(start: Any, client
     step(client, 2)
     refused = asked("arm")
     assert refused[0] is False
-    assert refused[1].startswith("not armed: missing (since frames have come that its signals can be made of): ")
+    assert refused[1].startswith("not armed: missing (time without frames from which its signals can be computed): ")
     assert refused[1].endswith(" s; allowed: 0.16")
     assert asked("disarm")[0]
     step(client, 30)
@@ -182,7 +182,7 @@ def test_services_do_what_an_operator_asks_for_or_say_why_not(start: Any, client
         (30, "tripped"),
         (20, "disarmed"),
     ]
-    assert "missing (since frames have come" in logs[1][1]
+    assert "missing (time without frames" in logs[1][1]
 
 
 def assert_messages(messages: dict[str, list[bytes]], record: Record) -> None:

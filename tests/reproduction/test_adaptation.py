@@ -71,14 +71,14 @@ def test_the_rule_of_the_plan(low: float, high: float, told: str) -> None:
 def test_repetitions_stand_beside_each_other() -> None:
     """A large difference is told by each of five, and all together have a narrower interval."""
     random, names = np.random.default_rng(6), list(experiment.plan()["arms"])
-    levels = {name: -1.0 + 0.2 * (name == "network") for name in names}
+    levels = {name: -1.0 + 0.2 * (name == "neuro-fuzzy") for name in names}
     every = {seed: found_of(levels, random, 0.05, 0.1) for seed in range(5)}
     for found in every.values():
         found |= {"arms": names, "searches": {("LQG", 0): {"value": -2.0}, ("LLC-tuned", 0): {"value": -1.9}}}
     first = next(line for line in pages.repetitions(every, pages.ratios(list(every.values()))) if "best fixed" in line)
     assert first.count(WORSE) == 6
     assert "5 of 5" in first
-    one, whole = (ratio(some, "network", "LQG", KINDS, 0.05) for some in ([every[0]], list(every.values())))
+    one, whole = (ratio(some, "neuro-fuzzy", "LQG", KINDS, 0.05) for some in ([every[0]], list(every.values())))
     assert whole.high - whole.low < 0.6 * (one.high - one.low)
     assert whole.low < np.exp(0.2) < whole.high
 
@@ -86,9 +86,10 @@ def test_repetitions_stand_beside_each_other() -> None:
 def test_the_whole_way_with_a_small_plan(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     whole = experiment.plan()
     arms = {
-        name: whole["arms"][name] for name in ("LLC", "LLC-tuned", "LQG", "network", "network, frozen at the event")
+        name: whole["arms"][name]
+        for name in ("LLC", "LLC-tuned", "LQG", "neuro-fuzzy", "neuro-fuzzy, frozen at the event")
     }
-    arms |= {"network, not learning": whole["arms"]["network, not learning"]}
+    arms |= {"neuro-fuzzy, not learning": whole["arms"]["neuro-fuzzy, not learning"]}
     arms |= {
         name: {**whole["arms"][name], "begin": BEGIN} for name in ("LLC-tuned, adaptive gain", "LQG, model identified")
     }

@@ -248,7 +248,7 @@ def _training_cases(found: Design, run: dict[str, Any]) -> dict[str, Any]:
     variables = [{**cycles, "low": 0.5, "high": events[0]["duration"] * frequency}]
     variables += [{"name": "load_level", "fields": loads, **LOAD_LEVEL}] if loads else []
     return {
-        "description": f"training cases on which `facts-damping search {run['system']}` chooses",
+        "description": f"training cases of `facts-damping search {run['system']}`",
         "run": {"system": run["system"], "scenario": events, "devices": run["devices"], "controllers": []},
         "set": {"duration": found.scenarios[TRAINING]["duration"]},
         "seed": 3,

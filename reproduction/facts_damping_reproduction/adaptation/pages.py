@@ -39,10 +39,10 @@ class Question(NamedTuple):
 
 
 QUESTIONS = (
-    Question(f"the network that learns against {BEST}", "network", BEST, MOVED),
-    Question("the same, where the grid is as it was designed for", "network", BEST, KINDS[:1]),
-    Question("learning against the same network that was tuned without", "network", "network, not learning", MOVED),
-    Question("learning on against stopping at the event", "network", "network, frozen at the event", MOVED),
+    Question(f"the neuro-fuzzy controller that learns against {BEST}", "neuro-fuzzy", BEST, MOVED),
+    Question("the same, where the grid is as it was designed for", "neuro-fuzzy", BEST, KINDS[:1]),
+    Question("learning against the same controller tuned without", "neuro-fuzzy", "neuro-fuzzy, not learning", MOVED),
+    Question("learning on against stopping at the event", "neuro-fuzzy", "neuro-fuzzy, frozen at the event", MOVED),
     Question("an adaptive gain on the lead-lag", "LLC-tuned, adaptive gain", "LLC-tuned", MOVED),
     Question("an LQG for a model identified in the first minute", "LQG, model identified", "LQG", MOVED),
 )
@@ -73,9 +73,9 @@ def answers(every: Every, told: Sequence[Ratio]) -> list[str]:
     main, same, *others = questions(every)
     first, nominal = of(told, *main[1:]), of(told, *same[1:])
     cost = "it costs something" if nominal.decision == WORSE else "it is not shown to cost anything"
-    moved = "where the grid has moved or the model is wrong"
+    moved, learns = "where the grid has moved or the model is wrong", "the neuro-fuzzy controller that learns"
     lines = [
-        f"**{SAYS[first.decision]}**: {moved}, the network that learns has {first.text()} against `{first.against}`.",
+        f"**{SAYS[first.decision]}**: {moved}, {learns} has {first.text()} against `{first.against}`.",
         f"Where the grid is as it was designed for, {cost}: {nominal.text()} against `{nominal.against}`.",
     ]
     for asked in others:
@@ -84,9 +84,9 @@ def answers(every: Every, told: Sequence[Ratio]) -> list[str]:
     return lines
 
 
-def rows(told: Sequence[Ratio]) -> list[dict[str, Any]]:
-    """For the CSV."""
-    return [one._asdict() for one in told]
+def rows(told: Mapping[str, Sequence[Ratio]]) -> list[dict[str, Any]]:
+    """For the CSV: the ratios by the devices."""
+    return [{"devices": devices, **one._asdict()} for devices, own in told.items() for one in own]
 
 
 def arm_table(every: Every, told: Sequence[Ratio]) -> list[str]:
@@ -179,33 +179,36 @@ def draw_searches(every: Every, path: Path) -> Path:
     return save_picture(figure, path)
 
 
-def by_devices(every: Mapping[int, Mapping[str, Mapping[str, Any]]]) -> list[Every]:
-    """The results of each set of devices, from results by seed, then devices."""
-    return [[own[name] for own in every.values() if name in own] for name in plan()["sets"]]
+def by_devices(every: Mapping[int, Mapping[str, Mapping[str, Any]]]) -> dict[str, Every]:
+    """The results of each set of devices that has some, from results by seed, then devices."""
+    found = {name: [own[name] for own in every.values() if name in own] for name in plan()["sets"]}
+    return {name: own for name, own in found.items() if own}
 
 
-def write(every: Mapping[int, Mapping[str, Mapping[str, Any]]], told: Sequence[Ratio], folder: Path) -> list[Path]:
+def write(
+    every: Mapping[int, Mapping[str, Mapping[str, Any]]], told: Mapping[str, Sequence[Ratio]], folder: Path
+) -> list[Path]:
     """The page, the figures, and all ratios as CSV; returns the paths.
 
-    `every`: results by seed, then devices; `told`: ratios of the first devices.
+    `every`: results by seed, then devices; `told`: their ratios by devices.
     """
-    first, *others = by_devices(every)
+    (name, first), *others = by_devices(every).items()
     csv.write_csv(arrow(rows(told)), folder / "what_holds.csv")
-    made = [draw(told, folder / "what_holds.png"), draw_searches(first, folder / "searches.png")]
+    made = [draw(told[name], folder / "what_holds.png"), draw_searches(first, folder / "searches.png")]
     values: dict[str, Any] = {
         "question": plan()["question"].strip(),
         "rule": plan()["rule"].strip(),
-        "answers": "\n".join(f"- {line}" for line in answers(first, told)),
-        "arms": "\n".join(arm_table(first, told)),
-        "pairs": "\n".join(pair_table(first, told)),
+        "answers": "\n".join(f"- {line}" for line in answers(first, told[name])),
+        "arms": "\n".join(arm_table(first, told[name])),
+        "pairs": "\n".join(pair_table(first, told[name])),
         "network": f"`{first[0]['network']['name']}` {first[0]['network']['scheme']}",
         "cases": str(len(first[0]["kinds"])),
         "seeds": str(plan()["search"]["seeds"]),
         "repeated": len(every) - 1,
-        "repetitions": "\n".join(repetitions(dict(zip(every, first, strict=True)), told)),
+        "repetitions": "\n".join(repetitions(dict(zip(every, first, strict=True)), told[name])),
         "both": [
-            {"arms": "\n".join(arm_table(one, own)), "pairs": "\n".join(pair_table(one, own))}
-            for one, own in ((one, ratios(one)) for one in others if one)
+            {"arms": "\n".join(arm_table(own, told[devices])), "pairs": "\n".join(pair_table(own, told[devices]))}
+            for devices, own in others
         ],
     }
     write_whole(folder / "what_holds.md", render("adaptation/what_holds.md", **values))

@@ -1,4 +1,4 @@
-"""Two adaptive controllers that are no networks: a gain that follows the oscillation, and an LQG on identified data."""
+"""Adaptive controllers that are not neuro-fuzzy: a gain that follows the oscillation, an LQG on identified data."""
 
 from __future__ import annotations
 
