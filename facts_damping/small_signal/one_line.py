@@ -1,7 +1,7 @@
 """One-line diagram of a system: flows, machines by area, a mode, devices, PMUs, control loops.
 
-There is no geographic data, so buses connected by a small reactance are drawn close together (T. Kamada, S. Kawai, An
-algorithm for drawing general undirected graphs, Information Processing Letters 31, 1989).
+Buses stand at their positions. Where one has none, those connected by a small reactance are drawn close together (T.
+Kamada, S. Kawai, An algorithm for drawing general undirected graphs, Information Processing Letters 31, 1989).
 """
 
 from __future__ import annotations
@@ -69,6 +69,12 @@ def flows(system: System, flow: PowerFlow, installed: Sequence[str] = ()) -> lis
 
 def places(system: System) -> Places:
     """Positions of buses by name, within a unit square about the origin."""
+    own = {bus.name: bus.position for bus in system.buses if bus.position is not None}
+    if len(own) == len(system.buses):
+        given_places = np.array(list(own.values()))
+        low, high = given_places.min(axis=0), given_places.max(axis=0)
+        extent = float((high - low).max()) or 1.0
+        return dict(zip(own, (2.0 * given_places - low - high) / extent, strict=True))
     graph: nx.Graph[str] = nx.Graph()
     graph.add_nodes_from(bus.name for bus in system.buses)
     given: list[tuple[str, str, float]] = [(row.from_bus, row.to_bus, abs(row.x) * row.length) for row in system.lines]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.input_files import read_text, share_folder
-from facts_damping.validation import devices, pmus, small_signal, start, time_domain
+from facts_damping.validation import devices, minniwecc, pmus, small_signal, start, time_domain
 from facts_damping.validation.table import summary
 
 if TYPE_CHECKING:
@@ -19,12 +19,15 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "power-flow-smib": start.smib,
     "power-flow-wscc": start.wscc,
     "power-flow-new-england": start.new_england,
+    "power-flow-minniwecc": minniwecc.power_flow,
     "equilibrium": start.rest,
     "eigenvalues-kundur": small_signal.kundur,
     "excitation": small_signal.excitation,
     "excitation-book": small_signal.book,
     "eigenvalues-others": small_signal.others,
     "modes-nets-nyps": small_signal.nets_nyps,
+    "eigenvalues-minniwecc": minniwecc.eigenvalues,
+    "transfer-minniwecc": minniwecc.transfer,
     "interarea": small_signal.two_area,
     "ringdown": small_signal.ringdown,
     "ambient": small_signal.ambient,
@@ -34,6 +37,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "hvdc-power": devices.powers,
     "hvdc-modulation": devices.modulation,
     "time-domain": time_domain.andes,
+    "disturbances-minniwecc": minniwecc.disturbances,
     "step": time_domain.steps,
 }
 

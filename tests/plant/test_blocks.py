@@ -31,12 +31,14 @@ DATA = {
     "IEEET1": "0.02 50 0.06 10 -10 1.1 0.5 0.08 1.3 0 2 0.1 3 0.5",
     "IEEET2": "0.02 50 0.06 10 -10 1.1 0.5 0.08 1.3 0.4 2 0.1 3 0.5",
     "EXST1": "0.01 10 -10 0.9 5 50 0.05 10 -10 0 0.02 1.1",
+    "EXST3": "0.02 10 -10 1.2 0.9 5 20 0.1 99 -99 0.7 3.67 0 20 0 0 3.86 0",
     "ESST3A": "0.02 10 -10 8 0.9 5 20 0.1 99 -99 0.7 3.67 0 20 0 0 3.86 0 0.4 99 -99",
     "SEXS": "0.4 5 20 0.1 -10 10",
     "SCRX": "0.4 5 20 0.1 -10 10 1 10",
     "TGOV1": "0.05 0.49 2 0 2.1 7 0.1",
     "IEEEG1": "0 0 20 0.1 0.05 0.2 1 -1 2 0 0.3 0.3 0 5 0.4 0 0.5 0.2 0 0.15 0.1 0",
     "IEESGO": "0.2 0.1 0.5 0.12 5 0.6 20 0.59 0.43 2 0",
+    "TG": "0.05 0.5 15 1 1.1 0.6 1",
     "IEEEST": "1 0 0.1 0.01 0.2 0.02 0.05 0.003 0.25 0.03 0.15 0.015 1.41 1.5 5 9 -9 0 0",
     "ST2CUT": "1 0 3 0 5 2 0.02 0.03 1.4 1.5 0.2 0.02 0.15 0.025 0.1 0.3 9 -9 0 0",
     "STAB2A": "1.1 4 0.55 2 1.6 1.2 0.01 9",
@@ -127,6 +129,14 @@ def exst1(s: complex, d: Any) -> complex:
     return complex(-before * regulator / (1.0 + s * d.TR) / (1.0 + before * regulator * s * d.KF / (1.0 + s * d.TF)))
 
 
+def exst3(s: complex, d: Any) -> complex:
+    """KP Vt alone feeds it; KG Efd is subtracted before the regulator."""
+    VB, regulator = d.KP * VOLTAGE, d.KA / (1.0 + s * d.TA)
+    before = d.KJ * (1.0 + s * d.TC) / (1.0 + s * d.TB) / (1.0 + s * d.TR)
+    # dEfd = VB dVR + VR KP dVt with dVR = regulator (-before dVt - KG dEfd)
+    return complex((FIELD / VB * d.KP - VB * regulator * before) / (1.0 + VB * regulator * d.KG))
+
+
 def esst3a(s: complex, d: Any) -> complex:
     """KP Vt alone feeds it: VB = KP Vt, which acts beside the regulator; KG Efd closes the inner loop."""
     VB, inner = d.KP * VOLTAGE, d.KM / (1.0 + s * d.TM)
@@ -160,6 +170,12 @@ def ieesgo(s: complex, d: Any) -> complex:
     P5 = d.K2 * P4 / (1.0 + s * d.T5)
     P6 = d.K3 * P5 / (1.0 + s * d.T6)
     return complex((1.0 - d.K2) * P4 + (1.0 - d.K3) * P5 + P6)
+
+
+def tg(s: complex, d: Any) -> complex:
+    return complex(
+        -1.0 / d.R / (1.0 + s * d.TS) * (1.0 + s * d.T3) / (1.0 + s * d.TC) * (1 - s * d.TW) / (1 + s * d.T5)
+    )
 
 
 def ieeest(s: complex, d: Any) -> complex:
@@ -210,12 +226,14 @@ EXPECTED: list[tuple[str, str, Callable[[complex, Any], complex]]] = [
     ("IEEET1", "Vt", dc),
     ("IEEET2", "Vt", ieeet2),
     ("EXST1", "Vt", exst1),
+    ("EXST3", "Vt+Vq", exst3),
     ("ESST3A", "Vt+Vq", esst3a),  # its source is Vd + j Vq, here in the q axis
     ("SEXS", "Vt", sexs),
     ("SCRX", "Vt", sexs),
     ("TGOV1", "omega", tgov1),
     ("IEEEG1", "omega", ieeeg1),
     ("IEESGO", "omega", ieesgo),
+    ("TG", "omega", tg),
     ("IEEEST", "omega", ieeest),
     ("ST2CUT", "omega", st2cut),
     ("ST2CUT", "Pe", st2cut_power),

@@ -117,6 +117,14 @@ def test_modulation_keeps_limits_ramp_and_capacity(setpoint: float, order: float
     assert trace.devices["active_power"][-1, 0] == pytest.approx(order)
 
 
+@pytest.mark.parametrize("setpoint", [0.7, -0.9])
+def test_a_link_without_schedule_modulates_both_ways(setpoint: float) -> None:
+    system = link(P=0.0, P_min=-125.0, P_max=125.0, setpoint_max=2.0, rate_max=1000.0)
+    trace = follow(plant(system, installed=["hvdc"]), frame_times(0.5), [(0.1, 2.0 * setpoint)])
+    assert trace.devices["active_power"][0, 0] == 0.0
+    assert trace.devices["active_power"][-1, 0] == pytest.approx(np.sign(setpoint) * 1.25, abs=1e-7)
+
+
 @pytest.mark.parametrize(("H", "ratings", "P"), SWINGS)
 def test_its_modulation_is_that_of_the_swing_equation(
     H: tuple[float, float], ratings: tuple[float, float], P: float
@@ -193,6 +201,7 @@ def test_the_shipped_run_damps_what_grows_without_it() -> None:
     ("fields", "message"),
     [
         ({"P": 1200.0}, "P must be between P_min and P_max, given 1200.0, 0.0 and 1000.0"),
+        ({"P_min": -1.0, "R": 0.1}, "P_min below 0 needs loss 0, R 0, pf_from 1 and pf_to 1, given -1"),
         ({"to": "S"}, "devices: hvdc.to: 'S' given twice; allowed: two different buses"),
         ({"from": "X"}, "devices: hvdc.from: 'X' given; allowed: A, B, G, S"),
     ],

@@ -166,6 +166,22 @@ _EXCITERS = {
             Block("Efd", "sum", "VR", (), 1.0, 1.0, "minimum", "maximum"),
         ),
     ),
+    "EXST3": Model(
+        "exciter",
+        "IEEE type ST3 of 1981, a static exciter fed by voltage and current",
+        "TR VIMAX VIMIN KJ TC TB KA TA VRMAX VRMIN KG KP KI EFDMAX KC XL VGMAX THETAP",
+        (
+            _SEEN,
+            Block("VI", "sum", "Vref + Vs - VT", (), "VIMIN", "VIMAX"),
+            Block("VA", "lead_lag", "VI", ("KJ", "TC", "TB")),
+            Block("VG", "sum", "KG * Efd", (), None, "VGMAX"),
+            Block("VR", "lag", "VA - VG", ("KA", "TA"), "VRMIN", "VRMAX"),
+            Block("VE", "source", "Vd + Vq + Id + Iq", ("KP", "THETAP", "KI", "XL")),
+            Block("VB", "rectifier", "VE + Ifd", ("KC",)),
+            Block("supplied", "product", "VB + VR"),
+            Block("Efd", "sum", "supplied", (), None, "EFDMAX"),
+        ),
+    ),
     "ESST3A": Model(
         "exciter",
         "IEEE type ST3A of 1992, a static exciter with an inner loop of the field voltage",
@@ -253,6 +269,19 @@ _GOVERNORS = {
             Block("Pm", "sum", "HIGH * P4 + MIDDLE * P5 + P6"),
         ),
         factors={"HIGH": lambda f: 1.0 - f.K2, "MIDDLE": lambda f: 1.0 - f.K3},
+    ),
+    "TG": Model(
+        "governor",
+        "turbine and governor of PST (`tg`); TW: water starting time, 0 for steam",
+        "R TS TC T3 TW T5 VMAX",
+        (
+            Block("order", "sum", "Pref - GAIN * omega", (), 0.0, "VMAX"),
+            Block("servo", "lag", "order", (1.0, "TS")),
+            Block("turbine", "lead_lag", "servo", (1.0, "T3", "TC")),
+            Block("Pm", "lead_lag", "turbine", (1.0, lambda f: -f.TW, "T5")),
+        ),
+        factors={"GAIN": lambda f: 1.0 / f.R},
+        record=False,
     ),
 }
 

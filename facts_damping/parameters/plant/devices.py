@@ -194,7 +194,7 @@ class Hvdc(Transmission):
 
     Its setpoint is power added to its order. Setpoints are in p.u. of the system base, powers of the link in MW: with a
     base of 100 MVA a `setpoint_max` of 0.5 is 50 MW. A link that is not installed stays in service and carries its
-    order.
+    order. With `P_min` below 0 it is the modulation of a link whose schedule stands among the loads.
     """
 
     kind: Literal["hvdc"] = _kind()
@@ -202,7 +202,13 @@ class Hvdc(Transmission):
         ..., "MW", "power order, taken from the `from` bus; from `P_min` to `P_max`", usual=200, ge=0, le=1e5
     )
     P_max: float = quantity(..., "MW", "largest power, also with modulation", usual=300, gt=0, le=1e5)
-    P_min: float = quantity(0.0, "MW", "smallest power, also with modulation", ge=0, le=1e5)
+    P_min: float = quantity(
+        0.0,
+        "MW",
+        "smallest power, also with modulation; below 0 only without losses and reactive power",
+        ge=-1e5,
+        le=1e5,
+    )
     setpoint_max: float = quantity(
         ..., "p.u.", "limit of the setpoint, power added to the order", usual=0.5, gt=0, le=1000
     )
@@ -224,6 +230,8 @@ class Hvdc(Transmission):
     def _consistent(self) -> Hvdc:
         if not self.P_min <= self.P <= self.P_max:
             raise ValueError(f"P must be between P_min and P_max, given {self.P}, {self.P_min} and {self.P_max}")
+        if self.P_min < 0.0 and (self.loss, self.R, self.pf_from, self.pf_to) != (0.0, 0.0, 1.0, 1.0):
+            raise ValueError(f"P_min below 0 needs loss 0, R 0, pf_from 1 and pf_to 1, given {self.P_min:g}")
         return self
 
 

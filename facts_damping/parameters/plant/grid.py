@@ -23,6 +23,9 @@ class Bus(ParameterModel):
 
     name: Name = Field(..., description="name, unique among the buses")
     nominal_voltage: float = quantity(..., "kV", "line-to-line voltage that is 1 p.u.", gt=0, le=2000)
+    position: list[float] | None = Field(
+        None, min_length=2, max_length=2, description="place in the one-line diagram, right and up, in any unit"
+    )
 
 
 class Line(ParameterModel):

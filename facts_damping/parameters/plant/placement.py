@@ -11,6 +11,8 @@ from facts_damping.parameters.plant.grid import Bus
 if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
 
+BESIDE = 0.15  # of its line, where the bus of a device stands in the one-line diagram
+
 
 def place(system: System) -> System:
     """The system with every device in series between two buses.
@@ -32,10 +34,13 @@ def _insert(system: System, device: Series) -> System:
     if made in {b.name for b in system.buses}:
         raise InputError(f"devices: {device.name}: makes a bus '{made}', which is there already; allowed: another name")
     voltage = next(b.nominal_voltage for b in system.buses if b.name == bus)
+    places = {b.name: b.position for b in system.buses}
+    near, far = places[bus], places[line.to_bus if device.end == "from" else line.from_bus]
+    position = None if near is None or far is None else [a + BESIDE * (b - a) for a, b in zip(near, far, strict=True)]
     placed = device.model_copy(update={"line": None, "from_bus": ends[0], "to_bus": ends[1]})
     return system.model_copy(
         update={
-            "buses": [*system.buses, Bus(name=made, nominal_voltage=voltage)],
+            "buses": [*system.buses, Bus(name=made, nominal_voltage=voltage, position=position)],
             "lines": [*system.lines[:at], line.model_copy(update={side: made}), *system.lines[at + 1 :]],
             "devices": [placed if d.name == device.name else d for d in system.devices],
             "pmus": [

@@ -1,0 +1,213 @@
+"""minniwecc against PSTess (MATLAB), whose case it is: power flow, eigenvalues, transfer functions, disturbances.
+
+PSTess has two terms of the speed that the plant has not: the speed multiplies a machine's EMF, E'' (1 + omega), and is
+left out of the voltage that supplies an exciter. `_like_pstess` adds them to the linear plant.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.case.loading import load_system
+from facts_damping.parameters.plant.pmus import Signal
+from facts_damping.parameters.run import Scenario
+from facts_damping.plant.build import build
+from facts_damping.plant.dynamics import derivatives
+from facts_damping.plant.grid.power_flow import solve
+from facts_damping.plant.machines.blocks import SOURCE
+from facts_damping.plant.measurement import measure
+from facts_damping.plant.model import copy, workspace
+from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH
+from facts_damping.small_signal.linearisation import linear_model
+from facts_damping.validation.table import ValidationTable, compare, figures, within
+from facts_damping.validation.time_domain import follow
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from facts_damping.compiling.structs import Complex1, Float1, Float2
+    from facts_damping.parameters.plant.system import System
+    from facts_damping.plant.build import Built
+    from facts_damping.plant.model import Plant
+
+SYSTEM = "minniwecc"
+SOURCE_TEXT = "PSTess 1.1 (Octave)"
+LEAST, HIGHEST = 0.01, 3.0  # rad/s and Hz, of the eigenvalues that are compared
+BAND = 1.0  # Hz, of the transfer functions
+STEP = 1e-5  # relative, of the difference quotients
+LAG = 0.05  # s, of the modulation in PSTess
+ENDS = {"pdci_north": "B24", "pdci_south": "B49"}  # loads of the intertie's schedule, and their buses
+NORTH = "NORTH"  # PMU at B24
+SOUTH = {49: "SOUTH", 63: "SOUTH_2"}  # PMUs by bus
+LOW = {0.207: "north-south A", 0.370: "north-south B"}  # by frequency, Hz
+BRAKE = {"kind": "fault", "bus": "B18", "r": 1.0 / 14.0, "duration": 0.5}  # 1.4 GW at 1 p.u. of 100 MVA
+EVENTS: dict[str, tuple[str, dict[str, Any], float]] = {
+    "brake": ("brake of 1.4 GW at B18 for 0.5 s", BRAKE, 0.07),
+    "colstrip_trip": ("loss of G14", {"kind": "generator_trip", "machine": "G14"}, 0.04),
+}
+
+
+class Linear(NamedTuple):
+    """dx = A x + B u, y = C x + D u: angle of B24 less those of the southern buses, rad; u: conductance to be moved."""
+
+    A: Float2
+    B: Float1
+    C: Float2
+    D: Float1
+
+
+def power_flow() -> ValidationTable:
+    """All voltages."""
+    flow = solve(load_system(SYSTEM))
+    voltage = dict(zip(flow.names, flow.voltage, strict=True))
+    theirs = figures("minniwecc_voltages_pstess")
+    turned = np.array([voltage[f"B{bus}"] for bus in theirs["bus"]]) * np.exp(-1j * np.deg2rad(theirs["angle"]))
+    rows = [
+        within("voltages of the 122 buses", "p.u.", turned.real - theirs["magnitude"], 1e-6),
+        within("angles of the 122 buses", "deg", np.rad2deg(np.angle(turned)), 1e-6),
+    ]
+    return ValidationTable("Power flow of minniwecc", SOURCE_TEXT, "facts-damping modes minniwecc", rows)
+
+
+def eigenvalues() -> ValidationTable:
+    """Oscillatory eigenvalues: all with the terms of the speed, the two lowest interarea modes as shipped."""
+    case, theirs = _case(), _read()
+    apart = _nearest(_eigenvalues(_like_pstess(case).A), theirs) - theirs
+    what = f"all {len(theirs)} below {HIGHEST:g} Hz, with the speed's terms of PSTess"
+    rows = [
+        within(f"{what}: real part", "1/s", apart.real, 1e-3),
+        within(f"{what}: imaginary part", "rad/s", apart.imag, 1e-3),
+    ]
+    swings = _nearest(theirs, np.array([2j * np.pi * hertz for hertz in LOW]))
+    for name, ours, mode in zip(LOW.values(), _nearest(_eigenvalues(_linear(case).A), swings), swings, strict=True):
+        what, radians = f"{name}, as shipped", 2.0 * np.pi
+        rows.append(compare(f"{what}: frequency", "Hz", ours.imag / radians, mode.imag / radians, 0.01))
+        rows.append(compare(f"{what}: damping ratio", "-", -ours.real / abs(ours), -mode.real / abs(mode), 0.02))
+    return ValidationTable("Eigenvalues of minniwecc", SOURCE_TEXT, "facts-damping modes minniwecc", rows)
+
+
+def transfer() -> ValidationTable:
+    """From the intertie's modulation to differences of frequency."""
+    linear = _like_pstess(_case())
+    theirs = figures("minniwecc_transfer_pstess")
+    rows = []
+    for i, (bus, pmu) in enumerate(SOUTH.items()):
+        row = theirs[(theirs["south_bus"] == bus) & (theirs["frequency"] <= BAND)]
+        ours = np.array([_response(linear, 2j * np.pi * hertz)[i] for hertz in row["frequency"]])
+        ratio = ours / (row["re"] + 1j * row["im"]) - 1.0
+        rows.append(within(f"B24 less B{bus} ({pmu}), 0.1 to {BAND:g} Hz", "relative", ratio, 0.01))
+    title = "Transfer functions of minniwecc, with the speed's terms of PSTess"
+    return ValidationTable(title, SOURCE_TEXT, "facts-damping modes minniwecc --devices pdci", rows)
+
+
+def disturbances() -> ValidationTable:
+    """Speeds after the brake and after the loss of Colstrip."""
+    system, rows = load_system(SYSTEM), []
+    names = [m.name for m in system.machines]
+    for name, (what, event, tolerance) in EVENTS.items():
+        theirs = figures(f"minniwecc_{name}_pstess")
+        seen = [g for g in names if f"w{g[1:]}" in (theirs.dtype.names or ()) and g != event.get("machine")]
+        speeds = np.array([theirs[f"w{g[1:]}"] - 1.0 for g in seen]).T
+        run = follow(system, [], theirs["t"], [{**event, "time": 1.0}]).machines["speed_deviation"]
+        apart = run[:, [names.index(g) for g in seen]] - speeds
+        rows.append(within(f"{what}, as shipped: speeds", "of the peak", apart / np.abs(speeds).max(), tolerance))
+    return ValidationTable("Disturbances of minniwecc", SOURCE_TEXT, "facts-damping simulate minniwecc", rows)
+
+
+def _read() -> Complex1:
+    """PSTess's eigenvalues with an imaginary part above zero, up to HIGHEST, 1/s."""
+    rows = figures("minniwecc_eigenvalues_pstess")
+    values = np.asarray(rows["re"] + 1j * rows["im"], np.complex128)
+    return np.asarray(values[(values.imag > LEAST) & (values.imag < 2.0 * np.pi * HIGHEST)])
+
+
+def _eigenvalues(A: Float2) -> Complex1:
+    return np.asarray(np.linalg.eigvals(A), np.complex128)
+
+
+def _nearest(ours: Complex1, theirs: Complex1) -> Complex1:
+    """For each of `theirs` the nearest of `ours`."""
+    return np.asarray(ours[np.abs(ours[:, None] - theirs[None]).argmin(axis=0)])
+
+
+def _response(linear: Linear, s: complex) -> Complex1:
+    """Frequency differences by the modulation before its lag, Hz/p.u."""
+    states = np.linalg.solve(s * np.eye(len(linear.A)) - linear.A, linear.B)
+    return np.asarray((linear.C @ states + linear.D) * s / (2.0 * np.pi) / (1.0 + LAG * s))
+
+
+class _Case(NamedTuple):
+    """The system, and its plant without device."""
+
+    system: System
+    built: Built
+
+
+def _case() -> _Case:
+    system = load_system(SYSTEM)
+    return _Case(system, build(system, [], []))
+
+
+def _linear(case: _Case) -> Linear:
+    """The plant as it is. PSTess modulates a conductance: a power times the square of the voltage at rest."""
+    system, built = case
+    angles = {pmu: Signal(channel="voltage_angle", weights={NORTH: 1, pmu: -1}) for pmu in SOUTH.values()}
+    model = linear_model(built, angles, [s.name for s in system.pmus])
+    change = {}
+    for load, bus in ENDS.items():
+        scheduled = next(row.P for row in system.loads if row.name == load) / system.base_power
+        change[load] = abs(built.flow.voltage[built.flow.names.index(bus)]) ** 2 / abs(scheduled)
+
+    def loaded(h: float) -> Plant:
+        steps = [{"time": 0.0, "kind": "load_step", "load": name, "change": h * by} for name, by in change.items()]
+        return build(system, [], Scenario.model_validate({"name": "inline", "events": steps}).events).plant
+
+    by = _quotient(case, loaded)
+    return Linear(model.A, by[: len(model.A)], model.C, by[len(model.A) :])
+
+
+def _like_pstess(case: _Case) -> Linear:
+    """With PSTess's terms of the speed: a column of a speed gains what a larger EMF of its machine does."""
+    linear = _linear(case)
+    A, C = linear.A.copy(), linear.C.copy()
+    for g, m in enumerate(case.built.plant.machines):
+        by = _quotient(case, partial(_sped, case, g))
+        A[:, m["offset"] + 1] += by[: len(A)]
+        C[:, m["offset"] + 1] += by[len(A) :]
+    return linear._replace(A=A, C=C)
+
+
+def _sped(case: _Case, g: int, h: float) -> Plant:
+    """A plant with the EMF of machine g (1 + h) times as large, unseen by the voltage that supplies its exciter."""
+    built = case.built
+    m, control = built.plant.machines[g], built.plant.controls[g]
+    machines, rows = built.plant.machines.copy(), built.plant.blocks.copy()
+    machines[g]["C"] *= 1.0 + h
+    delta, *circuits = np.delete(built.state.x[m["offset"] : m["offset"] + 2 + m["circuits"]], 1)
+    emf_q, emf_d = m["C"][:, : m["circuits"]] @ circuits
+    voltage = built.flow.voltage[built.flow.names.index(case.system.machines[g].bus)] * np.exp(1j * (np.pi / 2 - delta))
+    along = (voltage * np.conj(complex(emf_d, emf_q))).real / abs(voltage) ** 2
+    own = rows[control["exciter_first"] : control["exciter_end"]]
+    own["p"][own["kind"] == SOURCE] *= 1.0 - h * along
+    return built.plant._replace(machines=machines, blocks=rows)
+
+
+def _quotient(case: _Case, plant: Callable[[float], Plant]) -> Float1:
+    """Central difference of derivatives and angles by a change of the plant."""
+    return np.asarray((_seen(case, plant(STEP)) - _seen(case, plant(-STEP))) / (2.0 * STEP))
+
+
+def _seen(case: _Case, plant: Plant) -> Float1:
+    """Derivatives of the states (1/s) and angle differences (rad) of a changed plant at the start."""
+    state = copy(case.built.state)
+    dx, work = np.zeros_like(state.x), workspace(plant, state)
+    derivatives(plant, state.x, state.reference, state.source, 0, dx, work)
+    frame = np.zeros((len(plant.pmu_machine), len(CHANNELS)))
+    truths = np.zeros(len(plant.machines), MACHINE_TRUTH), np.zeros(len(plant.devices), DEVICE_TRUTH)
+    measure(plant, copy(case.built.state), 0, frame, *truths, work)
+    angles = frame[:, list(CHANNELS).index("voltage_angle")]
+    at = [s.name for s in case.system.pmus].index
+    return np.append(dx, [angles[at(NORTH)] - angles[at(pmu)] for pmu in SOUTH.values()])
