@@ -35,7 +35,8 @@ def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
             emf_q += m.C[0, i] * x[o + 2 + i]
             emf_d += m.C[1, i] * x[o + 2 + i]
         delta = x[o]
-        work.emf[g] = complex(emf_d, emf_q)
+        speed = 1.0 + m.speed * x[o + 1]
+        work.emf[g] = complex(speed * emf_d, speed * emf_q)
         sine, cosine = sin_cos(delta)
         work.rotation[g] = complex(sine, -cosine)
         work.inputs[g] = m.admittance * work.emf[g] * work.rotation[g] * plant.online[stage, g]
@@ -102,7 +103,7 @@ def derivatives(
 ) -> None:
     """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, loads, devices; solves `source`.
 
-    ddelta = omega_0 omega; 2 H domega = Pm - Pe - D omega.
+    ddelta = omega_0 omega; 2 H domega = Pm - Pe - D omega, powers over 1 + omega if the speed multiplies the EMF.
     """
     solve_network(plant, x, reference, source, stage, work)
     for g in range(plant.machines.size):
@@ -114,7 +115,7 @@ def derivatives(
         efd, given = move_controls(plant, x, stage, g, voltage, current, saturation, dx, work)
         driven = given * plant.online[stage, g]
         dx[o] = plant.omega_0 * omega
-        dx[o + 1] = (driven - power - m.D * omega) / (2.0 * m.H)
+        dx[o + 1] = ((driven - power) / (1.0 + m.speed * omega) - m.D * omega) / (2.0 * m.H)
         if m.circuits == 4:  # the usual number, so that the compiler unrolls the loop
             _circuits(m, x, 4, current, efd, saturation, work.emf[g], dx)
         else:

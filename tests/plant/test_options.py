@@ -15,12 +15,13 @@ import pytest
 from scipy.linalg import expm
 
 from facts_damping.parameters.plant.grid import Line
+from facts_damping.parameters.plant.machines import Machine
 from facts_damping.plant.grid.network import line_section
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
 from tests.independent import kundur_circuits
 from tests.independent.reference_cases import CURRENT, IMPEDANCE, MACHINES, MIXED_P, MIXED_Q, POWER
-from tests.plant.running import REFERENCES, changed, figures, follow, plant, shipped
+from tests.plant.running import REFERENCES, changed, figures, follow, moved, plant, shipped, slopes
 from tests.small_signal.test_modes import furthest
 
 if TYPE_CHECKING:
@@ -305,3 +306,27 @@ def test_lines_in_ever_more_sections_become_distributed_lines() -> None:
     assert errors[0] > 1e-4
     assert errors[0] / errors[1] == pytest.approx(16, rel=0.02)
     assert errors[1] / errors[2] == pytest.approx(4, rel=0.02)
+
+
+def test_speed_multiplies_the_emf_of_a_machine_that_asks_for_it() -> None:
+    """Torques at a speed above nominal are those at nominal speed with a larger EMF, over the speed."""
+    system, speed = shipped("kundur_12_6"), 0.01
+    rows = [m.model_dump() for m in system.machines]
+    built = plant(changed(system, machines=[{**row, "speed_voltage": row["name"] == "G1"} for row in rows]))
+    larger = built.plant.machines.copy()
+    larger["speed"] = 0.0
+    larger[0]["C"] *= 1.0 + speed
+    fast = slopes(built, moved(built, {"G1.omega": speed}))
+    other = slopes(built._replace(plant=built.plant._replace(machines=larger)), moved(built, {"G1.omega": speed}))
+    own = built.state_names.index("G1.omega")
+    damping = system.machines[0].D * speed / (2.0 * system.machines[0].H)
+    assert fast[own] + damping == pytest.approx((other[own] + damping) / (1.0 + speed), rel=1e-9)
+    apart = np.delete(fast - other, own)
+    assert np.abs(apart).max() < 1e-9
+    assert np.abs(slopes(built)).max() < 1e-9
+
+
+def test_speed_and_saturation_exclude_each_other() -> None:
+    row = shipped("kundur_12_6").machines[0].model_dump()
+    with pytest.raises(ValueError, match="speed_voltage: true given; allowed: false with saturation"):
+        Machine.model_validate({**row, "speed_voltage": True, "S10": 0.04, "S12": 0.2})

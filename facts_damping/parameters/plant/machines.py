@@ -49,6 +49,9 @@ class Machine(ParameterModel):
     H: float = quantity(..., "s", "inertia constant", gt=0, le=1000)
     D: float = quantity(0.0, "p.u.", "damping torque per speed deviation", ge=0, le=1e4)
     Ra: float = quantity(0.0, "p.u.", "stator resistance", ge=0, le=0.5)
+    speed_voltage: bool = Field(
+        False, description="true: the speed multiplies the EMF, as in PSTess; only without saturation"
+    )
     Xl: float | None = quantity(None, "p.u.", "leakage reactance", gt=0, le=2)
     Xd: float | None = quantity(None, "p.u.", "d-axis synchronous reactance", gt=0, le=10)
     Xd1: float | None = quantity(None, "p.u.", "d-axis transient reactance X'd", gt=0, le=5)
@@ -85,6 +88,8 @@ class Machine(ParameterModel):
             raise ValueError(f"S10 must be below S12, given {self.S10:g} and {self.S12:g}")
         if self.S12 > 0 and self.model == "classical":
             raise ValueError("S12: a classical machine has no saturation")
+        if self.S12 > 0 and self.speed_voltage:
+            raise ValueError("speed_voltage: true given; allowed: false with saturation")
         if self.S10 > 0 and self.S12 == 0:
             raise ValueError(f"S10 = {self.S10:g} needs S12 above it")
         if self.slack == (self.P is not None):

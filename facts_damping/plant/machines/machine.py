@@ -41,6 +41,7 @@ MACHINE = np.dtype(
         ("ratio", "f8"),  # rating over system base
         ("H", "f8"),  # s
         ("D", "f8"),  # p.u. of the rating
+        ("speed", "f8"),  # 1: the speed multiplies the EMF, E (1 + omega)
         ("Ra", "f8"),  # p.u. of the rating, as the stator's reactances
         ("Xd", "f8"),
         ("Xq", "f8"),
@@ -260,6 +261,7 @@ def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArra
     d, q = stator_reactances(m)
     made["offset"], made["circuits"] = offset, n
     made["ratio"], made["H"], made["D"], made["Ra"], made["Xd"], made["Xq"] = ratio, m.H, m.D, m.Ra, d, q
+    made["speed"] = float(m.speed_voltage)
     made["admittance"] = over(ratio, complex(m.Ra, d))
     stator, alike = (solve(np.array([[m.Ra, -x], [d, m.Ra]]), np.eye(2)) for x in (q, d))
     made["saliency"] = ratio * (stator - alike)
