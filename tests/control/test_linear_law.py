@@ -154,7 +154,7 @@ def test_bad_laws_are_one_line(law: Any, message: str, capsys: pytest.CaptureFix
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"name": "LLC"}, "controllers.0.name: 'LLC' given with `linear`; allowed: a name of its own"),
+        ({"name": "LLC"}, "controllers.0.name: 'LLC' given with `linear`; allowed: a name that is not taken"),
         ({"scheme": "direct"}, "controllers.0.scheme: 'direct' given; allowed: none for my_damper"),
         ({"compensation": "prediction"}, "controllers.0.compensation: 'prediction' given; allowed: none, lead, phasor"),
         ({"parameters": {"gain": 2}}, "gain"),

@@ -176,8 +176,8 @@ def left() -> list[str]:
 @pytest.mark.parametrize(
     ("fields", "expected"),
     [
-        ({"external": True}, "controllers.0.external: a node of one's own given; allowed: in a graph"),
-        ({"command": ["true"]}, "controllers.0.command: a node of one's own given; allowed: in a graph"),
+        ({"external": True}, "controllers.0.external: a separate node given; allowed: in a graph"),
+        ({"command": ["true"]}, "controllers.0.command: a separate node given; allowed: in a graph"),
         ({"external": True, "command": ["true"]}, "given with `external` and `command`; allowed: one of"),
         ({"command": []}, "command"),
         ({"external": True, "compensation": "lead"}, "compensation: 'lead' given; allowed: none for mine"),

@@ -30,7 +30,7 @@ def _insert(system: System, device: Series) -> System:
     bus, side = (line.from_bus, "from_bus") if device.end == "from" else (line.to_bus, "to_bus")
     ends = (bus, made) if device.end == "from" else (made, bus)
     if made in {b.name for b in system.buses}:
-        raise InputError(f"devices: {device.name}: makes a bus '{made}', which is there already; allowed: another name")
+        raise InputError(f"devices: {device.name}: makes a bus '{made}', which exists already; allowed: another name")
     voltage = next(b.nominal_voltage for b in system.buses if b.name == bus)
     placed = device.model_copy(update={"line": None, "from_bus": ends[0], "to_bus": ends[1]})
     return system.model_copy(
