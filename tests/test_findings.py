@@ -162,4 +162,4 @@ def test_without_an_event_the_noise_is_compared_with_no_control() -> None:
     words = r"rms of the speed differences in noise \S+, without control \S+: variance \d+ % less"
     assert re.search(rf"^{words} \(90 % interval: \d+ % less to \d+ % less\)$", str(found), re.MULTILINE)
     short = fd.simulate("two_area_deployment", scenario=[], duration=30, supervision=None, arm_at=None, seed=3)
-    assert re.search(rf"^{words} \(no interval: shorter than a minute\)$", str(short), re.MULTILINE)
+    assert re.search(rf"^{words} \(no interval: run shorter than a minute\)$", str(short), re.MULTILINE)

@@ -77,9 +77,9 @@ def rows(device: int = 0) -> Any:
         (
             "/pmu/delivered",
             lambda m, _: m.cdr(m.frames(2**30 * NANOSECONDS, 7, [])),
-            "with a stamp that is not",
+            "with the stamp of another",
         ),
-        ("/setpoints/delivered", lambda m, r: m.cdr(m.setpoints(r, 0, 2**64 - 1, "", [])), "of ticks that the run has"),
+        ("/setpoints/delivered", lambda m, r: m.cdr(m.setpoints(r, 0, 2**64 - 1, "", [])), "of ticks outside the run"),
         (
             "/setpoints/delivered",
             lambda m, r: m.cdr(m.setpoints(named(r, "device_names"), stamp(3), 3, "", rows())),

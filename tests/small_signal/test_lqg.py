@@ -242,7 +242,7 @@ def test_against_a_changed_plant_no_setpoint_is_held(which: str) -> None:
         ),
         (
             ["system=smib", "scenario=nominal", "controllers.0.signals=[power]"],
-            r"signals.0: 'power' given, which does not",
+            r"signals.0: 'power' given, which is not zero",
         ),
     ],
 )

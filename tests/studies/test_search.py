@@ -453,7 +453,7 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
     [
         (["kundur_12_6"], "SYSTEM: 'kundur_12_6' given without --study; allowed: smib, two_area, or a study"),
         (["smib", "PID"], "'PID' given; allowed: LLC"),
-        (["smib", "LLC"], "'LLC' given; allowed: one with parameters to choose"),
+        (["smib", "LLC"], "'LLC' given; allowed: one with parameters to tune"),
         (["smib", "--devices", "svc"], "--devices: 'svc' given; allowed: sssc\n"),
         (["smib", "--devices", "sssc,statcom"], "--devices: 'statcom' given; allowed: sssc"),
         (["smib", "--link", "telegraph"], "'telegraph' given; allowed:"),
