@@ -51,7 +51,7 @@ def every() -> list[EntryPoint]:
         for pair in PAIRS:
             other = PREFIX + pair[1 - pair.index(group)] if group in pair else ""
             if other and not any(two.group == other and two.name == one.name for two in found):
-                raise InputError(f"{_named(one)}: stands alone; allowed: with {one.name} of {other}")
+                raise InputError(f"{_named(one)}: given alone; allowed: with {one.name} of {other}")
         first = by_name.setdefault((group, one.name), one)
         if first is not one:
             raise InputError(f"{_named(one)}: the name is taken; allowed: another than that of {_named(first)}")

@@ -27,7 +27,7 @@ KINDS = {
     "line_out": "trip",
     "line_in": "reclosing",
     "load_step": "step",
-    "mechanical_power_step": "step of the power",
+    "mechanical_power_step": "mechanical power step",
     "generator_trip": "trip",
 }  # common names of events; others keep their own
 UNSAID = ("clear", "brake_out")  # events that titles leave out
@@ -135,13 +135,13 @@ def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
     if not event and not noisy(record.configuration):
         return []
     own = itae(record) if event else _rms(record)
-    text = f"ITAE {own:.3g}" if event else f"speed differences in noise, rms {own:.3g}"
+    text = f"ITAE {own:.3g}" if event else f"rms of the speed differences in noise {own:.3g}"
     if not record.configuration.get("controllers"):
         return [text]
     try:
         free = without_control(record)
     except FactsDampingError as error:
-        return [f"{text}; without control it cannot be simulated: {one_line(error)}"]
+        return [f"{text}; the run without control fails: {one_line(error)}"]
     if not free.in_synchronism.all():
         return [f"{text}; without control synchronism is lost at {free.time_s[-1]:.1f} s"]
     other = itae(free) if event else _rms(free)
@@ -153,7 +153,7 @@ def _variance(record: Record, free: Record, whole: float) -> str:
     """The change of the variance in noise, with its interval where the run is long enough; `whole`: ratio without."""
     ratio = variance_ratio(record.time_s, *(columns(speed_differences(one)) for one in (record, free)))
     if ratio is None:
-        return f"{_change(whole)} (no interval: shorter than a minute)"
+        return f"{_change(whole)} (no interval: run shorter than a minute)"
     return f"{_change(ratio[0])} (90 % interval: {_change(ratio[1])} to {_change(ratio[2])})"
 
 

@@ -124,7 +124,7 @@ def _check_named(path: Path) -> None:
     who = _others.get()
     if who is None or (place := _place(path)) in _opened or share_folder() / "config" in place.parents:
         return
-    raise InputError(f"{path}: named by {who}, which opens no file; allowed: what the file says")
+    raise InputError(f"{path}: named by {who}, which may open no file; allowed: its content")
 
 
 def _check_kind(path: Path, about: os.stat_result, maximum: int) -> None:

@@ -205,7 +205,7 @@ def riccati(a: Float2, b: Float2, q: Float2, r: Float2) -> Float2:
             return np.asarray(x)
         if not (np.isfinite(a).all() and np.isfinite(x).all() and np.isfinite(g).all()):
             break
-    raise np.linalg.LinAlgError("Riccati's equation has no solution that stabilises")
+    raise np.linalg.LinAlgError("Riccati's equation has no stabilising solution")
 
 
 def singular(a: Float2) -> tuple[Float2, Float1, Float2]:

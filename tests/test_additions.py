@@ -77,7 +77,7 @@ LQG: simulate own.yaml --set "controllers=[{{name: LQG}}]" --json lqg.json
 LQG for 0.1 s: simulate own.yaml --set "controllers=[{{name: LQG, parameters: {{loop_delay: 0.1}}}}]" --json lqg_1.json
 LQG for none: simulate own.yaml --set "controllers=[{{name: LQG, parameters: {{loop_delay: 0}}}}]" --json lqg_0.json
 """
-SMALL_BUDGET = r"--budget 10: of 4 structures only the 16 first points are tried: 64 closed loops; .*\n"
+SMALL_BUDGET = r"--budget 10: only the first 16 points of 4 structures are tried: 64 closed loops; .*\n"
 COMMANDS = {name: shlex.split(text) for name, text in (line.split(": ", 1) for line in GIVEN.strip().splitlines())}
 SCRIPT = """
 import contextlib, io, json, sys, traceback

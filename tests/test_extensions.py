@@ -39,7 +39,7 @@ TABLES: dict[str, Any] = {
         ("", {"controllers": POINTS}, r".*: AttributeError: .*no attribute 'ROW'; allowed: module:row, .*"),
         ("ROW = 1", {"controllers": POINTS}, r".*: int given; allowed: ControllerKind"),
         ("ROW = 1", {"indices": {"IAE": "one:ROW"}}, r"IAE .*: the name is taken; allowed: another than .*"),
-        ("ROW = 1", {"devices": POINTS}, r".*: stands alone; allowed: with proportional of facts_damping.device_kinds"),
+        ("ROW = 1", {"devices": POINTS}, r".*: given alone; allowed: with proportional of facts_damping.device_kinds"),
     ],
 )
 def test_what_is_no_row_is_told_in_one_line(

@@ -31,7 +31,11 @@ PDCI = "LLC-tuned over a link like the Pacific DC Intertie's"
         ("two_area_deployment", {"link.up.1.delay": "303 ms"}, f"Two areas, fault and trip of line 3: {PDCI}, changed"),
         ("two_area_deployment", {"controllers": []}, "Two areas, fault and trip of line 3: no control"),
         ("two_area_small", {}, "Two areas, step of load 2: LLC over a link without delay"),
-        ("two_area_multiple", {}, "Two areas, trip and reclosing of line 2 and step of the power of G1: LLC over a "),
+        (
+            "two_area_multiple",
+            {},
+            "Two areas, trip and reclosing of line 2 and mechanical power step of G1: LLC over a ",
+        ),
         ("two_area_small", {"scenario": []}, "Two areas: LLC over a link without delay"),
         ("smib_supervised", {}, f"Single machine, fault of line 1: LLC and {PDCI}"),
     ],
@@ -155,7 +159,7 @@ def test_what_cannot_be_known_is_said() -> None:
 def test_without_an_event_the_noise_is_compared_with_no_control() -> None:
     found = fd.simulate("two_area_deployment", scenario=[], duration=120, supervision=None, arm_at=None, seed=3)
     assert found.summary["verdict_of"] == "ambient noise"
-    words = r"speed differences in noise, rms \S+, without control \S+: variance \d+ % less"
+    words = r"rms of the speed differences in noise \S+, without control \S+: variance \d+ % less"
     assert re.search(rf"^{words} \(90 % interval: \d+ % less to \d+ % less\)$", str(found), re.MULTILINE)
     short = fd.simulate("two_area_deployment", scenario=[], duration=30, supervision=None, arm_at=None, seed=3)
-    assert re.search(rf"^{words} \(no interval: shorter than a minute\)$", str(short), re.MULTILINE)
+    assert re.search(rf"^{words} \(no interval: run shorter than a minute\)$", str(short), re.MULTILINE)

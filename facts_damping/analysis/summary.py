@@ -126,7 +126,7 @@ def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[st
         found.append(("ITAE of the response", [value_text(find(one, ("ITAE",)), ".4g") for one in responses]))
     found += _cycles(summaries) + supervision.rows(summaries) + releases.rows(summaries)
     if any(s.get("latencies_left_out") for s in summaries):
-        found.append(("latencies that cannot be", [str(s.get("latencies_left_out", 0)) for s in summaries]))
+        found.append(("impossible latencies", [str(s.get("latencies_left_out", 0)) for s in summaries]))
     if any(s.get("refused_messages") for s in summaries):
         each = [s.get("refused_messages") or [] for s in summaries]  # each node counts the messages that it received
         texts = [releases.by_cause((row["cause"], row["count"]) for row in rows) for rows in each]

@@ -234,7 +234,7 @@ def probe_text(probe: Mapping[str, Any] | None) -> str:
     """Text of a probe."""
     if probe is None:
         return "-"
-    texts = [f"{probe['gain']:.2f} times the known answer, {probe['phase_deg']:+.0f} deg"]
+    texts = [f"{probe['gain']:.2f} times the model's response, {probe['phase_deg']:+.0f} deg"]
     texts.append(f"coherence {probe['coherence']:.2f}")
     if probe["added_damping_per_s"] is not None:
         texts.append(f"adds {probe['added_damping_per_s']:.2g} 1/s of damping")

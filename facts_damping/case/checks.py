@@ -51,7 +51,7 @@ def check_case(case: Case) -> None:
         for device in controller.devices:
             check_known(f"{here}.devices", device, run.devices)
             if controller.fallback_of is None and device in commanded:
-                given = f"'{device}' given, which is commanded already"
+                given = f"'{device}' given, which has a controller already"
                 raise FieldError(f"{here}.devices", f"{given}; allowed: each device once")
             commanded |= {device} if controller.fallback_of is None else set()
         for signal in controller.signals:

@@ -46,7 +46,7 @@ def filled(
         raise FieldError(f"{here}.scheme", f"'{controller.scheme}' given; allowed: none for {name}")
     scheme = None if row.network is None else controller.scheme or "indirect"
     if not row.compensates and controller.compensation != "none":
-        reason = "reckons with its delay by itself" if row.design else "has no parameters of one"
+        reason = "is designed for its delay already" if row.design else "has no parameters for it"
         given = f"'{controller.compensation}' given"
         raise FieldError(f"{here}.compensation", f"{given}; allowed: none for {name}, which {reason}")
     if controller.compensation in OF_IDENTIFIERS and scheme != "indirect":
@@ -92,7 +92,7 @@ def check_parameter(field: str, name: str, value: Value, table: dict[str, Parame
     `counts`: numbers of signals and devices of the controller.
     """
     if RENAMED.get(name) in table:
-        raise FieldError(field, f"'{name}' given; allowed: '{RENAMED[name]}', as it is called now")
+        raise FieldError(field, f"'{name}' given; allowed: '{RENAMED[name]}', its new name")
     check_known(field, name, list(table))
     p = table[name]
     if isinstance(value, list) and (not p.each or len(value) != counts[p.each]):

@@ -98,7 +98,7 @@ def check_felt(link: Link, field: str, measurement: Measurement, sets: dict[str,
         given = sets.get(f"{field}.up.{i}.delay")
         if given is not None and _stands_for_pmus(stage) and measurement.filter != "ideal":
             others = ", ".join(f"{field}.up.{k}" for k, one in enumerate(link.up) if not _stands_for_pmus(one))
-            why = f"the stage stands for PMUs, which have a filter of their own here ({measurement.filter})"
+            why = f"the stage models PMUs, but this run models their filter itself ({measurement.filter})"
             raise InputError(f"{given}: {why}; allowed: a delay of {others or 'another stage'}, or measurement=ideal")
 
 

@@ -19,7 +19,7 @@ def as_npz(content: bytes) -> bytes:
     done = subprocess.run(command, input=content, capture_output=True, check=False, timeout=PATIENCE_S)
     if done.returncode:
         lines = done.stderr.decode(errors="replace").strip().splitlines()
-        raise ValueError(lines[-1] if lines else f"reading it was ended by signal {-done.returncode}")
+        raise ValueError(lines[-1] if lines else f"its reader was ended by signal {-done.returncode}")
     return done.stdout
 
 

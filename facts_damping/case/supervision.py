@@ -34,7 +34,7 @@ def read_supervision(run: Run) -> Supervision | None:
     start = found.probe.start
     if found.arming.probe and run.arm_at is not None and not (start is not None and start < run.arm_at):
         begins = "none" if start is None else f"{start:g}"
-        why = f"supervision.arming.probe asks for a probe before, and supervision.probe.start is {begins}"
+        why = f"supervision.arming.probe needs a probe before, and supervision.probe.start is {begins}"
         raise FieldError("arm_at", f"{run.arm_at:g} given, but {why}; allowed: arm_at after a probe")
     return found
 
@@ -81,7 +81,7 @@ def check_fallbacks(case: Case) -> None:
         if case.supervision is None:
             raise FieldError(f"{here}.fallback_of", f"{given}; allowed: with `supervision`")
         if one.fallback_of not in others:
-            allowed = f"the place of a controller, {', '.join(map(str, others)) or 'none'}"
+            allowed = f"the index of a controller, {', '.join(map(str, others)) or 'none'}"
             raise FieldError(f"{here}.fallback_of", f"{given}; allowed: {allowed}")
         if reserves(case.run)[one.fallback_of] != i:
             raise FieldError(f"{here}.fallback_of", f"{given} twice; allowed: one fallback a controller")
@@ -92,7 +92,7 @@ def check_fallbacks(case: Case) -> None:
         for signal in one.signals:
             if signal not in local:
                 given = f"'{signal}' given, which is not measured at {' or '.join(one.devices)}"
-                allowed = ", ".join(local) or "none, as no pmu is there"
+                allowed = ", ".join(local) or "none: no PMU is there"
                 raise FieldError(f"{here}.signals", f"{given}; allowed for a fallback: {allowed}")
 
 

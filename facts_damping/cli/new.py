@@ -44,7 +44,7 @@ def _controller(arguments: argparse.Namespace) -> None:
         raise InputError(f"NAME: '{name}' given; allowed: small letters, digits and _, such as my_damper")
     folder = Path(arguments.out or name)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: is there already; allowed: a new folder, --out DIR")
+        raise InputError(f"{folder}: exists already; allowed: a new folder, --out DIR")
     new_folder(folder)
     words = {"name": name, "Name": "".join(part.capitalize() for part in name.split("_"))}
     place = resources("facts_damping") / "templates" / arguments.kind

@@ -69,10 +69,10 @@ def replay(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, result)
     _tell(arguments, result, lines)
     if first is not None and not arguments.set:
-        raise RunError(f"the setpoints are not those recorded, from {first}")
+        raise RunError(f"setpoints differ from those recorded, from {first}")
     for what, tick in others.items():
         if tick is not None and not arguments.set:
-            raise RunError(f"the setpoints are those recorded, but {what} not, from tick {tick}")
+            raise RunError(f"setpoints are those recorded, but {what} differ from tick {tick} on")
 
 
 def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str]) -> None:
@@ -90,7 +90,9 @@ def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str
     else:
         say(arguments, shadow.table(result["devices"]))
         first = result["first_difference"]
-        others = "the same setpoints, otherwise others" if first is None else f"others from tick {first['tick']} on"
+        others = (
+            "the same setpoints, other values differ" if first is None else f"different from tick {first['tick']} on"
+        )
         say(arguments, f"{counted}: {others}")
         lines = [*([] if arguments.set else _other_versions(**result["versions"])), *lines]
     watchdogs = result["watchdogs"]

@@ -325,7 +325,19 @@ def list_(arguments: argparse.Namespace) -> None:
         rows, heads = _controllers(), ["name", "description", "parameter_count", "identifier", "schemes"]
     elif arguments.kind == "monitors":
         rows = [{"name": name, **row._asdict()} for name, row in MONITORS.items()]
-        heads = ["name", "group", "limit", "low", "high", "unit", "lasts", "lasts_unit", "follows", "reason"]
+        heads = [
+            "name",
+            "description",
+            "group",
+            "limit",
+            "low",
+            "high",
+            "unit",
+            "lasts",
+            "lasts_unit",
+            "follows",
+            "reason",
+        ]
     else:
         tables = {name: files.read_table(path) for name, path in files.shipped(arguments.kind).items()}
         rows = [{"name": name, "description": str(row.get("description", ""))} for name, row in tables.items()]

@@ -53,7 +53,7 @@ def design(arguments: argparse.Namespace) -> None:
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     given = Path(arguments.system)
     if folder is not None and given.exists() and given.resolve() == (folder / "system.yaml").resolve():
-        raise InputError(f"--out {arguments.out}: given, where SYSTEM would be replaced; allowed: another folder")
+        raise InputError(f"--out {arguments.out}: given, would overwrite SYSTEM; allowed: another folder")
     shown: list[Progress] = []
 
     def tell(name: str, what: str) -> Progress:
@@ -85,7 +85,7 @@ def search(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.lead_lag, "--lead-lag")
     files.check_writable(arguments.tuned, "--tuned")
     if arguments.tuned is not None and arguments.devices is None:
-        allowed = "with it, as a file is of one set"
+        allowed = "with --devices: a file is for one set of them"
         raise InputError(f"--tuned {arguments.tuned}: given without --devices; allowed: {allowed}")
     devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
     asked = {name: value for name, value in vars(arguments).items() if name in study.SearchTask._fields}
@@ -195,10 +195,10 @@ def campaign(arguments: argparse.Namespace) -> None:
     say(arguments, f"page: {folder / 'page.md'}")
     failed = [row for row in (*rows, *graphs) if not pages.holds(row)]
     if failed:
-        say(arguments, f"{len(failed)} for which something does not hold: {folder / study.FAILED}")
+        say(arguments, f"{len(failed)} that violate a requirement: {folder / study.FAILED}")
     errors = [row for row in (*rows, *graphs) if row["error"] is not None]
     if errors:
-        raise RunError(f"{len(errors)} draws could not be made, the first: {errors[0]['number']}: {errors[0]['error']}")
+        raise RunError(f"{len(errors)} draws failed, the first: {errors[0]['number']}: {errors[0]['error']}")
 
 
 def score(arguments: argparse.Namespace) -> None:
@@ -229,7 +229,7 @@ def _continuing(folder: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+        raise KeyboardInterrupt(f"the same command continues the study: {folder}") from None
 
 
 def margin(arguments: argparse.Namespace) -> None:

@@ -147,7 +147,7 @@ def address(entry: EntryPoint) -> int:
             _engines.append(_new_engine())
         path = _found(entry)
         if path is None:
-            raise RuntimeError(f"{entry.symbol}: its file has gone")
+            raise RuntimeError(f"{entry.symbol}: its file is missing")
         _engines[0].add_object_file(binding.ObjectFileRef.from_path(str(path)))
         _engines[0].finalize_object()
         _addresses[entry.symbol] = _engines[0].get_function_address(entry.symbol)

@@ -37,7 +37,7 @@ def matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
     if len(made.A) > MAX_STATES:
         raise InputError(f"{len(made.A)} states given; allowed: at most {MAX_STATES}")
     if not all(np.isfinite(part).all() for part in made):
-        raise InputError("numbers that are not finite come out; allowed: smaller ones")
+        raise InputError("numbers too large given, results are not finite; allowed: smaller ones")
     poles = np.linalg.eigvals(made.A) if len(made.A) else np.zeros(0)
     beyond = poles.real if law.dt is None else np.abs(poles) - 1.0
     if len(poles) and beyond.max() > EDGE * max(1.0, float(np.abs(poles).max())):
@@ -65,7 +65,7 @@ def _matrix(name: str, rows: list[list[float]] | None) -> Float2 | None:
         return None
     if len({len(row) for row in rows}) > 1:
         raise InputError(
-            f"{name}: rows of {', '.join(str(len(row)) for row in rows)} numbers given; allowed: of as many"
+            f"{name}: rows of {', '.join(str(len(row)) for row in rows)} numbers given; allowed: rows of one length"
         )
     return np.array(rows, np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
 
@@ -80,7 +80,7 @@ def _of_fractions(law: LinearLaw) -> Matrices:
     shape = [len(row) for row in num]
     if not shape or len(set(shape)) > 1 or shape != [len(row) for row in den]:
         raise InputError(
-            "num and den: tables of other shapes given; allowed: a polynomial each for every device and signal"
+            "num and den: tables of another shape given; allowed: one polynomial for each device and signal"
         )
     whole = [[_realised(n, d) for n, d in zip(*rows, strict=True)] for rows in zip(num, den, strict=True)]
     parts = [one for row in whole for one in row]
@@ -118,7 +118,7 @@ def _realised(num: list[float], den: list[float]) -> Matrices:
     """Realise a transfer function in controller canonical form (without SciPy, which is slow to import)."""
     above, below = np.trim_zeros(np.array(num, float), "f"), np.trim_zeros(np.array(den, float), "f")
     if not below.size:
-        raise InputError("den: zero given; allowed: a polynomial that is not")
+        raise InputError("den: 0 given; allowed: a polynomial other than 0")
     if above.size > below.size:
         raise InputError(
             f"num of degree {above.size - 1} over den of degree {below.size - 1} given: improper; allowed: a numerator "

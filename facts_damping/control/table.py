@@ -397,7 +397,7 @@ def kind_of(controller: Controller, where: str = "controller") -> ControllerKind
         both = " and ".join(f"`{field}`" for field in given)
         raise InputError(f"{where}: '{controller.name}' given with {both}; allowed: one of {', '.join(OWN)}")
     if controller.name in CONTROLLERS or "+" in controller.name:
-        raise InputError(f"{where}: '{controller.name}' given with `{given[0]}`; allowed: a name of its own")
+        raise InputError(f"{where}: '{controller.name}' given with `{given[0]}`; allowed: a name that is not taken")
     return OWN[given[0]]
 
 

@@ -62,7 +62,7 @@ class Setting:
         agent, first = case.controllers[self.controller], self.source.first
         like = first.controllers[self.controller]
         if (agent.signals, agent.devices, case.run.frame_rate) != (like.signals, like.devices, first.run.frame_rate):
-            raise InputError(f"study: point {point} has other signals, devices or frames; allowed: the same in all")
+            raise InputError(f"study: point {point} has other signals, devices or frame_rate; allowed: the same in all")
         drawn = {"point": point, "seed": case.run.seed, **self.source.points[point]}
         return Episode(case, self.controller, self.scale, window, deviations), drawn
 
@@ -104,7 +104,7 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
         """Answer the newest tick, and go on to the next one."""
         episode = self.episode
         if episode is None or episode.over or episode.lost:
-            raise gymnasium.error.ResetNeeded("no episode is under way: call reset")
+            raise gymnasium.error.ResetNeeded("no episode is running: call reset")
         asked = np.clip(np.asarray(action, np.float64).reshape(-1), -1.0, 1.0)
         episode.step(asked)
         setting, lost = self._setting, episode.lost
@@ -114,6 +114,6 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
     def record(self) -> Record:
         """The record of the episode up to now."""
         if self.episode is None:
-            raise gymnasium.error.ResetNeeded("no episode is under way: call reset")
+            raise gymnasium.error.ResetNeeded("no episode is running: call reset")
         found: Record = self.episode.record()
         return found

@@ -80,7 +80,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
     ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """A step of each episode; for an ended one, the start of the next."""
         if not self._episodes:
-            raise ResetNeeded("no episode is under way: call reset")
+            raise ResetNeeded("no episode is running: call reset")
         asked = np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
         np.multiply(asked, self._limits, out=self._setpoints)
         self._waits[:] = self._ended

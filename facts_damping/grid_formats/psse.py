@@ -176,9 +176,9 @@ def _machines(
         V = unit.row["VS"]
         if bus["IDE"] == conversion.PQ or (unit.row["IREG"] and unit.row["IREG"] != unit.bus):
             V = bus["VM"]
-            notes.append(f"{unit.name} does not hold the voltage of its bus: here it holds {V:g} p.u. there")
+            notes.append(f"{unit.name} does not control the voltage of its bus: here it does, at {V:g} p.u.")
         elif at != f"B{unit.bus}":
-            notes.append(f"{unit.name} holds {V:g} p.u. at its own terminals, not at bus {unit.bus}")
+            notes.append(f"{unit.name} controls its terminal voltage to {V:g} p.u., not that of bus {unit.bus}")
         dispatch = {"slack": True, "angle": bus["VA"]} if unit is slack else {"P": unit.row["PG"]}
         made = {"name": unit.name, "bus": at, "area": f"area_{int(bus['AREA'])}"}
         made |= {"rating": unit.row["MBASE"] or case.base_power, "V": V} | dispatch
@@ -211,12 +211,12 @@ def _control(record: Dynamic, unit: Unit, where: str, controls: dict[str, list[R
     table = "governors" if record.model == "HYGOV" else TABLES[MODELS[record.model].role]
     constants = _constants(record, HYGOV if record.model == "HYGOV" else MODELS[record.model].fields, where)
     if any(row["machine"] == unit.name for row in controls[table]):
-        raise InputError(f"{where}: a second one of the {table} of {unit.name} given; allowed: one")
+        raise InputError(f"{where}: {unit.name} has one of the {table} already; allowed: one")
     row: Row = {"machine": unit.name, "model": record.model, **constants}
     if record.model == "HYGOV":
         if row["gate_min"] < 0.001:
             row["gate_min"] = 0.001
-            notes.append(f"{where}: of {unit.name}: GMIN is raised to 0.001, as the head has the gate below it")
+            notes.append(f"{where}: of {unit.name}: GMIN is raised to 0.001: the flow is divided by the gate")
     else:
         short = [name for name in constants if quantity_of(name).time and 0.0 < row[name] < SHORTEST]
         for name in short:

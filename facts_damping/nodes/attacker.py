@@ -56,7 +56,7 @@ class Attacker:
 
     def __init__(self, node: ManagedNode) -> None:
         self.case, options = read_case(node), read_options(node, joins=False)
-        ticks = descriptor("first tick of which it says something", "", 0, self.case.ticks)
+        ticks = descriptor("first tick for which it forges messages", "", 0, self.case.ticks)
         self.first = max(BEGUN, int(declare(node, "first", 0, ticks)))
         self.last = self.case.ticks - int(BEFORE_END_S * self.case.run.frame_rate)
         self.node, self.log = node, NodeLog(node)
@@ -171,5 +171,5 @@ def of_identifier(message: Any) -> None:
 
 
 main = partial(
-    run_node, "attacker", Attacker, "Somebody else in a graph's domain, who says what would act: for tests of refusals."
+    run_node, "attacker", Attacker, "A foreign node that forges the messages of a graph, for tests of refusals."
 )

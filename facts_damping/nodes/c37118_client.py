@@ -158,7 +158,7 @@ class C37118Client:
         """State of the streams: flaws, counts and deadline misses."""
         flaws, values = self.sources.flaws(), {**self.sources.counts(), "deadline_misses": self.misses}
         level = DiagnosticStatus.WARN if flaws else DiagnosticStatus.OK
-        return Health(level, "; ".join(flaws) or "all streams are there", {"mode": self.options.mode, **values})
+        return Health(level, "; ".join(flaws) or "all streams arrive", {"mode": self.options.mode, **values})
 
 
 def _unknown(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -173,5 +173,5 @@ main = partial(
     run_node,
     "c37118_client",
     C37118Client,
-    "Streams of IEEE C37.118.2 in the place of the plant, for controllers in shadow.",
+    "Takes the plant's place with streams of IEEE C37.118.2, for controllers in shadow.",
 )

@@ -42,7 +42,7 @@ class C37118Server:
 
     def __init__(self, node: ManagedNode) -> None:
         self.case, self.asked = read_case(node), read_serving(node)
-        text = "as this link of the run has delivered it, time-aligned; -1: as PMUs report it"
+        text = "link after which frames are taken, time-aligned; -1: as PMUs report them"
         link = int(declare(node, "behind", -1, descriptor(text, "", -1, 15)))
         links = link_addresses(self.case)
         if link >= len(links):
@@ -114,16 +114,19 @@ def read_serving(node: ManagedNode) -> Serving:
     """Declare and read the parameters of the servers."""
     host: str = declare(node, "host", "127.0.0.1", descriptor("address of this computer at which clients connect"))
     port: int = declare(node, "port", 4712, descriptor("TCP and UDP port; 0: a free one", "", 0, 60000))
-    text = "HOST:PORT that data also go to by UDP, perhaps a multicast group; an empty one is none"
+    text = "HOST:PORT that data also go to by UDP, or a multicast group; empty: none"
     to = [address for address in declare(node, "to", [""], descriptor(text)) if address]
     idcode: int = declare(node, "idcode", 1, descriptor("number of the stream, or of the first", "", 1, 65534))
-    text = "what is polar, what are floats: polar, float_phasors, float_analogs, float_frequency, or none; empty: all"
+    text = "format flags: polar, float_phasors, float_analogs, float_frequency, or none; empty: all"
     formats: str = declare(node, "format", "", descriptor(text))
-    text = "true: each PMU as a PMU of its own, at ports from port on"
+    text = "true: each PMU has a server of its own, at ports from port on"
     each: bool = declare(node, "each", False, descriptor(text))
     return Serving(host, port, to, idcode, formats or None, each=each)
 
 
 main = partial(
-    run_node, "c37118_server", C37118Server, "Serves the PMUs of a graph as streams of IEEE C37.118.2; it only listens."
+    run_node,
+    "c37118_server",
+    C37118Server,
+    "Serves the PMUs of a graph as streams of IEEE C37.118.2; publishes nothing to it.",
 )

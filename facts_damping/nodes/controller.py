@@ -122,5 +122,8 @@ class ControllerNode:
 
 
 main = partial(
-    run_node, "controller", ControllerNode, "One controller of the run: hears PMU frames as delivered, gives setpoints."
+    run_node,
+    "controller",
+    ControllerNode,
+    "One controller of the run: receives the delivered PMU frames, sends setpoints.",
 )

@@ -76,4 +76,4 @@ class LiveView:
             self.server.stop()
 
 
-main = partial(run_node, "live_view", LiveView, "A running graph in Foxglove, by WebSocket; it only listens.")
+main = partial(run_node, "live_view", LiveView, "A running graph in Foxglove, by WebSocket; publishes nothing to it.")

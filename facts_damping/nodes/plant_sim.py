@@ -85,11 +85,11 @@ class PlantSim:
         watchdog, log = self.case.run.watchdog, self.member.message_filter.log
         at = self.plant.start(self.plant.tick) / NANOSECONDS
         for device in set(now) - set(self.released):
-            silent = f"no setpoint accepted for {watchdog.timeout:g} s" if watchdog else "reported_s so"
+            silent = f"no setpoint accepted for {watchdog.timeout:g} s" if watchdog else "on command"
             again = f" or {watchdog.good} good setpoints" if watchdog and watchdog.good else ""
             log.warning(f"{device} released at {at:.3f} s: {silent}; re-armed by ~/rearm{again}")
         for device in set(self.released) - set(now):
-            log.info(f"{device} takes setpoints again from {at:.3f} s on")
+            log.info(f"{device} re-armed at {at:.3f} s")
         self.released = now
 
     def progress(self, now: bool = True) -> None:
@@ -151,5 +151,8 @@ class PlantSim:
 
 
 main = partial(
-    run_node, "plant_sim", PlantSim, "The power system: publishes PMU frames, takes setpoints; alone it runs free."
+    run_node,
+    "plant_sim",
+    PlantSim,
+    "The power system: publishes PMU frames, follows setpoints; alone it runs in mode free.",
 )

@@ -160,7 +160,7 @@ class Recorder:
         try:
             self.drain()
         except BeginAgain:
-            self.message_filter.log.warning("another plant has begun: the recording ends here")
+            self.message_filter.log.warning("another plant has started: the recording ends here")
         finally:
             self.message_filter.report_refusals(last=True)
             self.write()

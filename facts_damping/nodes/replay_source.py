@@ -119,4 +119,6 @@ def _nothing(_tick: int, _rows: NDArray[Any]) -> None:
     """Callback of a subscription that only stands in for an identifier's."""
 
 
-main = partial(run_node, "replay_source", ReplaySource, "A recording in the place of plant and links; lockstep.")
+main = partial(
+    run_node, "replay_source", ReplaySource, "Takes the place of plant and links with a recording; lockstep."
+)

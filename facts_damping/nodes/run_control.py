@@ -41,7 +41,7 @@ class RunControl:
             node.create_service(Trigger, f"~/{answer.__name__.removeprefix('on_')}", answer)
         node.create_service(Step, "~/step", self.on_step)
         node.create_service(Apply, "~/apply", self.on_apply)
-        text = "an event, as in a scenario, without its time: it happens now, or where it is given at the start, then"
+        text = "an event as in a scenario, without time: it happens at once, or if given at the start, then"
         if event := declare(node, "event", "", descriptor(text, read_only=False)):
             self._ask_event(event)
         node.add_on_set_parameters_callback(self.on_set)
@@ -68,7 +68,7 @@ class RunControl:
 
     def on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Pause: no tick begins until the run is resumed or stepped."""
-        paused = f"the run is paused after tick {self._plant.tick}, {self._steps} to be stepped"
+        paused = f"the run is paused after tick {self._plant.tick}, {self._steps} ticks left to step"
         response.success = self.deactivate()
         response.message = f"paused {self._next()}" if response.success else paused
         return response
@@ -76,7 +76,7 @@ class RunControl:
     def on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Resume a paused run."""
         response.success = self.activate()
-        response.message = f"goes on {self._next()}" if response.success else "the run is not paused"
+        response.message = f"resumes {self._next()}" if response.success else "the run is not paused"
         return response
 
     def on_step(self, request: Step.Request, response: Step.Response) -> Step.Response:
@@ -95,7 +95,7 @@ class RunControl:
     def on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Reset the plant to its start; time goes on."""
         self._member.change("reset", act=self._plant.ask_reset())
-        response.success, response.message = True, f"the plant begins again {self._next()}"
+        response.success, response.message = True, f"the plant restarts {self._next()}"
         return response
 
     def on_rearm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -204,5 +204,5 @@ class SupervisorNode:
 
 
 main = partial(
-    run_node, "supervisor", SupervisorNode, "The supervisor of a controller of the run: passes on what may act."
+    run_node, "supervisor", SupervisorNode, "The supervisor of a controller of the run: arms, trips and replaces it."
 )

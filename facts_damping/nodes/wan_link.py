@@ -167,7 +167,7 @@ class WanLink:
         self.missing = set()
         lost = int(self.links.up.ring[self.index, RING_NO_ROOM] + self.links.down.ring[self.index, RING_NO_ROOM])
         if lost and not self.options.paced:
-            raise RunError(f"{lost} entries found no room under way; its delays are not what was allowed for")
+            raise RunError(f"{lost} entries did not fit into the buffer; delays are longer than planned")
         if (self.tick + 1) % self.case.run.frame_rate == 0:
             self.publish_statistics()
         self.member.report_health(self.health)

@@ -40,7 +40,7 @@ class _Loader(yaml.CSafeLoader):
         for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
             if key.tag not in ("tag:yaml.org,2002:str", "tag:yaml.org,2002:merge"):
                 shown = repr(key.value[:20]) if isinstance(key, yaml.ScalarNode) else "a collection"
-                problem = f"{shown} is a key, and no text"
+                problem = f"key {shown} is not text"
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
             name = (key.tag, str(key.value))
             if name in seen:

@@ -161,10 +161,10 @@ def _fault(before: Topology, event: events.Fault | events.Clear, where: str) -> 
     if isinstance(event, events.Clear):
         if not burning:
             places = ", ".join(place.bus or place.line or "" for place in before.faults)
-            raise InputError(f"{where}: '{element}' given, where no fault burns; allowed: {places or 'none'}")
+            raise InputError(f"{where}: '{element}' given, which has no fault; allowed: {places or 'none'}")
         return replace(before, faults={place: z for place, z in before.faults.items() if place not in burning})
     if burning:
-        raise InputError(f"{where}: '{element}' given, where a fault burns already; allowed: one fault an element")
+        raise InputError(f"{where}: '{element}' given, which has a fault already; allowed: one fault an element")
     location = event.location if event.line is not None else 0.0
     place = FaultPlace(event.bus, event.line, location)
     return replace(before, faults={**before.faults, place: complex(event.r, event.x)})

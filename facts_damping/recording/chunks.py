@@ -68,7 +68,7 @@ def _plain(chunk: Chunk) -> bytes:
     size = chunk.uncompressed_size
     if chunk.compression == "zstd":
         if zstandard.get_frame_parameters(chunk.data).content_size not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-            raise ValueError("a chunk is not as large as it says")
+            raise ValueError("a chunk is not of its stated size")
         data = zstandard.decompress(chunk.data, max_output_size=size)
     elif chunk.compression == "lz4":
         data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size)
@@ -77,5 +77,5 @@ def _plain(chunk: Chunk) -> bytes:
     else:
         raise ValueError(f"compression {chunk.compression} is not known")
     if len(data) != size:
-        raise ValueError("a chunk is not as large as it says")
+        raise ValueError("a chunk is not of its stated size")
     return data

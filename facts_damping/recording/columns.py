@@ -151,7 +151,7 @@ class Walk:
         item, count = what
         several = self._length() if node == Nodetype.SEQUENCE else count
         if several > self._stacked.shape[1] - self.end:
-            raise ValueError("a message is shorter than it says")
+            raise ValueError("a message is shorter than stated")
         return [self._value(item, f"{path}.{i}") for i in range(several)]
 
     def _number(self, form: str, path: str) -> Any:
@@ -169,7 +169,7 @@ class Walk:
         begin = self._pass(4, 4)
         length = int.from_bytes(self._first[begin : self.end], "little" if self._order == "<" else "big")
         if length > len(self._first) - self.end:
-            raise ValueError("a message is shorter than it says")
+            raise ValueError("a message is shorter than stated")
         self.shape.append(np.arange(begin, self.end))
         return length
 

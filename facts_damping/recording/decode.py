@@ -91,7 +91,7 @@ def series(topic: str, found: Sequence[Block], several: bool, notes: list[str]) 
     place[first] = np.arange(len(first))
     if again:
         text = "all are kept" if several else "the first counts"
-        notes.append(f"{topic}: {again} messages are not the first of their tick: {text}")
+        notes.append(f"{topic}: {again} messages repeat a tick: {text}")
     return Series(topic, sorted_ticks, _placed(found, place))
 
 

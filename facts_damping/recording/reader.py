@@ -70,12 +70,12 @@ def load(path: Path | str) -> Record:
     try:
         record = _assemble(content, configuration, notes)
     except (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError) as error:
-        reason = f"{path}: a message has not the fields of this package's messages ({one_line(error)})"
+        reason = f"{path}: a message does not have this package's fields ({one_line(error)})"
         raise RecordingError(content.refusal(reason)) from error
     except RecordingError as error:
         raise RecordingError(content.refusal(f"{path}: {error}")) from error
     if content.digest and content.digest != (found := digest(record)):
-        stored = f"not {content.digest} as stored when it was made"
+        stored = f"not {content.digest} as stored in it"
         record.notes.append(f"digest {found}, {stored}: the recording was changed or is damaged")
     return record
 
@@ -178,7 +178,7 @@ def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
         if isinstance(run.system, dict):
             check(System, run.system, CONFIGURATION, None, "system")
     except InputError as error:
-        return {}, [*notes, f"the run's configuration is not one of this version and left out: {error}"]
+        return {}, [*notes, f"the run's configuration does not fit this version and is left out: {error}"]
     return configuration, notes
 
 
@@ -283,7 +283,7 @@ def _check_end(
     if not complete:
         why = "the end is missing"
     elif reasons == [None]:
-        why = "the run has not ended properly: its plant does not say so, as where it was killed"
+        why = "the run was cut off, perhaps killed: its plant has not reported an end"
     elif reasons == [events.STOPPED]:
         why = "the run was stopped"
     else:

@@ -150,10 +150,10 @@ def _scan_mcap(file: Path, content: Content) -> None:
         elif isinstance(record, DataEnd):
             complete = True
             if len(notes) == known and record.data_section_crc not in (0, crc32(data[:start])):
-                notes.append(f"{file.name}: the checksum of the whole does not fit: something in it is damaged")
+                notes.append(f"{file.name}: the checksum of the file is wrong: part of it is damaged")
         elif isinstance(record, Statistics):
             if summary and len(notes) == known and record.message_count != len(messages):
-                notes.append(f"{file.name}: {len(messages)} of {record.message_count} messages are there")
+                notes.append(f"{file.name}: {len(messages)} of {record.message_count} messages were found")
         elif isinstance(record, Attachment) and _crc(data[end - 4 : end]) not in (0, crc32(data[start + 9 : end - 4])):
             notes.append(f"{file.name}: {record.name} is damaged and left out")
         else:

@@ -86,7 +86,7 @@ def _sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: li
             unknown[foreign[0]] += len(block.rows)
             continue
         if not _whole(kind, block.message):
-            odd["with lists of other lengths than they say"] += len(block.rows)
+            odd["with lists of a wrong length"] += len(block.rows)
             continue
         ticks = np.asarray(block.message.tick, np.uint64)
         later = ticks >= of.ticks
@@ -94,8 +94,8 @@ def _sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: li
         if kind in TIMED and of.frame_rate is not None and hasattr(block.message, "header"):
             start = np.where(later, 0, ticks).astype(np.int64) * NANOSECONDS // of.frame_rate
             wrong = ~later & (time_ns(block.message.header.stamp) != start)
-        odd["of ticks that the run has not"] += int(later.sum())
-        odd["with a stamp that is not their tick's"] += int(wrong.sum())
+        odd["of ticks outside the run"] += int(later.sum())
+        odd["with the stamp of another tick"] += int(wrong.sum())
         valid.append(kept(block, np.where(later | wrong, -1, block.rows)))
     rows = [(f"with the unknown name {name[:SHOWN]!r}", count) for name, count in unknown.most_common(LISTED)]
     rows.append(("with other unknown names", unknown.total() - sum(count for _, count in rows)))

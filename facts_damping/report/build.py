@@ -42,7 +42,7 @@ def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
         Section("Control effort", [*charts(runs, ("injected_voltage",)), tables.effort(runs)]),
         Section("Supervision", [*charts(runs, ("supervision", "monitors")), *tables.supervision(runs)]),
         Section("Links", [tables.links(runs), *charts(runs, ("latency",))]),
-        Section("What was learnt", charts(runs, LEARNT)),
+        Section("Learning", charts(runs, LEARNT)),
         Section("Conditions", [tables.conditions(runs)]),
     ]
     names, what = [run.name for run in runs], " and ".join(unlike)

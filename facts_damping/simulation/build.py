@@ -205,7 +205,7 @@ def _check_probes(case: Case, given: Supervision, made: Supervisors, plant: Resi
         if math.ceil(case.run.arm_at * rate) < over:
             many = f" of {devices} devices" if devices > 1 else ""
             minimum = math.ceil(over / rate * 1000.0) / 1000.0
-            early = f"{case.run.arm_at:g} given, but the probe{many} before it is not over then"
+            early = f"{case.run.arm_at:g} given, but the probe{many} ends later"
             raise InputError(f"arm_at: {early}; allowed: from {minimum:g} on")
 
 
@@ -248,9 +248,9 @@ def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:
                 f"has an angle of {plant.angle_deg(signal, device):.0f} degrees"
             )
             if s == 0 and sign[s, d] == 0.0:
-                raise InputError(f"{here}: none fits; {why}, near neither 0 nor 180; allowed: another (first) signal")
+                raise InputError(f"{here}: no sign fits; {why}, near neither 0 nor 180; allowed: another first signal")
             if given and sign[s, d] and given != sign[s, d]:
-                raise InputError(f"{here}: {given:g} given; allowed: {sign[s, d]:g} (or 0, to take it): {why}")
+                raise InputError(f"{here}: {given:g} given; allowed: {sign[s, d]:g} (or 0: automatic): {why}")
     jacobian = plant.jacobian(c.signals, c.devices, int(c.number("identifier_horizon")))
     mode_shape = np.array([plant.ratio(signal, c.signals[0]) for signal in c.signals])
     for signal, ratio in zip(c.signals, np.abs(mode_shape), strict=True):
@@ -286,8 +286,8 @@ def _no_smith(mode: complex | None) -> str:
         return "the plant has no electromechanical mode"
     of = f"{mode.real:+.3f} +- {mode.imag:.3f}j 1/s ({mode.imag / TURN:.2f} Hz) without controllers"
     if mode.real > 0.0:
-        return f"the plant's mode {of} is unstable, and a Smith predictor leaves it in the loop"
-    return f"a Smith predictor leaves the plant's least damped mode {of} in what disturbances excite"
+        return f"the plant's mode {of} is unstable, and a Smith predictor does not stabilise it"
+    return f"a Smith predictor does not damp the plant's least damped mode {of} after disturbances"
 
 
 def _identified(case: Case, i: int, made: Bank, known: PlantPrior) -> Identified:

@@ -164,12 +164,12 @@ def record(case: Case, loop: Loop) -> Record:
     kept = loop.signals
     refused = int(loop.links.up.ring[:, RING_NO_ROOM].sum() + loop.links.down.ring[:, RING_NO_ROOM].sum())
     if refused:
-        raise RunError(f"link: {refused} entries found no room under way; its delays are not what was allowed for")
+        raise RunError(f"link: {refused} entries did not fit into the buffer; delays are longer than planned")
     ticks, *counts = (int(n) for n in kept.used)
     used = dict(zip(TABLES, counts, strict=True))
     if any(used[name] > len(getattr(kept, name)) for name in TABLES[:3]):
         delivered, issued, applied = counts[:3]
-        raise RunError(f"loop: {delivered} entries, {issued} setpoints, {applied} applied: more than there is room for")
+        raise RunError(f"loop: {delivered} entries, {issued} setpoints, {applied} applied: more than the buffers hold")
     signals: dict[str, Any] = {name: getattr(kept, name)[:ticks] for name in BY_TICK}
     signals |= {name: getattr(kept, name)[:count] for name, count in used.items()}
     return Record(

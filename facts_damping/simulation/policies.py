@@ -117,8 +117,8 @@ def connect(case: Case, state: BankState, only: int | None = None, *, outside: b
     for c in mine:
         row = kind_of(case.controllers[c])
         if row.node and not outside:
-            allowed = "in a graph, as of facts-damping run"
-            raise InputError(f"controllers.{c}.{row.own}: a node of one's own given; allowed: {allowed}")
+            allowed = "in a graph (facts-damping run)"
+            raise InputError(f"controllers.{c}.{row.own}: a separate node given; allowed: {allowed}")
     return [Program(case, c, state) for c in mine if kind_of(case.controllers[c]).program]
 
 

@@ -80,7 +80,7 @@ def check_has_run(record: Record, source: str) -> None:
     """Raise `InputError` if a record does not hold its run's configuration, as with `ros2 bag record`."""
     if not record.configuration:
         notes = "; ".join(["", *record.notes])
-        raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{notes}")
+        raise InputError(f"{source}: holds no run; allowed: --run with its run{notes}")
 
 
 def _refuse_code(content: dict[str, Any], changes: set[str], source: str) -> None:
@@ -312,10 +312,10 @@ def notes_on(record: Record, played: Record) -> list[str]:
     notes = list(record.notes)
     first, last, end = int(played.ticks[0]), int(played.ticks[-1]), record.gap_tick
     if not record.latest and (len(record.estimates) or len(record.supervision)):
-        notes.append("the recording does not tell what nodes had at hand when they acted: taken as in lockstep")
+        notes.append("the recording does not say which messages nodes had used: taken as in lockstep")
     if first > 0:
-        notes.append(f"the recording begins with tick {first}: what controllers had learnt before is not known")
+        notes.append(f"the recording begins with tick {first}: earlier learning of controllers is not known")
     if end is not None:
         at = played.time_ns[-1] / NANOSECONDS
-        notes.append(f"replayed up to tick {last} at {at:.3f} s: of tick {end} not all is there")
+        notes.append(f"replayed up to tick {last} at {at:.3f} s: tick {end} is incomplete")
     return notes

@@ -108,7 +108,7 @@ class _Running:
                 continue
             time.sleep(PATIENCE_S)
             if self._since == call:
-                leave("interrupted; code of one's own has not come back")
+                leave("interrupted; user code has not returned")
 
 
 running = _Running()

@@ -90,8 +90,8 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
     small = shared(_reduced, key, lambda: reduced(whole, plant.names, limits, swing))
     if np.abs(np.linalg.eigvals(small.A)).min() < DRIFTS:
         raise InputError(
-            f"{here}.signals: {', '.join(controller.signals)} given, which see a motion that nothing brings back "
-            "(all speeds raised alike); allowed: for LQG differences of speeds, or signals with a washout"
+            f"{here}.signals: {', '.join(controller.signals)} given, which contain the rotors' common motion, "
+            "which does not decay; allowed: for LQG speed differences, or signals with a washout"
         )
     filters = None if filters is None else filters._replace(C=small.C, D=small.D)
     latency = 0.0 if filters is None else filters.delay  # the filter's samples are part of the model
@@ -101,9 +101,9 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
         return optimal(small, step, filters, plant.model.washout[rows], 1.0 / plant.frame_rate, limits, weight, noise)
     except np.linalg.LinAlgError as error:
         raise InputError(
-            f"{here}: LQG given, but Riccati's equations have no solution: a mode that does not decay is not seen "
-            f"in {', '.join(controller.signals)} or not moved by {', '.join(controller.devices)}; "
-            "allowed: signals and devices that see and move all such modes"
+            f"{here}: LQG given, but Riccati's equations have no solution: an undamped mode is not observable "
+            f"in {', '.join(controller.signals)} or not controllable by {', '.join(controller.devices)}; "
+            "allowed: signals and devices for which all such modes are"
         ) from error
 
 
@@ -113,7 +113,7 @@ def _check(plant: Residues, system: System, controller: Controller, size: Float1
         signal = system.signals[name]
         if signal.channel not in ("speed_deviation", "frequency") and signal.washout == 0.0:
             raise InputError(
-                f"{here}.signals.{i}: '{name}' given, which does not come back to zero at rest; "
+                f"{here}.signals.{i}: '{name}' given, which is not zero in the steady state; "
                 "allowed: for LQG speed deviations, frequencies, or signals with a washout"
             )
         if not swing > STILL:

@@ -149,7 +149,7 @@ def _identifier(case: Case, c: int, here: str) -> Tab:
         [
             Panel("Jacobian, p.u. per p.u.", _each(topic, "jacobian[#]", derivatives)),
             Panel("prediction, p.u.", _each(topic, "prediction[#]", signals)),
-            Panel("prediction less measurement, p.u.", _each(topic, "error[#]", signals)),
+            Panel("prediction minus measurement, p.u.", _each(topic, "error[#]", signals)),
             *_learning(topic, signals, groups(identifier_network(controller))),
         ],
     )
@@ -174,9 +174,9 @@ def _supervisor(case: Case, c: int, here: str, senders: dict[str, str]) -> list[
     worth["gain_margin"] = "gain margin, a factor"
     panels = [
         Panel("state", words, STATES),
-        Panel("progress of the change of source", [Curve(topic, "fraction", "fraction")]),
-        Panel("probe beside the known answer", [Curve(topic, field, label) for field, label in probe.items()]),
-        Panel("what the probe says of the controller", [Curve(topic, field, label) for field, label in worth.items()]),
+        Panel("fraction of the ramp", [Curve(topic, "fraction", "fraction")]),
+        Panel("probe: response relative to the model", [Curve(topic, field, label) for field, label in probe.items()]),
+        Panel("probe: damping and margins", [Curve(topic, field, label) for field, label in worth.items()]),
     ]
     for device in case.controllers[c].devices:
         path = f'setpoints[:]{{device=="{device}"}}.value_pu'

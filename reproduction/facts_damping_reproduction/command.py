@@ -53,7 +53,7 @@ def reproduce(arguments: argparse.Namespace) -> None:
     try:
         found = gather(arguments.tables, arguments.draws, folder, arguments.jobs)
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+        raise KeyboardInterrupt(f"the same command continues the study: {folder}") from None
     judged = find(found)
     written = pages.write(found, judged, folder)
     write_json(arguments.json, pages.document(found, judged))
@@ -86,7 +86,7 @@ def _what_holds(arguments: argparse.Namespace) -> None:
     try:
         found = experiment.run(folder, arguments.jobs, arguments.scheduler, arguments.seed)
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+        raise KeyboardInterrupt(f"the same command continues the study: {folder}") from None
     results = pages.by_devices(found)
     told = {devices: pages.ratios(own) for devices, own in results.items()}
     written, first = pages.write(found, told, folder), next(iter(results))

@@ -169,7 +169,7 @@ def test_the_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:
     assert texts["controller_0_LLC"] == ["never armed, shadow to the end", "-"]
     assert texts["controller_0_LLC probe"] == [
         (
-            "1.10 times the known answer, +6 deg; coherence 0.90; adds 0.2 1/s of damping; "
+            "1.10 times the model's response, +6 deg; coherence 0.90; adds 0.2 1/s of damping; "
             "phase margin 60 deg (333 ms); gain margin 0.25"
         ),
         "-",

@@ -248,7 +248,7 @@ REFUSED = [
         ["system=kundur_12_6", "scenario=bus8_fault", "devices=[]", "controllers.0.name=LLC-tuned"],
         "is not tuned for kundur_12_6",
     ),
-    (["controllers.1.name=LLC"], "controllers.1.devices: 'sssc' given, which is commanded already"),
+    (["controllers.1.name=LLC"], "controllers.1.devices: 'sssc' given, which has a controller already"),
     (["scenario.0.kind=earthquake"], "scenario.0.kind: 'earthquake' given; allowed: 'fault', 'clear'"),
     (["system.machines.0.H=-6.5"], "system.machines.0.H: -6.5 given; allowed: greater than 0"),
     (["system.machines.0.Xd=0.1"], "Xl < Xd2 < Xd1 < Xd must hold"),
@@ -327,10 +327,10 @@ def test_extends_takes_what_it_does_not_say_from_the_other_file() -> None:
 
 
 SENSITIVITY = [
-    (["controllers.0.parameters.sensitivity=1.0"], "sensitivity: 1 given; allowed: -1 (or 0, to take it)"),
+    (["controllers.0.parameters.sensitivity=1.0"], "sensitivity: 1 given; allowed: -1 (or 0: automatic)"),
     (
         ["controllers.0.signals=[power]"],
-        "has an angle of 90 degrees, near neither 0 nor 180; allowed: another (first) signal",
+        "has an angle of 90 degrees, near neither 0 nor 180; allowed: another first signal",
     ),
 ]
 
@@ -445,7 +445,7 @@ def test_paths_in_a_file_begin_in_its_folder(tmp_path: Path, monkeypatch: pytest
 @pytest.mark.parametrize("field", ["link", "controllers.0.link"])
 def test_a_delay_that_the_filter_of_the_run_s_pmus_takes_the_place_of_is_refused(field: str) -> None:
     """The stage `pmu` of a link stands for PMUs without a model of their own."""
-    with pytest.raises(InputError, match=rf"^--set {field}.up.0.delay=0.05: the stage stands for PMUs.* \(p_class\)"):
+    with pytest.raises(InputError, match=rf"^--set {field}.up.0.delay=0.05: the stage models PMUs.* \(p_class\)"):
         load_case("two_area_deployment", [f"{field}.up.0.delay=0.05"])
     exact = load_case("two_area_deployment", [f"{field}.up.0.delay=0.05", "measurement=ideal"])
     assert mean_delay(exact.links[exact.used_links[0]].up[:1]) == 0.05

@@ -47,12 +47,12 @@ REFUSED: list[tuple[list[str], str]] = [
     ([ON, "arm_at=-1"], "arm_at: -1 given"),
     (
         [ON, "supervision.arming.probe=true", "arm_at=30"],
-        "arm_at: 30 given, but supervision.arming.probe asks for a probe before, and supervision.probe.start is none",
+        "arm_at: 30 given, but supervision.arming.probe needs a probe before, and supervision.probe.start is none",
     ),
     ([PROBED, "arm_at=0.4"], "supervision.probe.start is 0.5; allowed: arm_at after a probe"),
     ([fallback()], "controllers.1.fallback_of: 0 given; allowed: with `supervision`"),
-    ([ON, fallback(fallback_of=1)], "controllers.1.fallback_of: 1 given; allowed: the place of a controller, 0"),
-    ([ON, fallback(fallback_of=7)], "controllers.1.fallback_of: 7 given; allowed: the place of a controller, 0"),
+    ([ON, fallback(fallback_of=1)], "controllers.1.fallback_of: 1 given; allowed: the index of a controller, 0"),
+    ([ON, fallback(fallback_of=7)], "controllers.1.fallback_of: 7 given; allowed: the index of a controller, 0"),
     ([ON, fallback(fallback_of=-1)], "controllers.1.fallback_of: -1 given"),
     (
         [ON, fallback(signals=["speed"])],
@@ -87,12 +87,12 @@ def test_two_fallbacks_of_one_controller_are_refused() -> None:
     [
         (
             [PROBED, "arm_at=5"],
-            r"^arm_at: 5 given, but the probe before it is not over then; allowed: from 13\.\d+ on$",
+            r"^arm_at: 5 given, but the probe ends later; allowed: from 13\.\d+ on$",
         ),
         (
             [PROBED, "arm_at=20", "devices=[sssc, statcom]", "controllers.0.devices=[sssc, statcom]",
              "controllers.0.signals=[speed, power]", "controllers.0.name=LQG"],
-            r"^arm_at: 20 given, but the probe of 2 devices before it is not over then; allowed: from 25\.\d+ on$",
+            r"^arm_at: 20 given, but the probe of 2 devices ends later; allowed: from 25\.\d+ on$",
         ),
     ],
 )  # fmt: skip

@@ -40,7 +40,7 @@ def test_its_own_tests_pass_in_process_and_as_a_node(
     [
         (["controller", "My-Damper"], "NAME: 'My-Damper' given; allowed: small letters, digits and _"),
         (["controller", "../up"], "NAME: '../up' given"),
-        (["controller", "there"], "there: is there already; allowed: a new folder, --out DIR"),
+        (["controller", "there"], "there: exists already; allowed: a new folder, --out DIR"),
         (["grid", "mine"], "argument kind: 'grid' given; allowed: controller, key"),
     ],
 )

@@ -135,7 +135,7 @@ def test_what_a_recording_says_of_a_run_has_the_law_without_its_file(tmp_path: P
         ({"num": [1, 0, 0], "den": [1, 1]}, "linear: num of degree 2 over den of degree 1 given: improper"),
         ({"num": [1]}, "num given; allowed: A, B, C (and D), or D alone; or num, den; or zeros, poles, gain"),
         ({}, "nothing given; allowed: A, B, C"),
-        ({"num": [1], "den": [0]}, "linear: den: zero given"),
+        ({"num": [1], "den": [0]}, "linear: den: 0 given"),
         ({"num": [1], "den": [1], "zeros": []}, "num, den, zeros given; allowed:"),
         ({"A": [[-1]], "B": [[1, 2]], "C": [[1]]}, "linear: B: 1 x 2 given; allowed: 1 x 1, with 1 states"),
         ({"A": [[-1, 0], [0]], "B": [[1]], "C": [[1]]}, "linear: A: rows of 2, 1 numbers given"),
@@ -154,7 +154,7 @@ def test_bad_laws_are_one_line(law: Any, message: str, capsys: pytest.CaptureFix
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"name": "LLC"}, "controllers.0.name: 'LLC' given with `linear`; allowed: a name of its own"),
+        ({"name": "LLC"}, "controllers.0.name: 'LLC' given with `linear`; allowed: a name that is not taken"),
         ({"scheme": "direct"}, "controllers.0.scheme: 'direct' given; allowed: none for my_damper"),
         ({"compensation": "prediction"}, "controllers.0.compensation: 'prediction' given; allowed: none, lead, phasor"),
         ({"parameters": {"gain": 2}}, "gain"),

@@ -311,7 +311,7 @@ def test_a_study_whose_points_are_for_other_agents_is_refused(tmp_path: Path) ->
     path = tmp_path / "study.yaml"
     path.write_text("run: two_area_small\nsweep: [{field: controllers.0.signals, values: [[w12], [w12, w13]]}]\n")
     env = WideAreaDamping(study=str(path))
-    with pytest.raises(InputError, match="study: point 1 has other signals, devices or frames"):
+    with pytest.raises(InputError, match="study: point 1 has other signals, devices or frame_rate"):
         env.reset(options={"point": 1})
 
 

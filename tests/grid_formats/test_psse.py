@@ -295,7 +295,7 @@ def test_a_bad_raw_file_is_one_line_with_line_and_field(
         ),
         ("3 'GENROU' 1", "2 'GENROU' 1", "line 4: GENROU: a second model of machine 1 at bus 2 given; allowed: one"),
         ("0.5 -0.5 0 0 /", "0.5 -0.5 0 0", "not ended; allowed: a record that `/` ends"),
-        ("2 'EXST1'", "1 'EXST1'", "line 6: EXST1: a second one of the exciters of G1 given; allowed: one"),
+        ("2 'EXST1'", "1 'EXST1'", "line 6: EXST1: G1 has one of the exciters already; allowed: one"),
     ],
 )
 def test_a_bad_dyr_file_is_one_line_with_its_line(

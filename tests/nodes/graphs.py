@@ -152,7 +152,7 @@ def step(client: Any, count: int) -> None:
     """Let a paused run go on for so many ticks, and wait until they are done."""
     assert client(Step, "/plant_sim/step", Step.Request(ticks=count)).success
     pause = partial(client, Trigger, "/plant_sim/pause", Trigger.Request())
-    wait_until(lambda: ", 0 to be stepped" in pause().message)
+    wait_until(lambda: ", 0 ticks left to step" in pause().message)
 
 
 def assert_replayed(record: Record) -> None:

@@ -67,7 +67,7 @@ def test_killed_nodes(
             graph.run(case, "realtime", tmp_path / "out", kill, END_S)
         record = load(tmp_path / "out" / "recording")
         assert 0 < len(record.time_ns) < case.ticks
-        why = "the run has not ended properly" if node == "plant_sim" else "the end is missing"
+        why = "the run was cut off" if node == "plant_sim" else "the end is missing"
         assert [note for note in record.notes if note.startswith(why)]
     else:
         outcome = graph.run(case, "realtime", tmp_path / "out", kill, END_S)

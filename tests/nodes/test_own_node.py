@@ -176,8 +176,8 @@ def left() -> list[str]:
 @pytest.mark.parametrize(
     ("fields", "expected"),
     [
-        ({"external": True}, "controllers.0.external: a node of one's own given; allowed: in a graph"),
-        ({"command": ["true"]}, "controllers.0.command: a node of one's own given; allowed: in a graph"),
+        ({"external": True}, "controllers.0.external: a separate node given; allowed: in a graph"),
+        ({"command": ["true"]}, "controllers.0.command: a separate node given; allowed: in a graph"),
         ({"external": True, "command": ["true"]}, "given with `external` and `command`; allowed: one of"),
         ({"command": []}, "command"),
         ({"external": True, "compensation": "lead"}, "compensation: 'lead' given; allowed: none for mine"),
@@ -189,6 +189,6 @@ def test_in_process_it_is_refused(fields: dict[str, Any], expected: str, capsys:
 
 def test_a_command_that_is_not_there_starts_nothing(tmp_path: Path, capsys: Any) -> None:
     command = ["run", *changes(own(command=["no_such_program"])), "--out", str(tmp_path / "out")]
-    text = "controllers.0.command: 'no_such_program' given; allowed: a program that is there"
+    text = "controllers.0.command: 'no_such_program' given; allowed: an executable program"
     assert_one_line(2, command, text, capsys)
     assert not (tmp_path / "out").exists()

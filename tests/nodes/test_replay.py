@@ -152,9 +152,9 @@ def test_other_setpoints_without_set_are_a_failure(
     status, out, errors = called(capsys, "replay", "it")
     tick = record.issued["tick"][50]
     assert status == 1
-    assert f"others from tick {tick} on" in out
+    assert f"different from tick {tick} on" in out
     assert errors.startswith(
-        f"facts-damping: the setpoints are not those recorded, from tick {tick}: controller_0_ANFTSC"
+        f"facts-damping: setpoints differ from those recorded, from tick {tick}: controller_0_ANFTSC"
     )
     assert errors.count("\n") == 1
 
@@ -290,7 +290,7 @@ def test_a_message_that_is_missing_ends_the_replay_there_whatever_it_is(
         assert main(["replay", str(out)]) == 0, topic
         output, errors = capsys.readouterr()
         assert "identical, bit for bit" in output
-        ended += "replayed up to tick 59 at 0.983 s: of tick 60 not all is there" in errors
+        ended += "replayed up to tick 59 at 0.983 s: tick 60 is incomplete" in errors
     assert ended >= 10
 
 

@@ -172,7 +172,7 @@ def test_a_paused_run_answers_and_ends_when_told(start: Any, client: Any) -> Non
     ("text", "expected"),
     [
         ("{kind: line_out}", "line: missing"),
-        ("{kind: clear, bus: B7}", "where no fault burns"),
+        ("{kind: clear, bus: B7}", "which has no fault"),
         ("{kind: storm}", "'storm' given"),
         ("{time: 3, kind: line_out, line: line_1}", "without time"),
         ("tie", "without time"),

@@ -342,7 +342,7 @@ def test_the_source_of_a_compound_exciter_is_that_of_the_standard() -> None:
 
 
 def test_what_cannot_be_is_refused() -> None:
-    with pytest.raises(InputError, match=r"ESST3A of G1: a loop without a state: .*; allowed: a time constant above 0"):
+    with pytest.raises(InputError, match=r"ESST3A of G1: an algebraic loop: .*; allowed: a time constant above 0"):
         block_controls.control(made("ESST3A", TM=0.0))
     with pytest.raises(ValueError, match=r"TA must be 0 or at least 0.002 s, given 0.001"):
         made("IEEEX1", TA=0.001)

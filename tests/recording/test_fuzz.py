@@ -164,7 +164,7 @@ def test_a_chunk_whose_kind_is_flipped_is_missed(whole: bytes, record: Record) -
     data[chunk - 41] = 0x56
     found = _load(bytes(data))
     assert len(found.time_ns) < 60
-    assert any("checksum of the whole" in note for note in found.notes)
+    assert any("checksum of the file" in note for note in found.notes)
 
 
 def foreign(folder: Path, configuration: str, schemas: dict[str, tuple[str, str]], data: bytes, times: int = 3) -> Path:
@@ -241,7 +241,7 @@ def test_a_tick_far_away_neither_hangs_nor_fills_the_memory(
     """As a sender of another version, or of another kind, might number them."""
     written(record, tmp_path / "run", change=late)
     found = load(tmp_path / "run")
-    assert {f"{topic}: 1 messages of ticks that the run has not are left out" for topic in FAR} <= set(found.notes)
+    assert {f"{topic}: 1 messages of ticks outside the run are left out" for topic in FAR} <= set(found.notes)
     assert len(found.time_ns) == 59
 
 

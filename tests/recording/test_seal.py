@@ -43,7 +43,7 @@ def test_another_digest_is_noted_in_a_line(
     file = folder / "run_0.mcap"
     file.write_bytes((tmp_path / "other" / "run" / file.name).read_bytes())
     record = load(folder)
-    was = f"not {stored} as stored when it was made"
+    was = f"not {stored} as stored in it"
     assert record.notes == [f"digest {digest(record)}, {was}: the recording was changed or is damaged"]
     assert load(file).notes == []  # there nothing is stored
 

@@ -73,13 +73,13 @@ def rows(device: int = 0) -> Any:
     [
         ("/plant/state", lambda _m, _r: b"\x00\x01\x00\x00\x07", "that are no facts_damping_msgs/msg/PlantState"),
         ("/pmu/frames", lambda _m, _r: bytes(range(200)), "that are no facts_damping_msgs/msg/PmuDataFrame"),
-        ("/pmu/frames", lambda m, _: m.cdr(m.frames(stamp(10**9), 10**9, [])), "of ticks that the run has not"),
+        ("/pmu/frames", lambda m, _: m.cdr(m.frames(stamp(10**9), 10**9, [])), "of ticks outside the run"),
         (
             "/pmu/delivered",
             lambda m, _: m.cdr(m.frames(2**30 * NANOSECONDS, 7, [])),
-            "with a stamp that is not",
+            "with the stamp of another",
         ),
-        ("/setpoints/delivered", lambda m, r: m.cdr(m.setpoints(r, 0, 2**64 - 1, "", [])), "of ticks that the run has"),
+        ("/setpoints/delivered", lambda m, r: m.cdr(m.setpoints(r, 0, 2**64 - 1, "", [])), "of ticks outside the run"),
         (
             "/setpoints/delivered",
             lambda m, r: m.cdr(m.setpoints(named(r, "device_names"), stamp(3), 3, "", rows())),
@@ -112,7 +112,7 @@ def test_several_setpoints_of_a_tick_are_all_kept(into: Any, record: Record, mes
     more = rows(1)
     more["value"], more["tick"] = 0.1, 4
     found = into("/setpoints/delivered", messages.cdr(messages.setpoints(record, stamp(4), 4, "", more)))
-    assert found.notes == ["/setpoints/delivered: 1 messages are not the first of their tick: all are kept"]
+    assert found.notes == ["/setpoints/delivered: 1 messages repeat a tick: all are kept"]
     at = found.applied[found.applied["tick"] == 4]
     assert at[-1].tobytes() == more[0].tobytes()
     assert len(found.applied) == len(record.applied) + 1
@@ -121,7 +121,7 @@ def test_several_setpoints_of_a_tick_are_all_kept(into: Any, record: Record, mes
 
 def test_of_several_frames_of_a_tick_the_first_counts(into: Any, record: Record, messages: Any) -> None:
     found = into("/pmu/frames", messages.cdr(messages.frames(stamp(4), 4, [])))
-    assert found.notes == ["/pmu/frames: 1 messages are not the first of their tick: the first counts"]
+    assert found.notes == ["/pmu/frames: 1 messages repeat a tick: the first counts"]
     assert found.frames.tobytes() == record.frames.tobytes()
 
 
@@ -160,7 +160,7 @@ def test_lists_that_do_not_fit_are_set_aside(tmp_path: Path, random_record: Any,
 
     written(record, tmp_path / "run", change=shorter)
     found = load(tmp_path / "run")
-    said = "2 messages with lists of other lengths than they say are left out"
+    said = "2 messages with lists of a wrong length are left out"
     assert f"/identifier_2_X/estimate: {said}" in found.notes
     assert found.frames.tobytes() == record.frames.tobytes()
     assert len(found.estimates) == len(record.estimates) - 8

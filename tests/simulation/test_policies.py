@@ -217,7 +217,7 @@ def refused(status: int, sets: list[str], said: str, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"name": "LLC"}, "controllers.0.name: 'LLC' given with `policy`; allowed: a name of its own"),
+        ({"name": "LLC"}, "controllers.0.name: 'LLC' given with `policy`; allowed: a name that is not taken"),
         ({"linear": {"D": [[1]]}}, "'mine' given with `linear` and `policy`; allowed: one of linear, policy"),
         ({"scheme": "direct"}, "controllers.0.scheme: 'direct' given; allowed: none for mine"),
         ({"compensation": "lead"}, "controllers.0.compensation: 'lead' given; allowed: none for mine"),

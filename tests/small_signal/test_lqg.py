@@ -234,15 +234,15 @@ def test_against_a_changed_plant_no_setpoint_is_held(which: str) -> None:
         ),
         (
             ["controllers.0.signals=[w]", "system.signals.w={channel: active_power, weights: {TIE: 1}}"],
-            r"controllers.0.signals.0: 'w' given, which does not come back to zero at rest; allowed: for LQG speed dev",
+            r"controllers.0.signals.0: 'w' given, which is not zero in the steady state; allowed: for LQG speed dev",
         ),
         (
             ["controllers.0.signals=[w]", "system.signals.w={channel: speed_deviation, weights: {G1: 1}}"],
-            r"controllers.0.signals: w given, which see a motion that nothing brings back .*; allowed: for LQG",
+            r"controllers.0.signals: w given, which contain the rotors' common motion, .*; allowed: for LQG",
         ),
         (
             ["system=smib", "scenario=nominal", "controllers.0.signals=[power]"],
-            r"signals.0: 'power' given, which does not",
+            r"signals.0: 'power' given, which is not zero",
         ),
     ],
 )

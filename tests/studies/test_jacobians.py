@@ -75,7 +75,7 @@ def test_a_jacobian_without_an_identifier_is_refused_before_any_run(tmp_path: Pa
     ("arguments", "said"),
     [
         (["tune", "two_area", "--devices", "svc"], "'svc' given; allowed: sssc, statcom"),
-        (["tune", "two_area", "--signals", "power"], "none fits; the residue from sssc to power"),
+        (["tune", "two_area", "--signals", "power"], "no sign fits; the residue from sssc to power"),
         (["tune", "two_area", "--signals", "speed,speed"], "'speed' given twice"),
     ],
 )

@@ -453,11 +453,11 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
     [
         (["kundur_12_6"], "SYSTEM: 'kundur_12_6' given without --study; allowed: smib, two_area, or a study"),
         (["smib", "PID"], "'PID' given; allowed: LLC"),
-        (["smib", "LLC"], "'LLC' given; allowed: one with parameters to choose"),
+        (["smib", "LLC"], "'LLC' given; allowed: one with parameters to tune"),
         (["smib", "--devices", "svc"], "--devices: 'svc' given; allowed: sssc\n"),
         (["smib", "--devices", "sssc,statcom"], "--devices: 'statcom' given; allowed: sssc"),
         (["smib", "--link", "telegraph"], "'telegraph' given; allowed:"),
-        (["smib", "--study", "monte_carlo"], "system: 'two_area' given; allowed: 'smib', as is searched"),
+        (["smib", "--study", "monte_carlo"], "system: 'two_area' given; allowed: 'smib', the SYSTEM"),
         (["two_area", "--study", "monte_carlo"], "scenario: 'small' given; allowed: training of two_area"),
         (
             ["two_area", "--devices", "statcom"],

@@ -397,7 +397,7 @@ def test_an_interrupted_sweep_leaves_no_process_and_goes_on_where_it_stopped(
     finally:
         signal.signal(signal.SIGINT, before)
     said = capsys.readouterr().err
-    assert said == f"facts-damping: interrupted; the same command goes on where it stopped: {out}\n"
+    assert said == f"facts-damping: interrupted; the same command continues the study: {out}\n"
     assert len(left) >= 2
     gone(left)
     assert rows_there(out) == STRUCK
@@ -475,7 +475,7 @@ def test_a_torn_or_damaged_line_costs_its_run_only(tmp_path: Path, capsys: pytes
     journal.write_bytes(b"".join([*lines[:2], changed, b"\x00\x00\xff\n", *lines[4:6], lines[6][:40]]))
     capsys.readouterr()
     assert swept(tmp_path, path)["rows"] == json.loads(json.dumps(whole))
-    assert capsys.readouterr().err == f"{journal}: 3 damaged lines; what stood there is run again\n"
+    assert capsys.readouterr().err == f"{journal}: 3 damaged lines; those runs are repeated\n"
     assert table(out) == whole
     assert (
         len([line for line in journal.read_bytes().splitlines() if b'"row"' in line]) == 6 + 2

@@ -69,7 +69,10 @@ def figure(names: Sequence[str], records: Sequence[tuple[str, Record]]) -> Figur
     """
     pictures = {picture.stem: picture for picture in PICTURES}
     if len(names) == 1 and names[0] in pictures:
-        picture, reason = pictures[names[0]], f"'{names[0]}' given, of which there is nothing; allowed: another picture"
+        picture, reason = (
+            pictures[names[0]],
+            f"'{names[0]}' given, for which there are no data; allowed: another picture",
+        )
     else:
         for name in names:
             check_known("plot", name, [*pictures, *records[0][1].arrays])

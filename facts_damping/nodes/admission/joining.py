@@ -47,7 +47,7 @@ class Joining:
     def deactivate(self) -> None:
         """Disarm the node from the next tick on. Raises `InputError` in lockstep."""
         if self._lockstep:
-            raise InputError("deactivate given in mode lockstep, where all nodes act; allowed: in realtime and free")
+            raise InputError("deactivate given in mode lockstep; allowed: in realtime and free")
         self._wanted = False
 
     def begin(self, start_ns: int) -> str:

@@ -65,7 +65,7 @@ class Refusals:
             if count != self._reported[topic, cause, source]:
                 self._log.line(f"refused {count} {cause} {topic} {source}")
                 if (topic, cause, source) not in self._reported:  # log only the first; the total is logged at the end
-                    self._log.warning(f"refused a message by {topic} of {source}: {cause}")
+                    self._log.warning(f"refused a message on {topic} from {source}: {cause}")
         if last:
             self._log.warning(f"refused {counts.total()} messages in all")
         self._reported = counts

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
 
 FIXED = ("window", "start", "duration")  # fields of a link's stage that cannot be changed during a run
-FREE = "other numbers of its stages; or another link, by the service ~/apply"
+FREE = "numbers of its stages; another link only by the service ~/apply"
 
 
 def declare_settings(
@@ -134,7 +134,7 @@ class StageParameters:
         link = self._link
         for name, value in changed:
             if name.rpartition(".")[2] in FIXED:
-                raise InputError(f"{name}: cannot be changed while the run goes; allowed: {FREE}")
+                raise InputError(f"{name}: cannot be changed during the run; allowed: {FREE}")
             _, _, link = with_number(link, name, value)
         self._link = link
 

@@ -33,14 +33,14 @@ STAMPS = ("simulated", "wall")
 OPTIONS: dict[str, tuple[Any, str]] = {
     "mode": (
         "free",
-        "free: paced by the clock, whoever is there; realtime: paced by the clock, all from the start on; "  # noqa: ISC004
+        "free: paced by the clock, nodes come and go; realtime: paced by the clock, all from the start; "  # noqa: ISC004
         "lockstep: the plant waits for each tick's setpoints",
     ),
-    "timeout": (5.0, "longest wait for a silent node once the run goes, s"),
+    "timeout": (5.0, "longest wait for a silent node during the run, s"),
     "start_timeout": (30.0, "longest wait for the other nodes at the start, s; not in mode free"),
     "recorder": (False, "true: wait for a recorder before starting"),
     "view": (False, "true: wait for a live view before starting"),
-    "join": (False, "true, unless in lockstep: disarmed at first; in real time also: take the place of one that left"),
+    "join": (False, "true (not in lockstep): start disarmed; in realtime also: replace a node that left"),
 }
 
 
@@ -86,7 +86,7 @@ def descriptor(description: str, unit: str = "", low: Any = None, high: Any = No
 # Values of parameters that stand for a field of the run that is not given or is no plain value.
 SCENARIOS = 0.0
 INLINE = ""  # of a field whose content stands in the run itself
-DURATION = descriptor("simulated time; 0: the scenario's, and no end where the graph runs free", "s", 0.0, 1e5)
+DURATION = descriptor("simulated time; 0: the scenario's; in mode free: no end", "s", 0.0, 1e5)
 
 
 def field_descriptor(field: FieldInfo, read_only: bool = True) -> Any:
@@ -170,7 +170,7 @@ def read_case(node: Node) -> Case:
     mode = node._parameter_overrides.get("mode")  # noqa: SLF001 (as in `declare`)
     free = (OPTIONS["mode"][0] if mode is None else mode.value) == "free"
     run: str = declare(node, "run", FREE_RUN if free else "", descriptor(text))
-    text = "changes to the run: key.path=value; an empty one changes nothing"
+    text = "changes to the run: key.path=value; empty: none"
     sets = [one for one in declare(node, "set", [""], descriptor(text)) if one]
     case = load_case(run or None, sets)
     changed, fields = [], Run.model_fields
@@ -203,7 +203,7 @@ def read_options(node: Node, joins: bool = True) -> Options:
 
 def read_stamp(node: Node, options: Options) -> str:
     """Declare and read the parameter `stamp`: simulated or wall time in message headers."""
-    stamp: str = declare(node, "stamp", STAMPS[0], descriptor(f"what messages are stamped by: {', '.join(STAMPS)}"))
+    stamp: str = declare(node, "stamp", STAMPS[0], descriptor(f"time in message stamps: {', '.join(STAMPS)}"))
     allowed = STAMPS if options.paced else STAMPS[:1]
     if stamp not in allowed:
         raise InputError(f"stamp: '{stamp}' given; allowed with mode {options.mode}: {', '.join(allowed)}")
@@ -218,7 +218,7 @@ def plain(value: Any) -> Any:
 def read_index(node: Node, allowed: Iterable[int], what: str = "controllers") -> int:
     """Declare and read the index of the run's controller (or link) that a node is or serves. Raises `InputError`."""
     indices = list(allowed)
-    text = f"which of the run's {what} this is, or serves"
+    text = f"index of this node's {what.removesuffix('s')} in the run"
     first = indices[0] if indices else 0
     index = int(declare(node, "index", first, descriptor(text, "", 0, 15)))
     if index not in indices:

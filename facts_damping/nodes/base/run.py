@@ -124,7 +124,7 @@ def _run(node: ManagedNode, usage_of: str) -> int | None:
         finish(node.publishers, DRAIN_S)
         log.info("ended: stopped by a signal")
     except BeginAgain:
-        log.info("unconfigured" if node.cleaned else "another plant has begun: this node begins again, too")
+        log.info("unconfigured" if node.cleaned else "another plant has started: this node restarts")
         return None
     except (FactsDampingError, ParameterException) as error:
         log.fatal(one_line(error), traced(error))

@@ -29,9 +29,9 @@ class WeightsFile:
     """File of a node's adapted weights, updated periodically so that a killed node leaves it behind."""
 
     def __init__(self, node: Node) -> None:
-        text = "file that the adapted weights go to, every 10 s and at the end; empty: none"
+        text = "file for the adapted weights, written every 10 s and at the end; empty: none"
         name = str(declare(node, "save", "", descriptor(text)))
-        text = "true: begin with the weights in the file of `save`, where it is there"
+        text = "true: start with the weights in the file of `save`, if it exists"
         resume: bool = declare(node, "resume", False, descriptor(text))
         check_writable(name or None, "save")
         if resume and not name:

@@ -178,7 +178,7 @@ def check_commands(case: Case) -> None:
     for c, controller in enumerate(case.controllers):
         if controller.command is not None and shutil.which(controller.command[0]) is None:
             text = f"controllers.{c}.command: '{controller.command[0]}' given"
-            raise InputError(f"{text}; allowed: a program that is there, and may be run")
+            raise InputError(f"{text}; allowed: an executable program")
 
 
 def end(processes: Iterable[Process], number: int) -> None:

@@ -28,7 +28,7 @@ class DeviceModel(ParameterModel):
     @classmethod
     def _former(cls, given: Any) -> Any:
         if isinstance(given, dict) and "hold" in given:
-            raise ValueError("'hold' given; allowed: 'watchdog.timeout' of the run, as it is called now")
+            raise ValueError("'hold' given; allowed: 'watchdog.timeout' of the run, its new name")
         return given
 
 

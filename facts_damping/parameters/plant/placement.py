@@ -32,7 +32,7 @@ def _insert(system: System, device: Series) -> System:
     bus, side = (line.from_bus, "from_bus") if device.end == "from" else (line.to_bus, "to_bus")
     ends = (bus, made) if device.end == "from" else (made, bus)
     if made in {b.name for b in system.buses}:
-        raise InputError(f"devices: {device.name}: makes a bus '{made}', which is there already; allowed: another name")
+        raise InputError(f"devices: {device.name}: makes a bus '{made}', which exists already; allowed: another name")
     voltage = next(b.nominal_voltage for b in system.buses if b.name == bus)
     places = {b.name: b.position for b in system.buses}
     near, far = places[bus], places[line.to_bus if device.end == "from" else line.from_bus]

@@ -158,7 +158,7 @@ def _in_order(blocks: Sequence[_Plain], data: Any) -> list[_Plain]:
         if ready is None:
             names = ", ".join(one.name for one in left)
             raise InputError(
-                f"{data.model} of {data.machine}: a loop without a state: {names}; allowed: a time constant above 0"
+                f"{data.model} of {data.machine}: an algebraic loop: {names}; allowed: a time constant above 0"
             )
         left.remove(ready)
         done.append(ready)
@@ -230,7 +230,7 @@ def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float 
         slopes = [(moves(z + step) - moves(z - step)) / (2.0 * step.max()) for step in 1e-6 * np.eye(len(z))]
         z = z - least_squares(np.array(slopes).T, left)
     else:
-        raise InputError(f"{data.model} of {data.machine}: no state of rest found at the start")
+        raise InputError(f"{data.model} of {data.machine}: no steady state found at the start")
     return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _violations(made, data, s))
 
 

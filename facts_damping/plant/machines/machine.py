@@ -194,7 +194,9 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
         low, high = delta - 0.5, delta + 0.5  # rad, far more than saturation shifts the axis
         ends = [_at(row, c, angle, voltage, current).mismatch for angle in (low, high)]
         if ends[0] * ends[1] > 0:
-            raise InputError(f"machines: {m.name}: S10, S12: {m.S10:g}, {m.S12:g} given; allowed: a steady state")
+            raise InputError(
+                f"machines: {m.name}: S10, S12: {m.S10:g}, {m.S12:g} given, without a steady state; allowed: smaller"
+            )
         delta = _root(lambda angle: _at(row, c, angle, voltage, current).mismatch, low, high)
     s = _at(row, c, delta, voltage, current)
     if m.model == "classical":

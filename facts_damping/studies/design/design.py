@@ -97,7 +97,7 @@ def design(task: Task, jobs: int, tell: Tell) -> Design:
     pairs = _pairs(task, narrow, tried, modes, target)
     if not pairs:
         reason = next((f" ({one.why_not})" for one in tried if one.why_not), "")
-        given = f"with no device at {task.place or 'any place'} the mode is found again{reason}"
+        given = f"with a device at {task.place or 'any place'} the mode is not found again{reason}"
         raise InputError(f"--place: {given}; allowed: another place")
     chosen = next((pair for pair in pairs if not pair.conflicts()), pairs[0])
     content, run = _written(task, system, own, tried[chosen.tried], chosen)

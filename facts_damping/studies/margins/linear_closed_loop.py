@@ -109,7 +109,7 @@ def delayed_loop(case: Case) -> DelayedLoop:
             allowed = f"{', '.join(linear_ones)}, a `linear` law {OTHERS}"
             raise InputError(f"controllers.{i}.name: {given}; allowed: {allowed}")
         if controller.compensation != "none":
-            given = f"'{controller.compensation}' given, which is tuned as it runs"
+            given = f"'{controller.compensation}' given, which changes during the run"
             raise InputError(f"controllers.{i}.compensation: {given}; allowed: none {OTHERS}")
     built = build(case.system, case.run.devices, [])
     pmus, rate = [s.name for s in case.system.pmus], case.run.frame_rate

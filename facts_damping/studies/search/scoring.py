@@ -98,7 +98,7 @@ def draws(
     """
     made = ensemble(system, study, profile)
     if reference == REFERENCE and (REFERENCE, None) not in tuned(system, ["speed"], ["sssc"]):
-        allowed = "one for which it is, or --against none"
+        allowed = "a system for which it is, or --against none"
         raise InputError(f"SYSTEM: '{system}' given, for which LLC-tuned is not tuned; allowed: {allowed}")
     base = made.base if link is None else made.base._replace(set={**made.base.set, "link": link})
     given, found = names(base, made.points[0].changes), list[Draw]()
@@ -136,7 +136,7 @@ def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFI
     for point in made.points:
         given, source = names(made.base, point.changes), made.base.source
         if given["system"] not in (system, CUSTOM):
-            raise InputError(f"{source}: system: '{given['system']}' given; allowed: '{system}', as is searched")
+            raise InputError(f"{source}: system: '{given['system']}' given; allowed: '{system}', the SYSTEM")
         if system in systems and given["scenario"] not in (SCENARIO, CUSTOM):
             allowed = f"{SCENARIO} of {system}, or events"
             raise InputError(f"{source}: scenario: '{given['scenario']}' given; allowed: {allowed}")

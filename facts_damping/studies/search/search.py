@@ -191,9 +191,9 @@ def _warn_of_small_budget(task: SearchTask, climbed: Sequence[Rung], counts: Seq
     """Warn if only the first points are tried, as each rung has at least one generation."""
     if all(rung.generations == 1 for rung in climbed):
         minimum = [POPULATION * count * len(rung.draws) for rung, count in zip(climbed, counts, strict=False)]
-        text = f"of {counts[0]} structures only the {POPULATION} first points are tried: {sum(minimum)} closed loops"
+        text = f"only the first {POPULATION} points of {counts[0]} structures are tried: {sum(minimum)} closed loops"
         enough = 2 * len(climbed) * max(minimum)
-        note(f"--budget {task.budget}: {text}; two generations of all take {enough}")
+        note(f"--budget {task.budget}: {text}; two generations need {enough}")
 
 
 def _check_start(task: SearchTask, asked: Sequence[Structure]) -> None:

@@ -74,7 +74,7 @@ def structures(
     for signal in signals:
         check_known("--signals", signal, list(system.signals))
     if signals and not devices:
-        raise InputError("--signals: given without --devices; allowed: with them, as what is measured goes with them")
+        raise InputError("--signals: given without --devices; allowed: with --devices, as signals depend on them")
     known = [row for row in PORTS if set(have).issuperset(row) and tuple(devices or row) == row]
     rows = [tuple(devices)] if signals else known
     if not rows:
@@ -84,7 +84,9 @@ def structures(
     others = [name for name in pairs if name != REFERENCE]
     for name in others:
         if not kind(name, "CONTROLLER").tuned:
-            raise InputError(f"CONTROLLER: '{name}' given; allowed: one with parameters to choose (LLC-tuned is there)")
+            raise InputError(
+                f"CONTROLLER: '{name}' given; allowed: one with parameters to tune (LLC-tuned is included)"
+            )
     given = tuple(signals)
     found = [
         Structure(name, one, row, profile, given) for row in rows for name, one in every_scheme([REFERENCE, *others])

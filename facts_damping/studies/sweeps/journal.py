@@ -56,7 +56,7 @@ class Journal:
             self._write({"study": study})
         elif lines[0].get("study") != study:
             self._file.close()
-            holds = "holds runs of another study, or of one before it, its files or this package was changed"
+            holds = "holds runs of another study, or of another version of it, its files or this package"
             raise InputError(f"--out {path.parent}: {holds}; allowed: a new folder")
         self.rows = {one["key"]: one["row"] for one in lines if "key" in one and "row" in one}
 

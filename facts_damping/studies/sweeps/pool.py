@@ -62,7 +62,7 @@ def workers(jobs: int, scheduler: str | None = None) -> Iterator[Each]:
     try:
         client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise InputError(f"--scheduler {scheduler}: no scheduler answers; allowed: the address of one") from error
+        raise InputError(f"--scheduler {scheduler}: no scheduler answers; allowed: a scheduler's address") from error
     with client:
         yield partial(_on_cluster, client)
 
@@ -78,7 +78,7 @@ def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]
         with script_apart(), threadpool_limits(1) if many == 1 else nullcontext():
             yield from pool(delayed(function)(one) for one in todo)
     except TerminatedWorkerError as error:
-        raise RunError("a process of the sweep was killed, perhaps for want of memory: try fewer --jobs") from error
+        raise RunError("a process of the sweep was killed, perhaps out of memory: try fewer --jobs") from error
 
 
 def _on_cluster(client: Any, function: Callable[[Any], Any], todo: Iterable[Any]) -> Iterator[Any]:

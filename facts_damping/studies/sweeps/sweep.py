@@ -130,7 +130,7 @@ def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Pr
         write_whole(folder / COPY, made.text)
         if journal.damaged:
             lines = f"{journal.damaged} damaged line{'s' if journal.damaged > 1 else ''}"
-            note(f"{folder / JOURNAL}: {lines}; what stood there is run again")
+            note(f"{folder / JOURNAL}: {lines}; those runs are repeated")
         progress.resume(len(journal.rows))
         progress(len(journal.rows), maximum)
         while todo := _tasks(made, journal.rows):

@@ -133,7 +133,7 @@ def derivatives(case: Case) -> list[str]:
     c = case.controllers[0] if case.controllers else None
     if c is None or c.scheme != "indirect":
         given = f"{c.name} {c.scheme or ''}".strip() if c else "no controller"
-        raise InputError(f"jacobian: {given} given, which has no identifier; allowed: networks with scheme indirect")
+        raise InputError(f"jacobian: {given} given, which has no identifier; allowed: neuro-fuzzy, scheme indirect")
     return [f"{signal}/{device}" for signal in c.signals for device in c.devices]
 
 
