@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from facts_damping.parameters.plant.actuators import LoadModulation
 from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
 from facts_damping.parameters.plant.placement import place
 
 from .reference_controls import Damper, Turbine, exciter_of
-from .reference_devices import Link, Ramp, Series, Shunt, Susceptance
+from .reference_devices import Link, Modulated, Ramp, Series, Shunt, Susceptance
 from .reference_grid import HEALTHY, Array, Complex, Loads, power_flow, timeline
 from .reference_machines import ROTORS, machine_start
 from .reference_network import Known, Network
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
     from .reference_devices import Targets
     from .reference_machines import Rotor
 
+    Parallel = Shunt | Susceptance | Link | Modulated
+
+AT_BUSES = (Statcom, Svc, Hvdc, LoadModulation)
 EXPLICIT = ("RK23", "RK45", "DOP853")
 
 
@@ -90,7 +94,7 @@ class Model:
         self.system = system = place(system)
         self.omega_0 = 2.0 * np.pi * system.frequency
         self.series = [p for p in system.devices if isinstance(p, Sssc)]
-        at_buses = [p for p in system.devices if isinstance(p, Statcom | Svc | Hvdc)]
+        at_buses = [p for p in system.devices if isinstance(p, AT_BUSES)]
         self.shunts = [(p, bus, end) for p in at_buses for end, bus in enumerate(p.buses)]
         self.installed = [p.name for p in system.devices if installed is None or p.name in installed]
         self.flow = power_flow(system, self.installed)
@@ -102,21 +106,17 @@ class Model:
         self.units: list[Unit] = []
         currents = [self._start_machine(k) for k in range(len(system.machines))]
         self.I0, self.rotors = np.array(currents), [unit.rotor for unit in self.units]
-        self.converters: dict[str, tuple[Series | Shunt | Susceptance | Link, int]] = {}
-        self.parallel: dict[str, Shunt | Susceptance | Link] = {}
+        self.converters: dict[str, tuple[Series | Parallel, int]] = {}
+        self.parallel: dict[str, Parallel] = {}
         self.lags: dict[str, tuple[int, float]] = {}  # where the reference behind the response time is, and that
         for p in (p for p in system.devices if p.name in self.installed):
-            block: Series | Shunt | Susceptance | Link
+            block: Series | Parallel
             if isinstance(p, Sssc):
                 block = Series(p, abs(self.flow.I[p.name]))
             else:
-                assert isinstance(p, Statcom | Svc | Hvdc)
+                assert isinstance(p, AT_BUSES)
                 V = [abs(self.flow.V[bus]) for bus in p.buses]
-                if isinstance(p, Hvdc):
-                    block = Link(p, V, system.base_power)
-                else:
-                    block = Shunt(p, V[0], self.omega_0) if isinstance(p, Statcom) else Susceptance(p, V[0])
-                self.parallel[p.name] = block
+                self.parallel[p.name] = block = self._at_buses(p, V)
             self.converters[p.name] = block, len(self.start)
             self._add(p.name, block.states, block.start)
             if p.response_time > 0.0:
@@ -124,6 +124,14 @@ class Model:
                 self._add(p.name, ["reference"], [0.0])
         self.x0 = np.array(self.start)
         self.healthy = Network(self, HEALTHY)
+
+    def _at_buses(self, p: Any, V: list[float]) -> Parallel:
+        """A device at one or two buses, at rest at their voltages."""
+        if isinstance(p, Hvdc):
+            return Link(p, V, self.system.base_power)
+        if isinstance(p, Statcom):
+            return Shunt(p, V[0], self.omega_0)
+        return Modulated(p) if isinstance(p, LoadModulation) else Susceptance(p, V[0])
 
     def _add(self, owner: str, states: Sequence[str], start: Sequence[float]) -> None:
         self.names += [f"{owner}.{state}" for state in states]

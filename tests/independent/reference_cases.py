@@ -143,6 +143,14 @@ def svc(name: str, bus: str, **fields: Any) -> Row:
     return {"name": name, "kind": "svc", "bus": bus, **limits, "K": 25.0, **fields}
 
 
+def modulated() -> Row:
+    """Two loads that are modulated, the first with a lag; the fault takes the second below its V_min."""
+    limits = {"kind": "load_modulation", "rate_max": 4.0}
+    first = {"name": "m", "bus": "B9", "setpoint_max": 0.6, "pf": 0.9, "response_time": 0.05, "dead_time": 0.01}
+    second = {"name": "n", "bus": "B7", "setpoint_max": 1.5, "V_min": 0.9}
+    return kundur(devices=[{**limits, **first}, {**limits, **second}], exciters=at_all(**STATIC))
+
+
 def compensated() -> Row:
     """Two devices of each kind, of which no two are alike."""
     devices = [
@@ -240,6 +248,7 @@ EACH: dict[str, Targets] = {
     "f": [(0.4, -0.03)],
 }
 SVCS: dict[str, Targets] = {"e": [(0.2, 0.04), (0.9, -0.3)], "f": [(0.3, -0.01), (1.2, 0.02)]}
+LOADS: dict[str, Targets] = {"m": [(0.2, 0.4), (0.8, -2.0)], "n": [(0.3, 1.2), (1.1, -0.5)]}
 HVDC: dict[str, Targets] = {"hvdc": [(0.2, 0.3), (0.7, -0.4), (1.3, 0.1)]}
 MODULATED: dict[str, Targets] = {"hvdc": [(0.2, 1.5), (1.0, -2.5)]}
 BEYOND: dict[str, Targets] = {"a": [(0.2, 0.05), (0.7, 0.3)], "b": [(0.3, -0.03), (1.2, 0.06)]}
@@ -280,6 +289,7 @@ CASES: dict[str, Case] = {
         1.3,
         1e-6,
     ),
+    "modulated": Case(modulated, [fault(x=0.03)], LOADS, 1.4, 1e-8),
     "svcs": Case(svcs, [fault()], SVCS, 1.4, 1e-8),
     "in_lines_limited": Case(in_lines_limited, [fault()], BEYOND, 1.5, 5e-8),
     "in_lines_out": Case(in_lines, OUT_AND_IN, IN_LINES, 1.6, 1e-8),

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.parameters.plant.actuators import LoadModulation
     from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
 
     Values = list[float]
@@ -146,10 +147,31 @@ class Link:
         return [(now - known) / self.p.T for now, known in zip(V, z, strict=True)]
 
 
+class Modulated:
+    """Load modulation: an ideal load of a power and a power factor, an impedance at low voltage."""
+
+    states: tuple[str, ...] = ()
+
+    def __init__(self, p: LoadModulation) -> None:
+        self.p, self.start = p, list[float]()
+
+    def power(self, _z: Values, u: float, V: float) -> complex:
+        """Complex power given to the network."""
+        drawn = complex(u, u * math.tan(math.acos(self.p.pf)))
+        return -drawn * min(1.0, V / self.p.V_min) ** 2
+
+    def current(self, z: Values, u: float, V: complex, _end: int) -> complex:
+        """Current into the network."""
+        return complex((self.power(z, u, abs(V)) / V).conjugate())
+
+    def rates(self, _z: Values, _u: float, _V: float) -> Values:
+        return []
+
+
 class Ramp:
     """A device's reference: each setpoint, after its dead time, limited and approached at the largest rate."""
 
-    def __init__(self, p: Sssc | Statcom | Svc | Hvdc, targets: Targets, end: float) -> None:
+    def __init__(self, p: Sssc | Statcom | Svc | Hvdc | LoadModulation, targets: Targets, end: float) -> None:
         t, u = [0.0], [0.0]
         finite = [
             (max(time, 0.0) + p.dead_time, clip(value, p.setpoint_max))

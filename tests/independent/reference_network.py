@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.parameters.plant.devices import Hvdc
+from facts_damping.parameters.plant.devices import Statcom, Svc
 
 from .reference_grid import Array, Complex, Grid, Stage
 
@@ -92,7 +92,7 @@ class Network:
         for (p, _, end), bus in zip(model.shunts, self.shunts, strict=True):
             V = complex(s.V[bus])
             z = known.devices[p.name]
-            on = bool(z) and p.name not in blocked and V != 0.0
+            on = p.name in model.parallel and p.name not in blocked and V != 0.0
             given = model.parallel[p.name].current(z, known.u[p.name], V, end) if on else 0.0j
             currents.append(np.array([given]))
         balance = self.enter @ np.concatenate(currents) - self.grid.Y @ s.V
@@ -134,7 +134,7 @@ class Network:
         series = zip(self.model.series, s.i, strict=True)
         found = {p.name for p, i in series if abs(i) < p.I_min or (p.enforce_rating and abs(i) > p.I_rated)}
         shunts = zip(self.model.shunts, self.shunts, strict=True)
-        return found | {p.name for (p, *_), bus in shunts if not isinstance(p, Hvdc) and abs(s.V[bus]) < p.V_min}
+        return found | {p.name for (p, *_), bus in shunts if isinstance(p, Statcom | Svc) and abs(s.V[bus]) < p.V_min}
 
     def solve(self, known: Known) -> tuple[Solution, Blocked]:
         """All unknowns, with as few devices blocked as there is a solution with that all others can work in."""

@@ -24,12 +24,14 @@ ROWS: dict[str, dict[str, Any]] = {
     "statcom": {"bus": "B9", "I_max": 1.0, "Ki": 100.0, **LIMITS},
     "svc": {"bus": "B9", "B_max": 2.0, "B_min": -1.0, "K": 25.0, **LIMITS},
     "hvdc": {"from": "B7", "to": "B9", "P": 50.0, "P_max": 90.0, "pf_from": 0.9, "pf_to": 0.6, **LIMITS},
+    "load_modulation": {"bus": "B9", "pf": 0.6, **LIMITS},
 }
 SECOND: dict[str, dict[str, Any]] = {
     "sssc": {"line": "line_4", "end": "to", "tau": 0.01, "xs": 0.002, **LIMITS},
     "statcom": {"bus": "B7", "I_max": 2.0, "Ki": 60.0, "droop": 0.02, "g": 0.03, **LIMITS},
     "svc": {"bus": "B7", "B_max": 1.0, "B_min": -0.5, "K": 10.0, "T": 0.1, **LIMITS},
     "hvdc": {"from": "B6", "to": "B10", "P": 30.0, "P_max": 60.0, "R": 0.05, "loss": 0.01, "pf_to": 0.6, **LIMITS},
+    "load_modulation": {"bus": "B7", "pf": 0.5, "V_min": 0.8, **LIMITS},
 }
 KINDS = list(devices.KINDS)
 STEP = {"time": 0.2, "kind": "load_step", "load": "load_2", "change": -0.05}

@@ -66,7 +66,7 @@ class Series(DeviceModel):
 class Parallel(DeviceModel):
     """What all kinds in parallel have: a bus. One that is not installed does nothing."""
 
-    bus: Name = Field(..., description="bus to which it is connected, and whose voltage it regulates")
+    bus: Name = Field(..., description="bus to which it is connected")
 
     @property
     def buses(self) -> list[str]:

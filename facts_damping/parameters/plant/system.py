@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Union
 from pydantic import Field, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.parameters.plant.actuators import ACTUATORS
 from facts_damping.parameters.plant.devices import DEVICES, Parallel, Series, Transmission
 from facts_damping.parameters.plant.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
 from facts_damping.parameters.plant.machines import Exciter, Governor, Machine, Stabiliser
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     Device = Series | Parallel | Transmission
 else:
-    Device = Annotated[Union[tuple(DEVICES)], Field(discriminator="kind")]  # noqa: UP007 (made from the list)
+    Device = Annotated[Union[tuple(DEVICES + ACTUATORS)], Field(discriminator="kind")]  # noqa: UP007 (made from the lists)
 
 
 class System(ParameterModel):

@@ -9,7 +9,7 @@ import numpy as np
 
 from facts_damping.compiling import branching, compiled
 from facts_damping.extensions import rows
-from facts_damping.plant.converters import hvdc, sssc, statcom, svc
+from facts_damping.plant.converters import hvdc, load_modulation, sssc, statcom, svc
 from facts_damping.plant.watchdog import WATCHDOG
 from facts_damping.signals import to_ns
 
@@ -82,6 +82,9 @@ KINDS = {
         hvdc.derivatives,
         consumed_power=hvdc.consumed_power,
         other_end=OtherEnd(hvdc.from_end, hvdc.from_derivatives),
+    ),
+    "load_modulation": DeviceKind(
+        load_modulation.LOAD_MODULATION, [], load_modulation.start, load_modulation.characteristic, _at_rest
     ),
 }
 KINDS |= rows("device_kinds", DeviceKind, KINDS)
