@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import FactsDampingError, one_line
-from facts_damping.parameters.plant.actuators import LoadModulation
+from facts_damping.parameters.plant.actuators import Bess, LoadModulation
 from facts_damping.parameters.plant.devices import Parallel, Series, Sssc, Statcom
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.pmus import Pmu, Signal
@@ -38,6 +38,7 @@ NEW_DEVICES: dict[str, tuple[Any, dict[str, Any]]] = {
     "sssc": (Sssc, {}),
     "statcom": (Statcom, {"setpoint_max": 0.1, "rate_max": 10.0, "I_max": 1.0}),
     "load_modulation": (LoadModulation, {"setpoint_max": 0.5, "rate_max": 10.0}),
+    "bess": (Bess, {"setpoint_max": 0.5, "rate_max": 10.0, "S_rated": 50.0, "E_rated": 25.0}),
 }
 USUAL = ("sssc", "statcom")
 SPEED: Channel = "speed_deviation"

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from facts_damping.parameters.plant.actuators import LoadModulation
+from facts_damping.parameters.plant.actuators import Bess, LoadModulation
 from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
 from facts_damping.parameters.plant.placement import place
 
 from .reference_controls import Damper, Turbine, exciter_of
-from .reference_devices import Link, Modulated, Ramp, Series, Shunt, Susceptance
+from .reference_devices import Battery, Link, Modulated, Ramp, Series, Shunt, Susceptance
 from .reference_grid import HEALTHY, Array, Complex, Loads, power_flow, timeline
 from .reference_machines import ROTORS, machine_start
 from .reference_network import Known, Network
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from .reference_devices import Targets
     from .reference_machines import Rotor
 
-    Parallel = Shunt | Susceptance | Link | Modulated
+    Parallel = Shunt | Susceptance | Link | Modulated | Battery
 
-AT_BUSES = (Statcom, Svc, Hvdc, LoadModulation)
+AT_BUSES = (Statcom, Svc, Hvdc, LoadModulation, Bess)
 EXPLICIT = ("RK23", "RK45", "DOP853")
 
 
@@ -131,6 +131,8 @@ class Model:
             return Link(p, V, self.system.base_power)
         if isinstance(p, Statcom):
             return Shunt(p, V[0], self.omega_0)
+        if isinstance(p, Bess):
+            return Battery(p, V[0], self.system.base_power)
         return Modulated(p) if isinstance(p, LoadModulation) else Susceptance(p, V[0])
 
     def _add(self, owner: str, states: Sequence[str], start: Sequence[float]) -> None:

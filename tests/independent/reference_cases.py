@@ -151,6 +151,15 @@ def modulated() -> Row:
     return kundur(devices=[{**limits, **first}, {**limits, **second}], exciters=at_all(**STATIC))
 
 
+def stored() -> Row:
+    """Two batteries: one gets empty, the other full; the first supports its voltage and reaches its rating."""
+    limits = {"kind": "bess", "rate_max": 4.0, "setpoint_max": 1.5, "S_rated": 80.0, "eta_in": 0.8, "eta_out": 0.9}
+    first = {"name": "p", "bus": "B9", "K": 20.0, "E_rated": 0.05, "charge": 0.4, "charge_min": 0.3, "taper": 0.1}
+    second = {"name": "q", "bus": "B7", "E_rated": 0.04, "charge": 0.8, "V_min": 0.9, "taper": 0.05}
+    devices = [{**limits, **first, "response_time": 0.05}, {**limits, **second}]
+    return kundur(devices=devices, exciters=at_all(**STATIC))
+
+
 def compensated() -> Row:
     """Two devices of each kind, of which no two are alike."""
     devices = [
@@ -249,6 +258,7 @@ EACH: dict[str, Targets] = {
 }
 SVCS: dict[str, Targets] = {"e": [(0.2, 0.04), (0.9, -0.3)], "f": [(0.3, -0.01), (1.2, 0.02)]}
 LOADS: dict[str, Targets] = {"m": [(0.2, 0.4), (0.8, -2.0)], "n": [(0.3, 1.2), (1.1, -0.5)]}
+POWERS: dict[str, Targets] = {"p": [(0.1, 0.7), (1.2, -0.3)], "q": [(0.1, -1.0), (1.3, 0.5)]}
 HVDC: dict[str, Targets] = {"hvdc": [(0.2, 0.3), (0.7, -0.4), (1.3, 0.1)]}
 MODULATED: dict[str, Targets] = {"hvdc": [(0.2, 1.5), (1.0, -2.5)]}
 BEYOND: dict[str, Targets] = {"a": [(0.2, 0.05), (0.7, 0.3)], "b": [(0.3, -0.03), (1.2, 0.06)]}
@@ -290,6 +300,7 @@ CASES: dict[str, Case] = {
         1e-6,
     ),
     "modulated": Case(modulated, [fault(x=0.03)], LOADS, 1.4, 1e-8),
+    "stored": Case(stored, [fault(x=0.03)], POWERS, 1.6, 1e-8),
     "svcs": Case(svcs, [fault()], SVCS, 1.4, 1e-8),
     "in_lines_limited": Case(in_lines_limited, [fault()], BEYOND, 1.5, 5e-8),
     "in_lines_out": Case(in_lines, OUT_AND_IN, IN_LINES, 1.6, 1e-8),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.plant.actuators import LoadModulation
+    from facts_damping.parameters.plant.actuators import Bess, LoadModulation
     from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
 
     Values = list[float]
@@ -168,10 +168,37 @@ class Modulated:
         return []
 
 
+class Battery:
+    """BESS: power within rating and charge, then reactive power for the voltage in what the rating leaves."""
+
+    states = ("charge",)
+
+    def __init__(self, p: Bess, V: float, base: float) -> None:
+        self.p, self.Vref, self.start = p, V, [p.charge]
+        self.S, self.hours = p.S_rated / base, p.E_rated / base
+
+    def power(self, z: Values, u: float, V: float) -> complex:
+        """Complex power given to the network."""
+        p = self.p
+        sizes = np.clip([(z[0] - p.charge_min) / p.taper, (p.charge_max - z[0]) / p.taper], 0.0, 1.0)
+        P = float(np.clip(u, -self.S * sizes[1], self.S * sizes[0]))
+        Q = clip(p.K * (self.Vref - V), math.sqrt(self.S**2 - P**2))
+        return complex(P, Q) * min(1.0, V / p.V_min) ** 2
+
+    def current(self, z: Values, u: float, V: complex, _end: int) -> complex:
+        """Current into the network."""
+        return complex((self.power(z, u, abs(V)) / V).conjugate())
+
+    def rates(self, z: Values, u: float, V: float) -> Values:
+        P = self.power(z, u, V).real
+        inside = P / self.p.eta_out if P > 0.0 else P * self.p.eta_in
+        return [-inside / self.hours / 3600.0]
+
+
 class Ramp:
     """A device's reference: each setpoint, after its dead time, limited and approached at the largest rate."""
 
-    def __init__(self, p: Sssc | Statcom | Svc | Hvdc | LoadModulation, targets: Targets, end: float) -> None:
+    def __init__(self, p: Sssc | Statcom | Svc | Hvdc | LoadModulation | Bess, targets: Targets, end: float) -> None:
         t, u = [0.0], [0.0]
         finite = [
             (max(time, 0.0) + p.dead_time, clip(value, p.setpoint_max))

@@ -13,7 +13,7 @@ from facts_damping.signals import to_ns
 from facts_damping.small_signal.linearisation import linearise
 from tests.independent.reference import Model, Run
 from tests.independent.reference_cases import CASES
-from tests.independent.reference_devices import Link, Modulated, Ramp
+from tests.independent.reference_devices import Battery, Link, Modulated, Ramp
 from tests.independent.reference_grid import Stage
 from tests.independent.reference_network import Network
 from tests.plant.running import events, follow, frame_times, plant, shipped, ssscs
@@ -166,7 +166,7 @@ def test_courses_agree(name: str) -> None:
             S = link.powers(z, float(u), abs(run.V[link.p.buses[0]][-1]))[0]
             assert end["active_power"] == pytest.approx(S.real, rel=0, abs=1000 * case.bound)
             assert end["reactive_power"] == pytest.approx(S.imag, rel=0, abs=1000 * case.bound)
-        elif isinstance(load := model.parallel[device], Modulated):
+        elif isinstance(load := model.parallel[device], Modulated | Battery):
             V = float(abs(run.V[system.devices[d].place][-1]))
             z = [run.state(f"{device}.{own}")[-1] for own in load.states]
             u = run.state(f"{device}.reference")[-1] if device in model.lags else run.references[device][-1]

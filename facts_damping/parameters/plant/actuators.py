@@ -1,10 +1,10 @@
-"""Actuators beside FACTS and HVDC as data: loads that are modulated."""
+"""Actuators beside FACTS and HVDC as data: loads that are modulated, batteries."""
 
 from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from facts_damping.parameters.base import quantity
 from facts_damping.parameters.plant.devices import DeviceModel, Parallel
@@ -30,4 +30,38 @@ class LoadModulation(Parallel):
     V_min: float = quantity(0.7, "p.u.", "voltage of its bus below which the power falls with its square", ge=0.1, le=1)
 
 
-ACTUATORS: list[type[DeviceModel]] = [LoadModulation]
+class Bess(Parallel):
+    """A [battery](facts_devices.md) at a bus: active power by its setpoint, reactive power by a droop of voltage.
+
+    Its setpoint is the power into the grid, in p.u. of the system base; discharging is positive. The power is also
+    limited by the rating, and near empty or full in proportion to the rest. One that is not installed does nothing.
+    """
+
+    kind: Literal["bess"] = _kind()
+    setpoint_max: float = quantity(..., "p.u.", "limit of the setpoint, power into the grid", usual=0.5, gt=0, le=1000)
+    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", usual=10, gt=0, le=1e4)
+    S_rated: float = quantity(..., "MVA", "rating of the converter", usual=50, gt=0, le=1e5)
+    E_rated: float = quantity(..., "MWh", "energy from a charge of 0 to 1", usual=25, gt=0, le=1e6)
+    charge: float = quantity(0.5, "-", "initial charge; from `charge_min` to `charge_max`", ge=0, le=1)
+    charge_min: float = quantity(0.1, "-", "charge at which discharging has ended", ge=0, le=1)
+    charge_max: float = quantity(0.9, "-", "charge at which charging has ended", ge=0, le=1)
+    taper: float = quantity(
+        0.02, "-", "width of the bands of charge at both ends in which the power limit falls to zero", ge=1e-4, le=0.5
+    )
+    eta_in: float = quantity(0.95, "-", "efficiency of charging", ge=0.1, le=1)
+    eta_out: float = quantity(0.95, "-", "efficiency of discharging", ge=0.1, le=1)
+    K: float = quantity(0.0, "p.u.", "gain of the voltage support: reactive power per voltage; 0: none", ge=0, le=1e4)
+    V_min: float = quantity(0.7, "p.u.", "voltage of its bus below which the power falls with its square", ge=0.1, le=1)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Bess:
+        if self.charge_max - self.charge_min < 2.0 * self.taper:
+            given = f"{self.charge_min}, {self.charge_max} and {self.taper}"
+            raise ValueError(f"charge_max must be at least charge_min + 2 taper, given {given}")
+        if not self.charge_min <= self.charge <= self.charge_max:
+            given = f"{self.charge}, {self.charge_min} and {self.charge_max}"
+            raise ValueError(f"charge must be between charge_min and charge_max, given {given}")
+        return self
+
+
+ACTUATORS: list[type[DeviceModel]] = [LoadModulation, Bess]
