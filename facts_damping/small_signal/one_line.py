@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 
 from facts_damping.parameters.plant.devices import Series, Transmission
 from facts_damping.plant.converters.devices import losses_of
-from facts_damping.plant.grid.network import Topology, branches, device_section
+from facts_damping.plant.grid.network import Topology, at_rest, branches, device_section
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def flows(system: System, flow: PowerFlow, installed: Sequence[str] = ()) -> lis
     voltage = dict(zip(flow.names, flow.voltage, strict=True))
     devices = [d for d in system.devices if isinstance(d, Series)]
     lost = {d.name: losses_of(d, flow.currents[d.name]) if d.name in installed else 0.0 for d in devices}
-    series = [device_section(d, complex(d.rs + lost[d.name], 0.0)) for d in devices]
+    series = [device_section(d, complex(at_rest(d, lost[d.name]))) for d in devices]
     found = []
     for one in [*branches(system, Topology()), *series]:
         ends = np.array([voltage[one.from_bus], voltage[one.to_bus]])

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import FactsDampingError, one_line
-from facts_damping.parameters.plant.actuators import Bess, LoadModulation
+from facts_damping.parameters.plant.actuators import Bess, LoadModulation, Tcsc
 from facts_damping.parameters.plant.devices import Parallel, Series, Sssc, Statcom
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.pmus import Pmu, Signal
@@ -34,13 +34,16 @@ if TYPE_CHECKING:
 
 NEW = "damper"  # name of a new device in the system
 # Data of new devices by kind: the STATCOM as in two_area, power of 50 MW on a base of 100 MVA.
+# Reactances of the TCSC are relative to that of its line.
 NEW_DEVICES: dict[str, tuple[Any, dict[str, Any]]] = {
     "sssc": (Sssc, {}),
     "statcom": (Statcom, {"setpoint_max": 0.1, "rate_max": 10.0, "I_max": 1.0}),
     "load_modulation": (LoadModulation, {"setpoint_max": 0.5, "rate_max": 10.0}),
     "bess": (Bess, {"setpoint_max": 0.5, "rate_max": 10.0, "S_rated": 50.0, "E_rated": 25.0}),
+    "tcsc": (Tcsc, {"X": 0.2, "X_min": 0.1, "X_max": 0.3, "setpoint_max": 0.1, "rate_max": 5.0}),
 }
 USUAL = ("sssc", "statcom")
+LONGEST = 3.0  # p.u., largest reactance of a line for a TCSC
 SPEED: Channel = "speed_deviation"
 FLOW: Channel = "active_power"
 MAX_AREAS = 8  # with more areas there are too many pairs
@@ -97,13 +100,19 @@ def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
     names = {d.name for d in system.devices}
     name = next(n for n in (NEW, *(f"{NEW}_{i}" for i in range(2, 100))) if n not in names)
     lines = [line.name for line in system.lines if line.name not in in_series]
+    reactance = {line.name: line.x * line.length for line in system.lines}
     buses = [bus.name for bus in system.buses if bus.name not in occupied]
     free = {Series: ("line", lines), Parallel: ("bus", buses)}
     new = []
     for kind in kinds:
         model, data = NEW_DEVICES[kind]
         field, where = next(found for base, found in free.items() if issubclass(model, base))
-        new += [Place(model(name=name, kind=kind, **{field: at}, **data), at, False) for at in where]
+        for at in where:
+            scale = reactance[at] if kind == "tcsc" else 1.0
+            if not 0.0 < scale <= LONGEST:  # a line that is a series capacitor itself
+                continue
+            scaled = {key: value * scale for key, value in data.items()}
+            new.append(Place(model(name=name, kind=kind, **{field: at}, **scaled), at, False))
     return [*own, *new]
 
 

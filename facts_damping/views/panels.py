@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 PLOT, STATES, TABLE, MESSAGE, DIAGNOSTICS = "plot", "states", "table", "message", "diagnostics"
 
-SETPOINTS = {"load_modulation": "power drawn", "bess": "power supplied"}  # others: voltage; HVDC: power added
+SETPOINTS = {"load_modulation": "power drawn", "bess": "power supplied", "tcsc": "reactance and voltage"}
 
 DEADLINE_MISSES = 'status[:].values[:]{key=="deadline_misses"}.value'
 

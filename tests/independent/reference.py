@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from facts_damping.parameters.plant.actuators import Bess, LoadModulation
+from facts_damping.parameters.plant.actuators import Bess, LoadModulation, Tcsc
 from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
 from facts_damping.parameters.plant.placement import place
 
 from .reference_controls import Damper, Turbine, exciter_of
-from .reference_devices import Battery, Link, Modulated, Ramp, Series, Shunt, Susceptance
+from .reference_devices import Battery, Capacitor, Link, Modulated, Ramp, Series, Shunt, Susceptance
 from .reference_grid import HEALTHY, Array, Complex, Loads, power_flow, timeline
 from .reference_machines import ROTORS, machine_start
 from .reference_network import Known, Network
@@ -93,7 +93,7 @@ class Model:
     def __init__(self, system: System, installed: Sequence[str] | None = None) -> None:
         self.system = system = place(system)
         self.omega_0 = 2.0 * np.pi * system.frequency
-        self.series = [p for p in system.devices if isinstance(p, Sssc)]
+        self.series = [p for p in system.devices if isinstance(p, Sssc | Tcsc)]
         at_buses = [p for p in system.devices if isinstance(p, AT_BUSES)]
         self.shunts = [(p, bus, end) for p in at_buses for end, bus in enumerate(p.buses)]
         self.installed = [p.name for p in system.devices if installed is None or p.name in installed]
@@ -106,13 +106,15 @@ class Model:
         self.units: list[Unit] = []
         currents = [self._start_machine(k) for k in range(len(system.machines))]
         self.I0, self.rotors = np.array(currents), [unit.rotor for unit in self.units]
-        self.converters: dict[str, tuple[Series | Parallel, int]] = {}
+        self.converters: dict[str, tuple[Series | Capacitor | Parallel, int]] = {}
         self.parallel: dict[str, Parallel] = {}
         self.lags: dict[str, tuple[int, float]] = {}  # where the reference behind the response time is, and that
         for p in (p for p in system.devices if p.name in self.installed):
-            block: Series | Parallel
+            block: Series | Capacitor | Parallel
             if isinstance(p, Sssc):
                 block = Series(p, abs(self.flow.I[p.name]))
+            elif isinstance(p, Tcsc):
+                block = Capacitor(p)
             else:
                 assert isinstance(p, AT_BUSES)
                 V = [abs(self.flow.V[bus]) for bus in p.buses]
@@ -167,8 +169,11 @@ class Model:
             np.exp(1j * (delta - np.pi / 2.0)), np.array(E), devices, {**dict.fromkeys(devices, 0.0), **u, **lagging}
         )
 
-    def drop(self, p: Sssc, current: complex, known: Known, blocked: frozenset[str]) -> complex:
-        """Voltage over an SSSC at its current; one that is not installed is its resistance alone."""
+    def drop(self, p: Sssc | Tcsc, current: complex, known: Known, blocked: frozenset[str]) -> complex:
+        """Voltage over an SSSC at its current; one that is not installed is its resistance alone. Of a TCSC too."""
+        if isinstance(p, Tcsc):
+            capacitive = (known.devices[p.name] or [p.X])[0]
+            return complex(p.rs, p.xs if p.name in blocked else -capacitive) * current
         if p.name not in self.converters:
             return p.rs * current
         size, total = abs(current), complex(p.rs, p.xs) * current
@@ -190,6 +195,8 @@ class Model:
             z, ref = known.devices[name], known.u[name]
             if name in blocked:
                 rates += [0.0] * len(z)
+            elif isinstance(block, Capacitor):
+                rates += block.rates(z, ref)
             elif isinstance(block, Series):
                 rates += block.drops(z, ref, float(abs(s.i[self.series.index(block.p)])))[2]
             else:

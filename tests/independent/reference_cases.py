@@ -160,6 +160,15 @@ def stored() -> Row:
     return kundur(devices=devices, exciters=at_all(**STATIC))
 
 
+def capacitors() -> Row:
+    """Two series capacitors that are controlled, one in a line; the fault takes the first above its largest current."""
+    kind = {"kind": "tcsc", "rate_max": 0.4, "setpoint_max": 0.02}
+    first = {"name": "v", "line": "line_3", "X": 0.02, "X_min": 0.005, "X_max": 0.03, "I_max": 4.0, "xs": 0.004}
+    second = {"name": "w", "line": "line_2", "end": "to", "X": 0.01, "X_min": -0.002, "X_max": 0.022, "T": 0.05}
+    devices = [{**kind, **first}, {**kind, **second, "response_time": 0.03}]
+    return kundur(devices=devices, exciters=at_all(**STATIC))
+
+
 def compensated() -> Row:
     """Two devices of each kind, of which no two are alike."""
     devices = [
@@ -259,6 +268,7 @@ EACH: dict[str, Targets] = {
 SVCS: dict[str, Targets] = {"e": [(0.2, 0.04), (0.9, -0.3)], "f": [(0.3, -0.01), (1.2, 0.02)]}
 LOADS: dict[str, Targets] = {"m": [(0.2, 0.4), (0.8, -2.0)], "n": [(0.3, 1.2), (1.1, -0.5)]}
 POWERS: dict[str, Targets] = {"p": [(0.1, 0.7), (1.2, -0.3)], "q": [(0.1, -1.0), (1.3, 0.5)]}
+REACTANCES: dict[str, Targets] = {"v": [(0.1, 0.02), (1.0, -0.03)], "w": [(0.2, -0.015), (1.1, 0.01)]}
 HVDC: dict[str, Targets] = {"hvdc": [(0.2, 0.3), (0.7, -0.4), (1.3, 0.1)]}
 MODULATED: dict[str, Targets] = {"hvdc": [(0.2, 1.5), (1.0, -2.5)]}
 BEYOND: dict[str, Targets] = {"a": [(0.2, 0.05), (0.7, 0.3)], "b": [(0.3, -0.03), (1.2, 0.06)]}
@@ -301,6 +311,7 @@ CASES: dict[str, Case] = {
     ),
     "modulated": Case(modulated, [fault(x=0.03)], LOADS, 1.4, 1e-8),
     "stored": Case(stored, [fault(x=0.03)], POWERS, 1.6, 1e-8),
+    "capacitors": Case(capacitors, [fault()], REACTANCES, 1.4, 3e-6),  # bypassed at times
     "svcs": Case(svcs, [fault()], SVCS, 1.4, 1e-8),
     "in_lines_limited": Case(in_lines_limited, [fault()], BEYOND, 1.5, 5e-8),
     "in_lines_out": Case(in_lines, OUT_AND_IN, IN_LINES, 1.6, 1e-8),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.plant.actuators import Bess, LoadModulation
+    from facts_damping.parameters.plant.actuators import Bess, LoadModulation, Tcsc
     from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
 
     Values = list[float]
@@ -61,6 +61,19 @@ class Series:
             (s_p * size - p.g * vdc) / p.tau,
         ]
         return s_p * vdc, s_q * vdc, rates
+
+
+class Capacitor:
+    """TCSC: a capacitive reactance that follows its order; without the current through it."""
+
+    states = ("x",)
+
+    def __init__(self, p: Tcsc) -> None:
+        self.p, self.start = p, [p.X]
+
+    def rates(self, z: Values, u: float) -> Values:
+        p = self.p
+        return [(float(np.clip(u + p.X, p.X_min, p.X_max)) - z[0]) / p.T]
 
 
 class Shunt:
@@ -198,7 +211,9 @@ class Battery:
 class Ramp:
     """A device's reference: each setpoint, after its dead time, limited and approached at the largest rate."""
 
-    def __init__(self, p: Sssc | Statcom | Svc | Hvdc | LoadModulation | Bess, targets: Targets, end: float) -> None:
+    def __init__(
+        self, p: Sssc | Statcom | Svc | Hvdc | LoadModulation | Bess | Tcsc, targets: Targets, end: float
+    ) -> None:
         t, u = [0.0], [0.0]
         finite = [
             (max(time, 0.0) + p.dead_time, clip(value, p.setpoint_max))

@@ -25,6 +25,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "svc": {"bus": "B9", "B_max": 2.0, "B_min": -1.0, "K": 25.0, **LIMITS},
     "hvdc": {"from": "B7", "to": "B9", "P": 50.0, "P_max": 90.0, "pf_from": 0.9, "pf_to": 0.6, **LIMITS},
     "load_modulation": {"bus": "B9", "pf": 0.6, **LIMITS},
+    "tcsc": {"line": "line_2", "X": 0.004, "X_min": 0.0, "X_max": 0.1, **LIMITS},
     "bess": {"bus": "B9", "S_rated": 60.0, "E_rated": 30.0, "K": 40.0, **LIMITS},
 }
 SECOND: dict[str, dict[str, Any]] = {
@@ -33,6 +34,7 @@ SECOND: dict[str, dict[str, Any]] = {
     "svc": {"bus": "B7", "B_max": 1.0, "B_min": -0.5, "K": 10.0, "T": 0.1, **LIMITS},
     "hvdc": {"from": "B6", "to": "B10", "P": 30.0, "P_max": 60.0, "R": 0.05, "loss": 0.01, "pf_to": 0.6, **LIMITS},
     "load_modulation": {"bus": "B7", "pf": 0.5, "V_min": 0.8, **LIMITS},
+    "tcsc": {"line": "line_3", "X": 0.002, "X_min": -0.05, "X_max": 0.1, "T": 0.02, **LIMITS},
     "bess": {"bus": "B7", "S_rated": 40.0, "E_rated": 0.1, "K": 30.0, "eta_in": 0.8, **LIMITS},
 }
 KINDS = list(devices.KINDS)
@@ -58,7 +60,7 @@ def test_every_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     """Its branch in each of the compiled functions is there, and gives numbers."""
     built = plant(system(), installed=[f"{kind}_1"])
     d, x = built.plant.devices[0], built.state.x
-    size = 4.0 if kind == "sssc" else 1.0
+    size = 4.0 if kind in ("sssc", "tcsc") else 1.0
     dx = np.full_like(x, np.nan)
     devices.derivatives(int(d["kind"]), d, x, 0.01, size, dx)
     devices.other_derivatives(int(d["kind"]), d, x, 0.01, size, dx)

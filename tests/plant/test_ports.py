@@ -10,6 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.converters.devices import KINDS
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.dynamics import solve_network
@@ -62,6 +63,16 @@ MODULATION = {
     "setpoint_max": 0.5,
     "rate_max": 10.0,
     "pf": 0.9,
+}
+TCSC = {
+    "name": "tcsc",
+    "kind": "tcsc",
+    "line": "line_4",
+    "X": 0.01,
+    "X_min": 0.0,
+    "X_max": 0.2,
+    "setpoint_max": 0.1,
+    "rate_max": 1.0,
 }
 BESS = {
     "name": "bess",
@@ -277,12 +288,12 @@ def of_all_kinds() -> Built:
     machines = [{**m.model_dump(), "Xq2": 0.22 if m.name == "G3" else 0.25} for m in system.machines]
     mixed = {"impedance": 0.2, "current": 0.5, "power": 0.3}
     loads = [{**load.model_dump(), "P_fractions": mixed, "Q_fractions": {"power": 1.0}} for load in system.loads]
-    devices = [*(d.model_dump(by_alias=True) for d in system.devices), SVC, HVDC, MODULATION, BESS]
+    devices = [*(d.model_dump(by_alias=True) for d in system.devices), SVC, HVDC, MODULATION, BESS, TCSC]
     names = [device["name"] for device in devices]
-    return plant(changed(system, machines=machines, loads=loads, devices=devices), installed=names)
+    return plant(place(changed(system, machines=machines, loads=loads, devices=devices)), installed=names)
 
 
-@pytest.mark.parametrize("p", range(10))
+@pytest.mark.parametrize("p", range(11))
 @settings(deadline=None, max_examples=80)
 @given(
     magnitude=st.one_of(st.floats(0.05, 9.9), st.floats(10.1, 15)),  # below and above the SSSC's rated current
@@ -297,7 +308,7 @@ def test_slopes_of_every_port_are_those_of_its_law(
     built = of_all_kinds()
     assert set(built.plant.ports["kind"]) == {SALIENT, LOAD, DEVICE, OTHER_END}
     assert set(built.plant.devices["kind"]) == set(range(len(KINDS)))
-    assert len(built.plant.ports) == 10
+    assert len(built.plant.ports) == 11
     work, x = workspace(built.plant, built.state), np.array(built.state.x)
     for name, value in zip(("sssc.x_ac", "sssc.vdc", "statcom.iq", "svc.B"), moved, strict=True):
         x[built.state_names.index(name)] += value

@@ -1,4 +1,4 @@
-"""Actuators beside FACTS and HVDC as data: loads that are modulated, batteries."""
+"""Actuators beside FACTS and HVDC as data: loads that are modulated, batteries, series capacitors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from facts_damping.parameters.base import quantity
-from facts_damping.parameters.plant.devices import DeviceModel, Parallel
+from facts_damping.parameters.plant.devices import DeviceModel, Parallel, Series
 
 
 def _kind() -> Any:
@@ -64,4 +64,38 @@ class Bess(Parallel):
         return self
 
 
-ACTUATORS: list[type[DeviceModel]] = [LoadModulation, Bess]
+class Tcsc(Series):
+    """A thyristor-controlled series capacitor ([TCSC](facts_devices.md)); data on the system base.
+
+    Its setpoint is added to its reactance, capacitive positive. It stands as an SSSC does. If it is not installed, it
+    remains as a fixed series capacitor.
+    """
+
+    kind: Literal["tcsc"] = _kind()
+    rs: float = quantity(1e-6, "p.u.", "resistance", ge=1e-6, le=1)
+    xs: float = quantity(0.001, "p.u.", "inductive reactance while it is bypassed", gt=0, le=1)
+    X: float = quantity(
+        ..., "p.u.", "capacitive reactance without a setpoint; from `X_min` to `X_max`", usual=0.01, ge=-1, le=1
+    )
+    X_min: float = quantity(..., "p.u.", "smallest capacitive reactance; negative: inductive", usual=0, ge=-1, le=1)
+    X_max: float = quantity(..., "p.u.", "largest capacitive reactance", usual=0.02, ge=-1, le=1)
+    setpoint_max: float = quantity(
+        ..., "p.u.", "limit of the setpoint, capacitive reactance added", usual=0.005, gt=0, le=1
+    )
+    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", usual=0.2, gt=0, le=1000)
+    T: float = quantity(0.015, "s", "time constant with which the reactance follows", ge=0.001, le=10)
+    I_max: float = quantity(1000.0, "p.u.", "current above which it is bypassed", gt=0, le=1000)
+
+    @property
+    def reactance(self) -> float:
+        """Its reactance at rest, p.u., inductive positive."""
+        return -self.X
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Tcsc:
+        if not self.X_min <= self.X <= self.X_max:
+            raise ValueError(f"X must be between X_min and X_max, given {self.X}, {self.X_min} and {self.X_max}")
+        return self
+
+
+ACTUATORS: list[type[DeviceModel]] = [LoadModulation, Bess, Tcsc]

@@ -35,7 +35,7 @@ class DeviceModel(ParameterModel):
 class Series(DeviceModel):
     """What all kinds in series have: two buses, or a line in which it stands next to its `from` or `to` bus.
 
-    It acts behind an impedance. If it is not installed, only its resistance remains.
+    It acts behind an impedance. If it is not installed, only its resistance remains, and its reactance at rest.
     """
 
     from_bus: Name | None = Field(None, alias="from", description="first bus; give `from` and `to`, or `line`")
@@ -51,6 +51,11 @@ class Series(DeviceModel):
         if len(buses) != (0 if self.line is not None else 2):
             raise ValueError("a device in series needs either `line`, or `from` and `to`")
         return self
+
+    @property
+    def reactance(self) -> float:
+        """Its reactance at rest, p.u., also if it is not installed."""
+        return 0.0
 
     @property
     def ends(self) -> tuple[str, str]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from facts_damping.compiling import branching, compiled
 from facts_damping.extensions import rows
-from facts_damping.plant.converters import bess, hvdc, load_modulation, sssc, statcom, svc
+from facts_damping.plant.converters import bess, hvdc, load_modulation, sssc, statcom, svc, tcsc
 from facts_damping.plant.watchdog import WATCHDOG
 from facts_damping.signals import to_ns
 
@@ -87,6 +87,7 @@ KINDS = {
         load_modulation.LOAD_MODULATION, [], load_modulation.start, load_modulation.characteristic, _at_rest
     ),
     "bess": DeviceKind(bess.BESS, bess.STATE_NAMES, bess.start, bess.characteristic, bess.derivatives),
+    "tcsc": DeviceKind(tcsc.TCSC, tcsc.STATE_NAMES, tcsc.start, tcsc.characteristic, tcsc.derivatives, tcsc.truth),
 }
 KINDS |= rows("device_kinds", DeviceKind, KINDS)
 CODES = {name: code for code, name in enumerate(KINDS)}  # codes in compiled functions
