@@ -102,6 +102,7 @@ class Work(Struct):
     noise_start: Float2  # values at the start of the current segment of its grid
     noise_slope: Float2  # 1/s
     signals: Float1  # of the blocks of one control
+    added: Float1  # (machines,), p.u., setpoints at the summing points of voltage regulators
 
 
 def workspace(plant: Plant, state: PlantState) -> Work:
@@ -126,6 +127,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros((len(plant.loads), 2)),
         np.zeros((len(plant.loads), 2)),
         np.zeros(len(SENSED) + len(plant.blocks)),
+        np.zeros(machines),
     )
 
 

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import FactsDampingError, one_line
-from facts_damping.parameters.plant.actuators import Bess, LoadModulation, Tcsc
-from facts_damping.parameters.plant.devices import Parallel, Series, Sssc, Statcom
+from facts_damping.parameters.plant.actuators import Bess, ExciterInput, LoadModulation, Tcsc
+from facts_damping.parameters.plant.devices import AtMachine, Parallel, Series, Sssc, Statcom
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.pmus import Pmu, Signal
 from facts_damping.plant.build import build
@@ -41,6 +41,7 @@ NEW_DEVICES: dict[str, tuple[Any, dict[str, Any]]] = {
     "load_modulation": (LoadModulation, {"setpoint_max": 0.5, "rate_max": 10.0}),
     "bess": (Bess, {"setpoint_max": 0.5, "rate_max": 10.0, "S_rated": 50.0, "E_rated": 25.0}),
     "tcsc": (Tcsc, {"X": 0.2, "X_min": 0.1, "X_max": 0.3, "setpoint_max": 0.1, "rate_max": 5.0}),
+    "exciter_input": (ExciterInput, {}),
 }
 USUAL = ("sssc", "statcom")
 LONGEST = 3.0  # p.u., largest reactance of a line for a TCSC
@@ -51,7 +52,7 @@ NEAR = 0.5  # largest `linearisation.unlike` of the same mode
 
 
 class Place(NamedTuple):
-    """A candidate location `at` a line, two buses, or a bus; `own`: an existing device of the system."""
+    """A candidate location `at` a line, two buses, a bus, or a machine; `own`: an existing device of the system."""
 
     device: Device
     at: str
@@ -60,7 +61,7 @@ class Place(NamedTuple):
     @property
     def label(self) -> str:
         """Readable name."""
-        where = "at" if isinstance(self.device, Parallel) else "in"
+        where = "at" if isinstance(self.device, Parallel | AtMachine) else "in"
         return f"{self.device.kind} {where} {self.at}"
 
     @property
@@ -91,7 +92,8 @@ class Tried(NamedTuple):
 def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
     """The system's own devices, and new ones of some kinds of NEW_DEVICES at each place.
 
-    In series in each line without a device, in parallel at each bus without machine or device.
+    In series in each line without a device, in parallel at each bus without machine or device,
+    at each machine with an exciter.
     """
     own = [Place(d, d.place, True) for d in system.devices]
     in_series = {d.line for d in system.devices if isinstance(d, Series)}
@@ -102,7 +104,11 @@ def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
     lines = [line.name for line in system.lines if line.name not in in_series]
     reactance = {line.name: line.x * line.length for line in system.lines}
     buses = [bus.name for bus in system.buses if bus.name not in occupied]
-    free = {Series: ("line", lines), Parallel: ("bus", buses)}
+    free = {
+        Series: ("line", lines),
+        Parallel: ("bus", buses),
+        AtMachine: ("machine", [e.machine for e in system.exciters]),
+    }
     new = []
     for kind in kinds:
         model, data = NEW_DEVICES[kind]

@@ -22,7 +22,12 @@ if TYPE_CHECKING:
 
 PLOT, STATES, TABLE, MESSAGE, DIAGNOSTICS = "plot", "states", "table", "message", "diagnostics"
 
-SETPOINTS = {"load_modulation": "power drawn", "bess": "power supplied", "tcsc": "reactance and voltage"}
+SETPOINTS = {
+    "load_modulation": "power drawn",
+    "bess": "power supplied",
+    "tcsc": "reactance and voltage",
+    "exciter_input": "regulator input",
+}
 
 DEADLINE_MISSES = 'status[:].values[:]{key=="deadline_misses"}.value'
 

@@ -169,6 +169,14 @@ def capacitors() -> Row:
     return kundur(devices=devices, exciters=at_all(**STATIC))
 
 
+def commanded() -> Row:
+    """Inputs at a static exciter beside a stabiliser, at its ceiling at times, and at a DC exciter."""
+    first = {"name": "g", "kind": "exciter_input", "machine": "G1", "response_time": 0.03}
+    second = {"name": "h", "kind": "exciter_input", "machine": "G3", "setpoint_max": 0.05, "rate_max": 0.5}
+    exciters = [{"machine": m, **(DC if m == "G3" else {**STATIC, "maximum": 5.0})} for m in MACHINES]
+    return kundur(devices=[first, second], exciters=exciters, stabilisers=at_all()[:2])
+
+
 def compensated() -> Row:
     """Two devices of each kind, of which no two are alike."""
     devices = [
@@ -269,6 +277,7 @@ SVCS: dict[str, Targets] = {"e": [(0.2, 0.04), (0.9, -0.3)], "f": [(0.3, -0.01),
 LOADS: dict[str, Targets] = {"m": [(0.2, 0.4), (0.8, -2.0)], "n": [(0.3, 1.2), (1.1, -0.5)]}
 POWERS: dict[str, Targets] = {"p": [(0.1, 0.7), (1.2, -0.3)], "q": [(0.1, -1.0), (1.3, 0.5)]}
 REACTANCES: dict[str, Targets] = {"v": [(0.1, 0.02), (1.0, -0.03)], "w": [(0.2, -0.015), (1.1, 0.01)]}
+INPUTS: dict[str, Targets] = {"g": [(0.1, 0.03), (1.0, -0.2)], "h": [(0.2, -0.02), (1.1, 0.05)]}
 HVDC: dict[str, Targets] = {"hvdc": [(0.2, 0.3), (0.7, -0.4), (1.3, 0.1)]}
 MODULATED: dict[str, Targets] = {"hvdc": [(0.2, 1.5), (1.0, -2.5)]}
 BEYOND: dict[str, Targets] = {"a": [(0.2, 0.05), (0.7, 0.3)], "b": [(0.3, -0.03), (1.2, 0.06)]}
@@ -312,6 +321,7 @@ CASES: dict[str, Case] = {
     "modulated": Case(modulated, [fault(x=0.03)], LOADS, 1.4, 1e-8),
     "stored": Case(stored, [fault(x=0.03)], POWERS, 1.6, 1e-8),
     "capacitors": Case(capacitors, [fault()], REACTANCES, 1.4, 3e-6),  # bypassed at times
+    "commanded": Case(commanded, [fault()], INPUTS, 1.4, 1e-6),
     "svcs": Case(svcs, [fault()], SVCS, 1.4, 1e-8),
     "in_lines_limited": Case(in_lines_limited, [fault()], BEYOND, 1.5, 5e-8),
     "in_lines_out": Case(in_lines, OUT_AND_IN, IN_LINES, 1.6, 1e-8),

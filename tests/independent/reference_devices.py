@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.plant.actuators import Bess, LoadModulation, Tcsc
+    from facts_damping.parameters.plant.actuators import Bess, ExciterInput, LoadModulation, Tcsc
     from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
 
     Values = list[float]
@@ -61,6 +61,18 @@ class Series:
             (s_p * size - p.g * vdc) / p.tau,
         ]
         return s_p * vdc, s_q * vdc, rates
+
+
+class Input:
+    """Exciter input: only its reference, which its machine adds."""
+
+    states: tuple[str, ...] = ()
+
+    def __init__(self, p: ExciterInput) -> None:
+        self.p, self.start = p, list[float]()
+
+    def rates(self, _z: Values, _u: float) -> Values:
+        return []
 
 
 class Capacitor:
@@ -212,7 +224,7 @@ class Ramp:
     """A device's reference: each setpoint, after its dead time, limited and approached at the largest rate."""
 
     def __init__(
-        self, p: Sssc | Statcom | Svc | Hvdc | LoadModulation | Bess | Tcsc, targets: Targets, end: float
+        self, p: Sssc | Statcom | Svc | Hvdc | LoadModulation | Bess | Tcsc | ExciterInput, targets: Targets, end: float
     ) -> None:
         t, u = [0.0], [0.0]
         finite = [

@@ -13,7 +13,7 @@ from facts_damping.signals import to_ns
 from facts_damping.small_signal.linearisation import linearise
 from tests.independent.reference import Model, Run
 from tests.independent.reference_cases import CASES
-from tests.independent.reference_devices import Battery, Capacitor, Link, Modulated, Ramp
+from tests.independent.reference_devices import Battery, Capacitor, Input, Link, Modulated, Ramp
 from tests.independent.reference_grid import Stage
 from tests.independent.reference_network import Network
 from tests.plant.running import events, follow, frame_times, plant, shipped, ssscs
@@ -160,6 +160,8 @@ def test_courses_agree(name: str) -> None:
         end = trace.devices[-1, d]
         if f"{device}.vdc" in run.names:
             assert end["dc_voltage"] == pytest.approx(run.state(f"{device}.vdc")[-1], rel=0, abs=1000 * case.bound)
+        elif isinstance(model.converters[device][0], Input):
+            assert end["current"] == 0
         elif isinstance(bank := model.converters[device][0], Capacitor):
             first, second = (run.V[bus][-1] for bus in bank.p.ends)
             x = run.state(f"{device}.x")[-1]

@@ -74,6 +74,7 @@ TCSC = {
     "setpoint_max": 0.1,
     "rate_max": 1.0,
 }
+INPUT = {"name": "input", "kind": "exciter_input", "machine": "G2"}  # without a port
 BESS = {
     "name": "bess",
     "kind": "bess",
@@ -288,7 +289,7 @@ def of_all_kinds() -> Built:
     machines = [{**m.model_dump(), "Xq2": 0.22 if m.name == "G3" else 0.25} for m in system.machines]
     mixed = {"impedance": 0.2, "current": 0.5, "power": 0.3}
     loads = [{**load.model_dump(), "P_fractions": mixed, "Q_fractions": {"power": 1.0}} for load in system.loads]
-    devices = [*(d.model_dump(by_alias=True) for d in system.devices), SVC, HVDC, MODULATION, BESS, TCSC]
+    devices = [*(d.model_dump(by_alias=True) for d in system.devices), SVC, HVDC, MODULATION, BESS, TCSC, INPUT]
     names = [device["name"] for device in devices]
     return plant(place(changed(system, machines=machines, loads=loads, devices=devices)), installed=names)
 

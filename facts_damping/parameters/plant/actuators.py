@@ -1,4 +1,4 @@
-"""Actuators beside FACTS and HVDC as data: loads that are modulated, batteries, series capacitors."""
+"""Actuators beside FACTS and HVDC as data: modulated loads, batteries, series capacitors, exciters."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from facts_damping.parameters.base import quantity
-from facts_damping.parameters.plant.devices import DeviceModel, Parallel, Series
+from facts_damping.parameters.plant.devices import AtMachine, DeviceModel, Parallel, Series
 
 
 def _kind() -> Any:
@@ -98,4 +98,17 @@ class Tcsc(Series):
         return self
 
 
-ACTUATORS: list[type[DeviceModel]] = [LoadModulation, Bess, Tcsc]
+class ExciterInput(AtMachine):
+    """An [exciter input](facts_devices.md): a wide-area signal added to a machine's voltage regulator.
+
+    Its setpoint is added where a stabiliser adds its output. The machine needs an exciter.
+    """
+
+    kind: Literal["exciter_input"] = _kind()
+    setpoint_max: float = quantity(
+        0.1, "p.u.", "limit of the setpoint, an offset of the voltage reference; usual: 0.05 to 0.1", gt=0, le=1
+    )
+    rate_max: float = quantity(10.0, "p.u./s", "rate limit of the setpoint", gt=0, le=1000)
+
+
+ACTUATORS: list[type[DeviceModel]] = [LoadModulation, Bess, Tcsc, ExciterInput]

@@ -101,6 +101,22 @@ class Transmission(DeviceModel):
         return f"{self.from_bus}-{self.to_bus}"
 
 
+class AtMachine(DeviceModel):
+    """What all kinds have that act on a machine's controls and not on the network. One not installed does nothing."""
+
+    machine: Name = Field(..., description="machine on whose exciter it acts")
+
+    @property
+    def buses(self) -> list[str]:
+        """The buses of its ports: it has none."""
+        return []
+
+    @property
+    def place(self) -> str:
+        """Where it stands, for people."""
+        return self.machine
+
+
 def _kind() -> Any:
     return Field(..., description="kind of device")
 
