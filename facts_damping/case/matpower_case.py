@@ -1,10 +1,10 @@
 """Writes a system as a MATPOWER case (version 2): its network, and its power flow as solved here.
 
-Branches are lines, transformers and series devices. A series device that is not installed leaves only its resistance,
-so x is 0. Branch model (MATPOWER User's Manual 7.1, 3.2): series admittance, half of the charging at each end, an
-ideal transformer at the `from` end. Magnetising branches and the conductance of long lines have no place in this form
-and become shunts. Power drawn by loads and DC links at the solved voltages becomes the demand. A case holds no
-dynamics; a comment in it says so.
+Branches are lines, transformers and series devices. A series device that is not installed leaves only its resistance
+and reactance at rest: x is 0 but for a TCSC. Branch model (MATPOWER User's Manual 7.1, 3.2): series admittance, half of
+the charging at each end, an ideal transformer at the `from` end. Magnetising branches and the conductance of long lines
+have no place in this form and become shunts. Power drawn by loads and DC links at the solved voltages becomes the
+demand. A case holds no dynamics; a comment in it says so.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.parameters.plant.devices import Series
-from facts_damping.plant.grid.network import Branch, Topology, branches, device_section
+from facts_damping.plant.grid.network import Branch, Topology, at_rest, branches, device_section
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def _tables(system: System) -> dict[str, list[Row]]:
     shunt = np.zeros(len(numbers), complex)  # MW drawn and Mvar supplied at 1 p.u.
     for one_shunt in system.shunts:
         shunt[numbers[one_shunt.bus] - 1] += complex(one_shunt.P, one_shunt.Q)
-    series = [device_section(d, d.rs) for d in system.devices if isinstance(d, Series)]
+    series = [device_section(d, at_rest(d)) for d in system.devices if isinstance(d, Series)]
     made: list[Row] = []
     for one in [*branches(system, Topology()), *series]:
         given, ends = _branch(one, numbers)

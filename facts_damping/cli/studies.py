@@ -49,7 +49,7 @@ def design(arguments: argparse.Namespace) -> None:
     from facts_damping.studies.design import design_pages as pages
 
     names = ("system", "set", "damping", "delay", "mode", "place", "signal")
-    task = study.Task(*(getattr(arguments, name) for name in names))
+    task = study.Task(*(getattr(arguments, name) for name in names))._replace(kinds=arguments.kinds.split(","))
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     given = Path(arguments.system)
     if folder is not None and given.exists() and given.resolve() == (folder / "system.yaml").resolve():

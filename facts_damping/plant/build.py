@@ -11,7 +11,7 @@ from facts_damping.compiling.structs import Table
 from facts_damping.elementary import magnitude, phase, rect
 from facts_damping.errors import InputError
 from facts_damping.parameters.plant.blocks import MODELS
-from facts_damping.parameters.plant.devices import Series, Transmission
+from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
 from facts_damping.phasors import magnitudes, over, times
 from facts_damping.plant import load_noise
 from facts_damping.plant.converters import devices
@@ -283,13 +283,16 @@ def _devices(
 ) -> NDArray[Any]:
     rows = np.zeros(len(installed), devices.DEVICE)
     for d, device in enumerate(installed):
-        if isinstance(device, Series):
+        machine, places, sizes = -1, list[Place](), [math.nan]
+        if isinstance(device, AtMachine):
+            machine = [m.name for m in system.machines].index(device.machine)
+        elif isinstance(device, Series):
             places, sizes = [Place(device=device)], [flow.currents[device.name]]
         else:
             places, sizes = [Place(bus) for bus in device.buses], [magnitude[bus] for bus in device.buses]
-        site = Site(states.offset, 2 * math.pi * system.frequency, sizes[0], sizes[-1], system.base_power)
+        site = Site(states.offset, 2 * math.pi * system.frequency, sizes[0], sizes[-1], system.base_power, machine)
         start = devices.install(rows[d], device, site)
-        rows[d]["port"] = ports.add(DEVICE, d, places[0], start.minimum, start.maximum)
+        rows[d]["port"] = ports.add(DEVICE, d, places[0], start.minimum, start.maximum) if places else -1
         for place in places[1:]:
             rows[d]["other"] = ports.add(OTHER_END, d, place)
         names = [*devices.KINDS[device.kind].states, *(["reference"] if device.response_time > 0.0 else [])]

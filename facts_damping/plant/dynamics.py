@@ -20,6 +20,19 @@ from facts_damping.plant.network_response import respond, row_times, set_sources
 from facts_damping.plant.ports import solve_ports
 
 
+@compiled
+def _add_at_regulators(plant: Plant, x: Float1, reference: Float1, work: Work) -> None:
+    """Write the setpoints of devices without a port, at the regulators of machines, into `work.added`, p.u."""
+    for i in range(plant.placed.size):
+        if plant.placed[i].port < 0:
+            work.added[plant.placed[i].exciter_input.machine] = 0.0
+    for i in range(plant.placed.size):
+        d = plant.placed[i]
+        if d.port < 0:
+            u = effective_reference(d, x, devices.reference_of(reference, i))
+            work.added[d.exciter_input.machine] += u
+
+
 @entry_point
 def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> None:
     """Write the inputs of the network from machines, infinite buses and ports into `work.inputs`, p.u.
@@ -27,6 +40,7 @@ def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     Machines: y E with E = (Ed + j Eq) exp(j (delta - pi/2)).
     """
     machines = plant.machines.size
+    _add_at_regulators(plant, x, reference, work)
     for g in range(machines):
         m = plant.machines[g]
         o = m.offset
@@ -134,6 +148,8 @@ def _port_derivatives(plant: Plant, x: Float1, reference: Float1, dx: Float1, wo
         u = devices.reference_of(reference, i)
         if d.response_time > 0.0:  # its lag also moves while the device is blocked
             dx[d.lag] = (u - x[d.lag]) / d.response_time
+        if d.port < 0:
+            continue
         if work.blocked[d.port]:
             for k in range(d.states):
                 dx[d.offset + k] = 0.0
@@ -189,7 +205,7 @@ def move_controls(
     forced = asked * work.forced[g]
     driven = governor.power(plant.governors[g], x, asked, omega) + forced
     governor.derivatives(plant.governors[g], x, asked, omega, dx)
-    added = stabiliser.output(plant.stabilisers[g], x, omega)
+    added = stabiliser.output(plant.stabilisers[g], x, omega) + work.added[g]
     stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
     if plant.blocks.size > 0:
         c = plant.controls[g]
@@ -203,7 +219,7 @@ def move_controls(
             driven = _given(plant, c.governor_first, c.governor_end, c.governor_gives, x, dx, work) + forced
         s[PA] = driven - s[PE]
         if c.stabiliser_end > c.stabiliser_first:
-            added = _given(plant, c.stabiliser_first, c.stabiliser_end, c.stabiliser_gives, x, dx, work)
+            added = work.added[g] + _given(plant, c.stabiliser_first, c.stabiliser_end, c.stabiliser_gives, x, dx, work)
         s[VS] = added
         if c.exciter_end > c.exciter_first:
             return _given(plant, c.exciter_first, c.exciter_end, c.exciter_gives, x, dx, work), driven

@@ -39,7 +39,9 @@ def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work
 def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> None:
     """Write the true values of device d: from its port if in parallel, then those of its kind."""
     row = plant.devices[d]
-    response, given, blocked = work.response[row.port], state.source[row.port], work.blocked[row.port]
+    response, given, blocked = 0j, 0j, False
+    if row.port >= 0:
+        response, given, blocked = work.response[row.port], state.source[row.port], work.blocked[row.port]
     flow = response * given.conjugate()
     out.setpoint = state.target[d]
     out.reference = state.reference[d]

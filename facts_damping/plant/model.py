@@ -112,6 +112,7 @@ class Work(Struct):
     level: Float1  # (oscillations,), of square waves in the current segment
     forced: Float1  # (machines,), forced oscillation relative to the mechanical power, current value
     signals: Float1  # of the blocks of one control
+    added: Float1  # (machines,), p.u., setpoints at the summing points of voltage regulators
 
 
 def workspace(plant: Plant, state: PlantState) -> Work:
@@ -142,6 +143,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(len(plant.oscillations)),
         np.zeros(machines),
         np.zeros(len(SENSED) + len(plant.blocks)),
+        np.zeros(machines),
     )
 
 

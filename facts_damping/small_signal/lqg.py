@@ -81,13 +81,14 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
     rows = [plant.signals.index(name) for name in controller.signals]
     size = magnitudes(plant.mode_shape[rows]) / np.sqrt((magnitudes(product(whole.Z, plant.shape)) ** 2).sum())
     _check(plant, system, controller, size, here)
+    whole, names = without_charges(whole, plant.names)
     limits = np.array([system.device(name).setpoint_max for name in controller.devices])
     filters = None if plant.model.filtered is None else plant.model.filtered.of(rows)
     swing = size
     if filters is not None:
         swing = magnitudes(product(filters.C, plant.shape)) * size / magnitudes(plant.mode_shape[rows])
-    key = sha256(b"".join(one.tobytes() for one in (*whole, limits, swing)) + repr(plant.names).encode()).digest()
-    small = shared(_reduced, key, lambda: reduced(whole, plant.names, limits, swing))
+    key = sha256(b"".join(one.tobytes() for one in (*whole, limits, swing)) + repr(names).encode()).digest()
+    small = shared(_reduced, key, lambda: reduced(whole, names, limits, swing))
     if np.abs(np.linalg.eigvals(small.A)).min() < DRIFTS:
         raise InputError(
             f"{here}.signals: {', '.join(controller.signals)} given, which contain the rotors' common motion, "
@@ -105,6 +106,15 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
             f"in {', '.join(controller.signals)} or not controllable by {', '.join(controller.devices)}; "
             "allowed: signals and devices for which all such modes are"
         ) from error
+
+
+def without_charges(whole: DesignModel, names: list[str]) -> tuple[DesignModel, list[str]]:
+    """The model without charges of batteries, integrals that act on nothing else, and the names of its states."""
+    kept = [i for i, name in enumerate(names) if not name.endswith(".charge")]
+    if len(kept) == len(names):
+        return whole, names
+    T = np.eye(len(names))[:, kept]
+    return whole.within(T, T.T), [names[i] for i in kept]
 
 
 def _check(plant: Residues, system: System, controller: Controller, size: Float1, here: str) -> None:

@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from facts_damping.parameters.plant.devices import Series, Transmission
+from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
 from facts_damping.plant.converters.devices import losses_of
-from facts_damping.plant.grid.network import Topology, branches, device_section
+from facts_damping.plant.grid.network import Topology, at_rest, branches, device_section
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def flows(system: System, flow: PowerFlow, installed: Sequence[str] = ()) -> lis
     voltage = dict(zip(flow.names, flow.voltage, strict=True))
     devices = [d for d in system.devices if isinstance(d, Series)]
     lost = {d.name: losses_of(d, flow.currents[d.name]) if d.name in installed else 0.0 for d in devices}
-    series = [device_section(d, complex(d.rs + lost[d.name], 0.0)) for d in devices]
+    series = [device_section(d, complex(at_rest(d, lost[d.name]))) for d in devices]
     found = []
     for one in [*branches(system, Topology()), *series]:
         ends = np.array([voltage[one.from_bus], voltage[one.to_bus]])
@@ -176,8 +176,10 @@ def _arrows(axes: Axes, system: System, at: Places, mode: Eigenmode) -> None:
         axes.plot(*tip, alpha=0.0)  # extends the axes to include the arrow
 
 
-def _place(device: Device, at: Places) -> Float1:
-    """Position of a device: between its buses, or at its single bus."""
+def _place(system: System, device: Device, at: Places) -> Float1:
+    """Position of a device: between its buses, at its single bus, or at its machine."""
+    if isinstance(device, AtMachine):
+        return at[next(m.bus for m in system.machines if m.name == device.machine)]
     buses = device.ends if isinstance(device, Series) else device.buses
     return np.asarray(np.mean([at[bus] for bus in buses], axis=0))
 
@@ -191,7 +193,7 @@ def _devices(axes: Axes, system: System, installed: Sequence[str], at: Places) -
             continue
         face = "#F0E442" if d.name in installed else "white"
         shape = "s" if isinstance(d, Series) else "D"
-        axes.plot(*_place(d, at), shape, ms=10, mfc=face, mec="black", zorder=5)
+        axes.plot(*_place(system, d, at), shape, ms=10, mfc=face, mec="black", zorder=5)
         state = "" if d.name in installed else ", not installed"
         marks.append(_mark(shape, "black", f"{d.name} ({d.kind}{state})", mfc=face))
     return marks
@@ -203,7 +205,7 @@ def _loops(axes: Axes, system: System, loops: Sequence[Loop], where: Places, at:
     for i, loop in enumerate(loops):
         look: dict[str, Any] = {"color": "black", "ls": LOOPS[i % len(LOOPS)], "lw": 0.9}
         for device in loop.devices:
-            end = _place(system.device(device), at)
+            end = _place(system, system.device(device), at)
             for pmu in loop.pmus:
                 axes.plot(*np.transpose([where[pmu], end]), alpha=0.6, zorder=2, **look)
         marks.append(Line2D([], [], label=loop.name, **look))

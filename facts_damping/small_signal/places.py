@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import FactsDampingError, one_line
-from facts_damping.parameters.plant.devices import Parallel, Series, Sssc, Statcom
+from facts_damping.parameters.plant.actuators import Bess, ExciterInput, LoadModulation, Tcsc
+from facts_damping.parameters.plant.devices import AtMachine, Parallel, Series, Sssc, Statcom
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.pmus import Pmu, Signal
 from facts_damping.plant.build import build
@@ -32,7 +33,18 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.linearisation import Eigenmode
 
 NEW = "damper"  # name of a new device in the system
-STATCOM: dict[str, Any] = {"setpoint_max": 0.1, "rate_max": 10.0, "I_max": 1.0}  # p.u., data of the STATCOM in two_area
+# Data of new devices by kind: the STATCOM as in two_area, power of 50 MW on a base of 100 MVA.
+# Reactances of the TCSC are relative to that of its line.
+NEW_DEVICES: dict[str, tuple[Any, dict[str, Any]]] = {
+    "sssc": (Sssc, {}),
+    "statcom": (Statcom, {"setpoint_max": 0.1, "rate_max": 10.0, "I_max": 1.0}),
+    "load_modulation": (LoadModulation, {"setpoint_max": 0.5, "rate_max": 10.0}),
+    "bess": (Bess, {"setpoint_max": 0.5, "rate_max": 10.0, "S_rated": 50.0, "E_rated": 25.0}),
+    "tcsc": (Tcsc, {"X": 0.2, "X_min": 0.1, "X_max": 0.3, "setpoint_max": 0.1, "rate_max": 5.0}),
+    "exciter_input": (ExciterInput, {}),
+}
+USUAL = ("sssc", "statcom")
+LONGEST = 3.0  # p.u., largest reactance of a line for a TCSC
 SPEED: Channel = "speed_deviation"
 FLOW: Channel = "active_power"
 MAX_AREAS = 8  # with more areas there are too many pairs
@@ -40,7 +52,7 @@ NEAR = 0.5  # largest `linearisation.unlike` of the same mode
 
 
 class Place(NamedTuple):
-    """A candidate location `at` a line, two buses, or a bus; `own`: an existing device of the system."""
+    """A candidate location `at` a line, two buses, a bus, or a machine; `own`: an existing device of the system."""
 
     device: Device
     at: str
@@ -49,7 +61,7 @@ class Place(NamedTuple):
     @property
     def label(self) -> str:
         """Readable name."""
-        where = "at" if isinstance(self.device, Parallel) else "in"
+        where = "at" if isinstance(self.device, Parallel | AtMachine) else "in"
         return f"{self.device.kind} {where} {self.at}"
 
     @property
@@ -77,10 +89,11 @@ class Tried(NamedTuple):
         return np.abs(self.controllability) * float(self.place.device.setpoint_max)
 
 
-def places(system: System) -> list[Place]:
-    """The system's own devices, and a new one in each line and at each bus without machine or device.
+def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
+    """The system's own devices, and new ones of some kinds of NEW_DEVICES at each place.
 
-    In a line it is an SSSC with default data, at a bus a STATCOM with the data of `two_area`.
+    In series in each line without a device, in parallel at each bus without machine or device,
+    at each machine with an exciter.
     """
     own = [Place(d, d.place, True) for d in system.devices]
     in_series = {d.line for d in system.devices if isinstance(d, Series)}
@@ -88,11 +101,25 @@ def places(system: System) -> list[Place]:
     occupied |= {d.bus for d in system.devices if isinstance(d, Parallel)}
     names = {d.name for d in system.devices}
     name = next(n for n in (NEW, *(f"{NEW}_{i}" for i in range(2, 100))) if n not in names)
-    lines = [line for line in system.lines if line.name not in in_series]
-    series = [Place(Sssc(name=name, line=line.name, kind="sssc"), line.name, False) for line in lines]
+    lines = [line.name for line in system.lines if line.name not in in_series]
+    reactance = {line.name: line.x * line.length for line in system.lines}
     buses = [bus.name for bus in system.buses if bus.name not in occupied]
-    parallel = [Place(Statcom(name=name, bus=bus, kind="statcom", **STATCOM), bus, False) for bus in buses]
-    return [*own, *series, *parallel]
+    free = {
+        Series: ("line", lines),
+        Parallel: ("bus", buses),
+        AtMachine: ("machine", [e.machine for e in system.exciters]),
+    }
+    new = []
+    for kind in kinds:
+        model, data = NEW_DEVICES[kind]
+        field, where = next(found for base, found in free.items() if issubclass(model, base))
+        for at in where:
+            scale = reactance[at] if kind == "tcsc" else 1.0
+            if not 0.0 < scale <= LONGEST:  # a line that is a series capacitor itself
+                continue
+            scaled = {key: value * scale for key, value in data.items()}
+            new.append(Place(model(name=name, kind=kind, **{field: at}, **scaled), at, False))
+    return [*own, *new]
 
 
 def with_place(system: System, chosen: Place) -> System:

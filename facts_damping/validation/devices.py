@@ -1,4 +1,4 @@
-"""Converters and HVDC links against closed forms.
+"""Converters, HVDC links and other actuators against closed forms.
 
 Power over a voltage in series, the balance of energy, power at both ends of an HVDC link, and what its modulation does
 to two machines.
@@ -36,6 +36,10 @@ BUS: dict[str, float] = {"nominal_voltage": 230.0}
 # What the link of the first table is: order (MW), fraction lost, resistance (p.u.), power factor of both ends.
 LINKS = ((200.0, 0.0, 0.0, 0.99), (200.0, 0.015, 0.01, 0.9), (400.0, 0.03, 0.005, 0.95))
 SPUR = 0.05  # p.u., reactance between an infinite bus and the rectifier's
+
+# Other actuators
+POWER = {"setpoint_max": 5.0, "rate_max": 1e4}
+DRAWN = (4.0, 1.5, -3.0)  # p.u.
 
 # H (s), ratings (MVA) of two machines, power of the link between them (MW).
 SWINGS = (((4.0, 6.0), (500.0, 900.0), 50.0), ((3.0, 3.0), (900.0, 300.0), 80.0))
@@ -169,3 +173,49 @@ def modulation() -> ValidationTable:
         rows.append(compare(f"{what}: residue", "1/s", residue.magnitude, slope / 2.0, 1e-5, ".6f"))
         rows.append(compare(f"{what}: its angle", "deg", abs(residue.angle_deg), 180.0, 1e-2, ".3f"))
     return ValidationTable("Modulation of an HVDC link between two machines", "the swing equation", "", rows)
+
+
+def actuators() -> ValidationTable:
+    """Load modulation and TCSC over reactances, the end of a battery's power, and the field voltage that is asked for.
+
+    V^2 = 1/2 - X Q + sqrt(1/4 - X Q - (X P)^2); P = sin(delta) / (X - x); in the last charge the power falls as
+    exp(-S t / (taper E eta)); a static exciter's field voltage rises by KA u.
+    """
+    rows: list[Row] = []
+    spur = ("spur", "A", "S", SPUR), ("aside", "A", "M", 0.1)
+    at_s = {"name": "S", "bus": "S", "branches": ["spur"]}
+    load = {"name": "load", "kind": "load_modulation", "bus": "S", "pf": 0.9, **POWER}
+    for p in DRAWN:
+        system = _beside_infinite_buses("reactance", "AMS", spur, {"A": 0.0}, load, at_s)
+        frames = follow(system, ["load"], [0.01], setpoints={"load": p}).frames
+        q = p * np.sqrt(1.0 / 0.9**2 - 1.0)
+        expected = np.sqrt(0.5 - SPUR * q + np.sqrt(0.25 - SPUR * q - (SPUR * p) ** 2))
+        ours = float(frames[0, 0, list(CHANNELS).index("voltage_magnitude")])
+        rows.append(compare(f"load modulation, {p:+g} p.u.: voltage", "p.u.", ours, float(expected), 1e-9, ".6f"))
+    battery = {"name": "bess", "kind": "bess", "bus": "S", "S_rated": 200.0, "E_rated": 0.1, **POWER}
+    times = np.linspace(0.1, 3.0, 30)
+    for u, charge, eta in ((2.0, 0.15, 0.95), (-2.0, 0.85, 1.0 / 0.95)):
+        system = _beside_infinite_buses("b", "AMS", spur, {"A": 0.0}, {**battery, "taper": 0.1, "charge": charge}, at_s)
+        power = follow(system, ["bess"], times, setpoints={"bess": u}).devices["active_power"][:, 0]
+        lag = 0.1 * 3.6 * eta / 2.0
+        what = f"battery, {'discharging' if u > 0 else 'charging'} to its end: power"
+        rows.append(within(what, "p.u.", power - 0.5 * u * np.exp(-times / lag), 2e-4))
+    line = ("line", "A", "B", X), ("aside", "A", "M", 0.1)
+    bank = {"name": "tcsc", "kind": "tcsc", "line": "line", "X": 0.1, "X_min": -0.2, "X_max": 0.4}
+    bank |= {"setpoint_max": 0.2, "rate_max": 1000.0}
+    for u in (0.0, 0.2, -0.15):
+        pmu = {"name": "A", "bus": "A", "branches": ["line"]}
+        system = place(_beside_infinite_buses("line", "ABM", line, {"A": ANGLE, "B": 0.0}, bank, pmu))
+        frames = follow(system, ["tcsc"], [1.0], setpoints={"tcsc": u}).frames
+        ours = float(frames[0, 0, list(CHANNELS).index("active_power")])
+        expected = np.sin(np.deg2rad(ANGLE)) / (X - 0.1 - u)
+        rows.append(compare(f"TCSC, {u:+g} p.u.: power of its line", "p.u.", ours, float(expected), 1e-4, ".5f"))
+    own = load_system("kundur_12_6_thyristor")
+    added = {"name": "input", "kind": "exciter_input", "machine": "G1", "rate_max": 1000.0}
+    system = System.model_validate({**own.model_dump(by_alias=True), "devices": [added]})
+    efd = follow(system, ["input"], [0.0, 1e-4], setpoints={"input": 0.01}).machines["field_voltage"][:, 0]
+    gain = next(e.KA for e in system.exciters if e.machine == "G1")
+    rows.append(
+        compare("exciter input of 0.01 p.u.: rise of the field voltage", "p.u.", efd[1] - efd[0], gain * 0.01, 0.01)
+    )
+    return ValidationTable("Load modulation, battery, TCSC and exciter input", "analytic solutions", "", rows)

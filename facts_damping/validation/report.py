@@ -36,6 +36,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "pmus": pmus.standard,
     "hvdc-power": devices.powers,
     "hvdc-modulation": devices.modulation,
+    "actuators": devices.actuators,
     "time-domain": time_domain.andes,
     "disturbances-minniwecc": minniwecc.disturbances,
     "step": time_domain.steps,

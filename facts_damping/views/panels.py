@@ -18,8 +18,16 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from facts_damping.case.model import Case
+    from facts_damping.parameters.plant.system import Device
 
 PLOT, STATES, TABLE, MESSAGE, DIAGNOSTICS = "plot", "states", "table", "message", "diagnostics"
+
+SETPOINTS = {
+    "load_modulation": "power drawn",
+    "bess": "power supplied",
+    "tcsc": "reactance and voltage",
+    "exciter_input": "regulator input",
+}
 
 DEADLINE_MISSES = 'status[:].values[:]{key=="deadline_misses"}.value'
 
@@ -95,6 +103,11 @@ def _grid(case: Case, full: Callable[[str], str]) -> Tab:
     )
 
 
+def _meaning(device: Device) -> str:
+    """The quantity of a device's setpoint."""
+    return SETPOINTS.get(device.kind, "power added" if isinstance(device, Transmission) else "voltage")
+
+
 def _devices(case: Case, full: Callable[[str], str]) -> Tab:
     """Each device: its setpoint and its response."""
     state, panels, names = full("plant/state"), [], case.run.devices
@@ -103,7 +116,7 @@ def _devices(case: Case, full: Callable[[str], str]) -> Tab:
         series = isinstance(device, SeriesDevice)
         voltages = ["setpoint", "reference", *(["injected_voltage"] if series else [])]
         for what, fields in (
-            ("power added" if isinstance(device, Transmission) else "voltage", voltages),
+            (_meaning(device), voltages),
             ("current and power", ["current", "active_power", "reactive_power"]),
         ):
             curves = [Curve(state, f"devices[{i}].{field}_pu", field.replace("_", " ")) for field in fields]

@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from facts_damping.parameters.plant.actuators import Bess, ExciterInput, LoadModulation, Tcsc
 from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
 from facts_damping.parameters.plant.placement import place
 
 from .reference_controls import Damper, Turbine, exciter_of
-from .reference_devices import Link, Ramp, Series, Shunt, Susceptance
+from .reference_devices import Battery, Capacitor, Input, Link, Modulated, Ramp, Series, Shunt, Susceptance
 from .reference_grid import HEALTHY, Array, Complex, Loads, power_flow, timeline
 from .reference_machines import ROTORS, machine_start
 from .reference_network import Known, Network
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
     from .reference_devices import Targets
     from .reference_machines import Rotor
 
+    Parallel = Shunt | Susceptance | Link | Modulated | Battery
+
+AT_BUSES = (Statcom, Svc, Hvdc, LoadModulation, Bess)
 EXPLICIT = ("RK23", "RK45", "DOP853")
 
 
@@ -89,8 +93,9 @@ class Model:
     def __init__(self, system: System, installed: Sequence[str] | None = None) -> None:
         self.system = system = place(system)
         self.omega_0 = 2.0 * np.pi * system.frequency
-        self.series = [p for p in system.devices if isinstance(p, Sssc)]
-        at_buses = [p for p in system.devices if isinstance(p, Statcom | Svc | Hvdc)]
+        self.series = [p for p in system.devices if isinstance(p, Sssc | Tcsc)]
+        self.inputs = [p for p in system.devices if isinstance(p, ExciterInput)]
+        at_buses = [p for p in system.devices if isinstance(p, AT_BUSES)]
         self.shunts = [(p, bus, end) for p in at_buses for end, bus in enumerate(p.buses)]
         self.installed = [p.name for p in system.devices if installed is None or p.name in installed]
         self.flow = power_flow(system, self.installed)
@@ -102,21 +107,21 @@ class Model:
         self.units: list[Unit] = []
         currents = [self._start_machine(k) for k in range(len(system.machines))]
         self.I0, self.rotors = np.array(currents), [unit.rotor for unit in self.units]
-        self.converters: dict[str, tuple[Series | Shunt | Susceptance | Link, int]] = {}
-        self.parallel: dict[str, Shunt | Susceptance | Link] = {}
+        self.converters: dict[str, tuple[Series | Capacitor | Input | Parallel, int]] = {}
+        self.parallel: dict[str, Parallel] = {}
         self.lags: dict[str, tuple[int, float]] = {}  # where the reference behind the response time is, and that
         for p in (p for p in system.devices if p.name in self.installed):
-            block: Series | Shunt | Susceptance | Link
+            block: Series | Capacitor | Input | Parallel
             if isinstance(p, Sssc):
                 block = Series(p, abs(self.flow.I[p.name]))
+            elif isinstance(p, Tcsc):
+                block = Capacitor(p)
+            elif isinstance(p, ExciterInput):
+                block = Input(p)
             else:
-                assert isinstance(p, Statcom | Svc | Hvdc)
+                assert isinstance(p, AT_BUSES)
                 V = [abs(self.flow.V[bus]) for bus in p.buses]
-                if isinstance(p, Hvdc):
-                    block = Link(p, V, system.base_power)
-                else:
-                    block = Shunt(p, V[0], self.omega_0) if isinstance(p, Statcom) else Susceptance(p, V[0])
-                self.parallel[p.name] = block
+                self.parallel[p.name] = block = self._at_buses(p, V)
             self.converters[p.name] = block, len(self.start)
             self._add(p.name, block.states, block.start)
             if p.response_time > 0.0:
@@ -124,6 +129,16 @@ class Model:
                 self._add(p.name, ["reference"], [0.0])
         self.x0 = np.array(self.start)
         self.healthy = Network(self, HEALTHY)
+
+    def _at_buses(self, p: Any, V: list[float]) -> Parallel:
+        """A device at one or two buses, at rest at their voltages."""
+        if isinstance(p, Hvdc):
+            return Link(p, V, self.system.base_power)
+        if isinstance(p, Statcom):
+            return Shunt(p, V[0], self.omega_0)
+        if isinstance(p, Bess):
+            return Battery(p, V[0], self.system.base_power)
+        return Modulated(p) if isinstance(p, LoadModulation) else Susceptance(p, V[0])
 
     def _add(self, owner: str, states: Sequence[str], start: Sequence[float]) -> None:
         self.names += [f"{owner}.{state}" for state in states]
@@ -157,8 +172,11 @@ class Model:
             np.exp(1j * (delta - np.pi / 2.0)), np.array(E), devices, {**dict.fromkeys(devices, 0.0), **u, **lagging}
         )
 
-    def drop(self, p: Sssc, current: complex, known: Known, blocked: frozenset[str]) -> complex:
-        """Voltage over an SSSC at its current; one that is not installed is its resistance alone."""
+    def drop(self, p: Sssc | Tcsc, current: complex, known: Known, blocked: frozenset[str]) -> complex:
+        """Voltage over an SSSC at its current; one that is not installed is its resistance alone. Of a TCSC too."""
+        if isinstance(p, Tcsc):
+            capacitive = (known.devices[p.name] or [p.X])[0]
+            return complex(p.rs, p.xs if p.name in blocked else -capacitive) * current
         if p.name not in self.converters:
             return p.rs * current
         size, total = abs(current), complex(p.rs, p.xs) * current
@@ -175,11 +193,14 @@ class Model:
         s, blocked = network.solve(known)
         rates: list[float] = []
         for k, unit in enumerate(self.units):
-            rates += self._machine_rates(k, unit, values, s.I[k], abs(s.V[network.at[k]]), network)
+            added = sum(known.u[p.name] for p in self.inputs if p.machine == unit.name)
+            rates += self._machine_rates(k, unit, values, s.I[k], abs(s.V[network.at[k]]), network, added)
         for name, (block, _) in self.converters.items():
             z, ref = known.devices[name], known.u[name]
             if name in blocked:
                 rates += [0.0] * len(z)
+            elif isinstance(block, Capacitor | Input):
+                rates += block.rates(z, ref)
             elif isinstance(block, Series):
                 rates += block.drops(z, ref, float(abs(s.i[self.series.index(block.p)])))[2]
             else:
@@ -190,14 +211,14 @@ class Model:
         return np.array(rates)
 
     def _machine_rates(
-        self, k: int, unit: Unit, x: list[float], current: complex, V: float, network: Network
+        self, k: int, unit: Unit, x: list[float], current: complex, V: float, network: Network, added: float
     ) -> list[float]:
-        """Rates of a machine and its controls; a machine that has tripped stands still."""
+        """Rates of a machine and its controls, with `added` at the regulator; one that has tripped stands still."""
         (_, omega), rotor, exciter, damper, turbine = unit.parts(x)
         if unit.name in network.stage.tripped:
             return [0.0] * (2 + len(rotor) + len(exciter) + len(damper) + len(turbine))
         m, Id, Iq = self.system.machines[k], float(current.real), float(current.imag)
-        signal = unit.damper.output(damper, omega)
+        signal = unit.damper.output(damper, omega) + added
         Efd = unit.exciter.field(exciter, V, signal)
         Ed, Eq = unit.rotor.emf(rotor, Efd)
         # Vd Id + Vq Iq + Ra (Id^2 + Iq^2) by the stator's equations

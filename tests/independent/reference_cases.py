@@ -143,6 +143,40 @@ def svc(name: str, bus: str, **fields: Any) -> Row:
     return {"name": name, "kind": "svc", "bus": bus, **limits, "K": 25.0, **fields}
 
 
+def modulated() -> Row:
+    """Two loads that are modulated, the first with a lag; the fault takes the second below its V_min."""
+    limits = {"kind": "load_modulation", "rate_max": 4.0}
+    first = {"name": "m", "bus": "B9", "setpoint_max": 0.6, "pf": 0.9, "response_time": 0.05, "dead_time": 0.01}
+    second = {"name": "n", "bus": "B7", "setpoint_max": 1.5, "V_min": 0.9}
+    return kundur(devices=[{**limits, **first}, {**limits, **second}], exciters=at_all(**STATIC))
+
+
+def stored() -> Row:
+    """Two batteries: one gets empty, the other full; the first supports its voltage and reaches its rating."""
+    limits = {"kind": "bess", "rate_max": 4.0, "setpoint_max": 1.5, "S_rated": 80.0, "eta_in": 0.8, "eta_out": 0.9}
+    first = {"name": "p", "bus": "B9", "K": 20.0, "E_rated": 0.05, "charge": 0.4, "charge_min": 0.3, "taper": 0.1}
+    second = {"name": "q", "bus": "B7", "E_rated": 0.04, "charge": 0.8, "V_min": 0.9, "taper": 0.05}
+    devices = [{**limits, **first, "response_time": 0.05}, {**limits, **second}]
+    return kundur(devices=devices, exciters=at_all(**STATIC))
+
+
+def capacitors() -> Row:
+    """Two series capacitors that are controlled, one in a line; the fault takes the first above its largest current."""
+    kind = {"kind": "tcsc", "rate_max": 0.4, "setpoint_max": 0.02}
+    first = {"name": "v", "line": "line_3", "X": 0.02, "X_min": 0.005, "X_max": 0.03, "I_max": 4.0, "xs": 0.004}
+    second = {"name": "w", "line": "line_2", "end": "to", "X": 0.01, "X_min": -0.002, "X_max": 0.022, "T": 0.05}
+    devices = [{**kind, **first}, {**kind, **second, "response_time": 0.03}]
+    return kundur(devices=devices, exciters=at_all(**STATIC))
+
+
+def commanded() -> Row:
+    """Inputs at a static exciter beside a stabiliser, at its ceiling at times, and at a DC exciter."""
+    first = {"name": "g", "kind": "exciter_input", "machine": "G1", "response_time": 0.03}
+    second = {"name": "h", "kind": "exciter_input", "machine": "G3", "setpoint_max": 0.05, "rate_max": 0.5}
+    exciters = [{"machine": m, **(DC if m == "G3" else {**STATIC, "maximum": 5.0})} for m in MACHINES]
+    return kundur(devices=[first, second], exciters=exciters, stabilisers=at_all()[:2])
+
+
 def compensated() -> Row:
     """Two devices of each kind, of which no two are alike."""
     devices = [
@@ -240,6 +274,10 @@ EACH: dict[str, Targets] = {
     "f": [(0.4, -0.03)],
 }
 SVCS: dict[str, Targets] = {"e": [(0.2, 0.04), (0.9, -0.3)], "f": [(0.3, -0.01), (1.2, 0.02)]}
+LOADS: dict[str, Targets] = {"m": [(0.2, 0.4), (0.8, -2.0)], "n": [(0.3, 1.2), (1.1, -0.5)]}
+POWERS: dict[str, Targets] = {"p": [(0.1, 0.7), (1.2, -0.3)], "q": [(0.1, -1.0), (1.3, 0.5)]}
+REACTANCES: dict[str, Targets] = {"v": [(0.1, 0.02), (1.0, -0.03)], "w": [(0.2, -0.015), (1.1, 0.01)]}
+INPUTS: dict[str, Targets] = {"g": [(0.1, 0.03), (1.0, -0.2)], "h": [(0.2, -0.02), (1.1, 0.05)]}
 HVDC: dict[str, Targets] = {"hvdc": [(0.2, 0.3), (0.7, -0.4), (1.3, 0.1)]}
 MODULATED: dict[str, Targets] = {"hvdc": [(0.2, 1.5), (1.0, -2.5)]}
 BEYOND: dict[str, Targets] = {"a": [(0.2, 0.05), (0.7, 0.3)], "b": [(0.3, -0.03), (1.2, 0.06)]}
@@ -280,6 +318,10 @@ CASES: dict[str, Case] = {
         1.3,
         1e-6,
     ),
+    "modulated": Case(modulated, [fault(x=0.03)], LOADS, 1.4, 1e-8),
+    "stored": Case(stored, [fault(x=0.03)], POWERS, 1.6, 1e-8),
+    "capacitors": Case(capacitors, [fault()], REACTANCES, 1.4, 3e-6),  # bypassed at times
+    "commanded": Case(commanded, [fault()], INPUTS, 1.4, 1e-6),
     "svcs": Case(svcs, [fault()], SVCS, 1.4, 1e-8),
     "in_lines_limited": Case(in_lines_limited, [fault()], BEYOND, 1.5, 5e-8),
     "in_lines_out": Case(in_lines, OUT_AND_IN, IN_LINES, 1.6, 1e-8),

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.parameters.plant.actuators import Bess, ExciterInput, LoadModulation, Tcsc
     from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
 
     Values = list[float]
@@ -60,6 +61,31 @@ class Series:
             (s_p * size - p.g * vdc) / p.tau,
         ]
         return s_p * vdc, s_q * vdc, rates
+
+
+class Input:
+    """Exciter input: only its reference, which its machine adds."""
+
+    states: tuple[str, ...] = ()
+
+    def __init__(self, p: ExciterInput) -> None:
+        self.p, self.start = p, list[float]()
+
+    def rates(self, _z: Values, _u: float) -> Values:
+        return []
+
+
+class Capacitor:
+    """TCSC: a capacitive reactance that follows its order; without the current through it."""
+
+    states = ("x",)
+
+    def __init__(self, p: Tcsc) -> None:
+        self.p, self.start = p, [p.X]
+
+    def rates(self, z: Values, u: float) -> Values:
+        p = self.p
+        return [(float(np.clip(u + p.X, p.X_min, p.X_max)) - z[0]) / p.T]
 
 
 class Shunt:
@@ -146,10 +172,60 @@ class Link:
         return [(now - known) / self.p.T for now, known in zip(V, z, strict=True)]
 
 
+class Modulated:
+    """Load modulation: an ideal load of a power and a power factor, an impedance at low voltage."""
+
+    states: tuple[str, ...] = ()
+
+    def __init__(self, p: LoadModulation) -> None:
+        self.p, self.start = p, list[float]()
+
+    def power(self, _z: Values, u: float, V: float) -> complex:
+        """Complex power given to the network."""
+        drawn = complex(u, u * math.tan(math.acos(self.p.pf)))
+        return -drawn * min(1.0, V / self.p.V_min) ** 2
+
+    def current(self, z: Values, u: float, V: complex, _end: int) -> complex:
+        """Current into the network."""
+        return complex((self.power(z, u, abs(V)) / V).conjugate())
+
+    def rates(self, _z: Values, _u: float, _V: float) -> Values:
+        return []
+
+
+class Battery:
+    """BESS: power within rating and charge, then reactive power for the voltage in what the rating leaves."""
+
+    states = ("charge",)
+
+    def __init__(self, p: Bess, V: float, base: float) -> None:
+        self.p, self.Vref, self.start = p, V, [p.charge]
+        self.S, self.hours = p.S_rated / base, p.E_rated / base
+
+    def power(self, z: Values, u: float, V: float) -> complex:
+        """Complex power given to the network."""
+        p = self.p
+        sizes = np.clip([(z[0] - p.charge_min) / p.taper, (p.charge_max - z[0]) / p.taper], 0.0, 1.0)
+        P = float(np.clip(u, -self.S * sizes[1], self.S * sizes[0]))
+        Q = clip(p.K * (self.Vref - V), math.sqrt(self.S**2 - P**2))
+        return complex(P, Q) * min(1.0, V / p.V_min) ** 2
+
+    def current(self, z: Values, u: float, V: complex, _end: int) -> complex:
+        """Current into the network."""
+        return complex((self.power(z, u, abs(V)) / V).conjugate())
+
+    def rates(self, z: Values, u: float, V: float) -> Values:
+        P = self.power(z, u, V).real
+        inside = P / self.p.eta_out if P > 0.0 else P * self.p.eta_in
+        return [-inside / self.hours / 3600.0]
+
+
 class Ramp:
     """A device's reference: each setpoint, after its dead time, limited and approached at the largest rate."""
 
-    def __init__(self, p: Sssc | Statcom | Svc | Hvdc, targets: Targets, end: float) -> None:
+    def __init__(
+        self, p: Sssc | Statcom | Svc | Hvdc | LoadModulation | Bess | Tcsc | ExciterInput, targets: Targets, end: float
+    ) -> None:
         t, u = [0.0], [0.0]
         finite = [
             (max(time, 0.0) + p.dead_time, clip(value, p.setpoint_max))

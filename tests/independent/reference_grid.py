@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
+from facts_damping.parameters.plant.actuators import Tcsc
 from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom
 from facts_damping.parameters.plant.grid import InfiniteBus
 from facts_damping.parameters.run import Clear
@@ -169,7 +170,7 @@ def _first_angles(system: System, grid: Grid) -> Array:
     known |= {m.bus: np.deg2rad(m.angle) for m in system.machines if m.slack}
     steps = [(row.from_bus, row.to_bus, 0.0) for row in system.lines]
     steps += [(row.from_bus, row.to_bus, np.deg2rad(row.phase_shift)) for row in system.transformers]
-    steps += [(*row.ends, 0.0) for row in system.devices if isinstance(row, Sssc)]
+    steps += [(*row.ends, 0.0) for row in system.devices if isinstance(row, Sssc | Tcsc)]
     for _ in grid.buses:
         for start, stop, lead in steps:
             if start in known:
@@ -187,10 +188,11 @@ def power_flow(system: System, installed: Sequence[str]) -> Flow:
     """
     grid, loads = Grid(system, HEALTHY), Loads(system)
     n = len(grid.buses)
-    series = [device for device in system.devices if isinstance(device, Sssc)]
+    series = [device for device in system.devices if isinstance(device, Sssc | Tcsc)]
     ends = np.array([[grid.row[bus] for bus in device.ends] for device in series], dtype=int).reshape(-1, 2)
-    rs = np.array([device.rs for device in series])
-    g = np.array([device.g if device.name in installed else 0.0 for device in series])
+    rs = np.array([complex(device.rs, -device.X) if isinstance(device, Tcsc) else device.rs for device in series])
+    lossy = [isinstance(device, Sssc) and device.name in installed for device in series]
+    g = np.array([getattr(device, "g", 0.0) * on for device, on in zip(series, lossy, strict=True)])
     sources: list[Machine | InfiniteBus] = [*system.machines, *system.infinite_buses]
     at = [grid.row[source.bus] for source in sources]
     fixed = [i for i, source in enumerate(sources) if isinstance(source, InfiniteBus) or source.slack]

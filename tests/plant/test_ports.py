@@ -10,6 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.converters.devices import KINDS
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.dynamics import solve_network
@@ -54,6 +55,35 @@ HVDC = {
     "R": 0.01,
     "pf_from": 0.9,
     "pf_to": 0.85,
+}
+MODULATION = {
+    "name": "modulation",
+    "kind": "load_modulation",
+    "bus": "B7",
+    "setpoint_max": 0.5,
+    "rate_max": 10.0,
+    "pf": 0.9,
+}
+TCSC = {
+    "name": "tcsc",
+    "kind": "tcsc",
+    "line": "line_4",
+    "X": 0.01,
+    "X_min": 0.0,
+    "X_max": 0.2,
+    "setpoint_max": 0.1,
+    "rate_max": 1.0,
+}
+INPUT = {"name": "input", "kind": "exciter_input", "machine": "G2"}  # without a port
+BESS = {
+    "name": "bess",
+    "kind": "bess",
+    "bus": "B10",
+    "setpoint_max": 0.5,
+    "rate_max": 10.0,
+    "S_rated": 50.0,
+    "E_rated": 10.0,
+    "K": 0.6,
 }
 
 # What a machine may be beside the shipped one: salient in the stator, saturated, with fewer circuits.
@@ -259,11 +289,12 @@ def of_all_kinds() -> Built:
     machines = [{**m.model_dump(), "Xq2": 0.22 if m.name == "G3" else 0.25} for m in system.machines]
     mixed = {"impedance": 0.2, "current": 0.5, "power": 0.3}
     loads = [{**load.model_dump(), "P_fractions": mixed, "Q_fractions": {"power": 1.0}} for load in system.loads]
-    devices = [*(d.model_dump(by_alias=True) for d in system.devices), SVC, HVDC]
-    return plant(changed(system, machines=machines, loads=loads, devices=devices), installed=[*BOTH, "svc", "hvdc"])
+    devices = [*(d.model_dump(by_alias=True) for d in system.devices), SVC, HVDC, MODULATION, BESS, TCSC, INPUT]
+    names = [device["name"] for device in devices]
+    return plant(place(changed(system, machines=machines, loads=loads, devices=devices)), installed=names)
 
 
-@pytest.mark.parametrize("p", range(8))
+@pytest.mark.parametrize("p", range(11))
 @settings(deadline=None, max_examples=80)
 @given(
     magnitude=st.one_of(st.floats(0.05, 9.9), st.floats(10.1, 15)),  # below and above the SSSC's rated current
@@ -278,11 +309,11 @@ def test_slopes_of_every_port_are_those_of_its_law(
     built = of_all_kinds()
     assert set(built.plant.ports["kind"]) == {SALIENT, LOAD, DEVICE, OTHER_END}
     assert set(built.plant.devices["kind"]) == set(range(len(KINDS)))
-    assert len(built.plant.ports) == 8
+    assert len(built.plant.ports) == 11
     work, x = workspace(built.plant, built.state), np.array(built.state.x)
     for name, value in zip(("sssc.x_ac", "sssc.vdc", "statcom.iq", "svc.B"), moved, strict=True):
         x[built.state_names.index(name)] += value
-    references = np.full(4, reference)
+    references = np.full(len(KINDS), reference)
     solve_network(built.plant, x, references, copy(built.state).source, 0, work)
 
     def given(q: complex) -> complex:
@@ -302,7 +333,10 @@ def test_slopes_of_every_port_are_those_of_its_law(
 
 
 @settings(deadline=None, max_examples=40)
-@given(moved=st.lists(st.floats(-0.1, 0.1), min_size=5, max_size=5), references=st.tuples(*[st.floats(-0.1, 0.1)] * 4))
+@given(
+    moved=st.lists(st.floats(-0.1, 0.1), min_size=5, max_size=5),
+    references=st.tuples(*[st.floats(-0.1, 0.1)] * len(KINDS)),
+)
 def test_all_ports_are_solved_together(moved: list[float], references: tuple[float, ...]) -> None:
     """Every law holds at its response, and every response is the network's to all sources."""
     built = of_all_kinds()

@@ -91,6 +91,35 @@ def test_every_line_and_bus_is_a_place_once() -> None:
     assert [p.device.name for p in found if p.own] == ["sssc", "statcom"]
 
 
+@pytest.mark.parametrize("kind", list(places.NEW_DEVICES))
+def test_new_devices_of_each_kind_have_places(kind: str) -> None:
+    """In lines, at buses or at machines; each moves the interarea mode at its best place, by what the label says."""
+    system = read_system(SYSTEM)
+    found = [p for p in places.places(system, [kind]) if not p.own]
+    in_lines, machines = {line.name for line in system.lines}, {m.name for m in system.machines}
+    buses = {bus.name for bus in system.buses} - {m.bus for m in system.machines} - {"B8W"}  # that of the STATCOM
+    assert {p.at for p in found} in (in_lines, machines, buses)
+    assert {p.device.kind for p in found} == {kind}
+    modes, _ = design.listed_modes(design.Task(SYSTEM, [], 0.1, 0.1), system)
+    strengths = {p.label: places.tried(places.Trial(system, p, modes)).strength[0] for p in found}
+    assert all(label.startswith((f"{kind} in ", f"{kind} at ")) for label in strengths)
+    assert max(strengths.values()) > 1e-4
+    assert np.isfinite(list(strengths.values())).all()
+
+
+def test_a_design_of_exciter_inputs_alone_has_scenarios() -> None:
+    """No line and no bus is a candidate: faults at the grid's own."""
+    task = design.Task("kundur_12_6_thyristor", [], 0.05, 0.1, kinds=["exciter_input"])
+    found = design.design(task, 1, quiet)
+    assert set(found.scenarios) == {"fault", "line_out"}
+    assert found.tried[found.chosen.tried].place.device.kind == "exciter_input"
+
+
+def test_an_unknown_kind_is_refused() -> None:
+    with pytest.raises(InputError, match="--kinds: 'upfc' given"):
+        design.design(design.Task(SYSTEM, [], 0.1, 0.1, kinds=["upfc"]), 1, quiet)
+
+
 def test_the_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> None:
     """By the margin's own study at the delay that was given, and by a simulation of a small step of a load."""
     assert found.tuned.reached

@@ -35,7 +35,7 @@ class DeviceModel(ParameterModel):
 class Series(DeviceModel):
     """What all kinds in series have: two buses, or a line in which it stands next to its `from` or `to` bus.
 
-    It acts behind an impedance. If it is not installed, only its resistance remains.
+    It acts behind an impedance. If it is not installed, only its resistance remains, and its reactance at rest.
     """
 
     from_bus: Name | None = Field(None, alias="from", description="first bus; give `from` and `to`, or `line`")
@@ -53,6 +53,11 @@ class Series(DeviceModel):
         return self
 
     @property
+    def reactance(self) -> float:
+        """Its reactance at rest, p.u., also if it is not installed."""
+        return 0.0
+
+    @property
     def ends(self) -> tuple[str, str]:
         """The two buses it stands between; empty while it is placed by its line."""
         return self.from_bus or "", self.to_bus or ""
@@ -66,7 +71,7 @@ class Series(DeviceModel):
 class Parallel(DeviceModel):
     """What all kinds in parallel have: a bus. One that is not installed does nothing."""
 
-    bus: Name = Field(..., description="bus to which it is connected, and whose voltage it regulates")
+    bus: Name = Field(..., description="bus to which it is connected")
 
     @property
     def buses(self) -> list[str]:
@@ -94,6 +99,22 @@ class Transmission(DeviceModel):
     def place(self) -> str:
         """Where it stands, for people."""
         return f"{self.from_bus}-{self.to_bus}"
+
+
+class AtMachine(DeviceModel):
+    """What all kinds have that act on a machine's controls and not on the network. One not installed does nothing."""
+
+    machine: Name = Field(..., description="machine on whose exciter it acts")
+
+    @property
+    def buses(self) -> list[str]:
+        """The buses of its ports: it has none."""
+        return []
+
+    @property
+    def place(self) -> str:
+        """Where it stands, for people."""
+        return self.machine
 
 
 def _kind() -> Any:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, Union
 from pydantic import Field, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
-from facts_damping.parameters.plant.devices import DEVICES, Parallel, Series, Transmission
+from facts_damping.parameters.plant.actuators import ACTUATORS
+from facts_damping.parameters.plant.devices import DEVICES, AtMachine, Parallel, Series, Transmission
 from facts_damping.parameters.plant.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
 from facts_damping.parameters.plant.machines import Exciter, Governor, Machine, Stabiliser
 from facts_damping.parameters.plant.pmus import Measures, Pmu, Signal
@@ -15,9 +16,9 @@ from facts_damping.parameters.plant.pmus import Measures, Pmu, Signal
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    Device = Series | Parallel | Transmission
+    Device = Series | Parallel | Transmission | AtMachine
 else:
-    Device = Annotated[Union[tuple(DEVICES)], Field(discriminator="kind")]  # noqa: UP007 (made from the list)
+    Device = Annotated[Union[tuple(DEVICES + ACTUATORS)], Field(discriminator="kind")]  # noqa: UP007 (made from the lists)
 
 
 class System(ParameterModel):
@@ -112,6 +113,10 @@ def _check_devices(system: System, buses: set[str]) -> None:
         if isinstance(device, Transmission):
             _check_ends(f"devices: {device.name}", device.from_bus, device.to_bus, buses)
             continue
+        if isinstance(device, AtMachine):
+            _known(f"devices: {device.name}.machine", device.machine, {m.name for m in system.machines})
+            _check_excited(f"devices: {device.name}.machine", device.machine, system)
+            continue
         if not isinstance(device, Series):
             _known(f"devices: {device.name}.bus", device.bus, buses)
             continue
@@ -127,17 +132,23 @@ def _check_devices(system: System, buses: set[str]) -> None:
         devices[place] = device.name
 
 
+def _check_excited(field: str, machine: str, system: System) -> None:
+    """Raise `ValueError` for a machine without exciter."""
+    excited = {e.machine for e in system.exciters}
+    if machine not in excited:
+        allowed = ", ".join(sorted(excited)) or "none"
+        raise ValueError(f"{field}: '{machine}' given, which has no exciter; allowed: {allowed}")
+
+
 def _check_machines(system: System) -> None:
     machines = {m.name for m in system.machines}
     for field in ("exciters", "stabilisers", "governors"):
         _unique(field, [row.machine for row in getattr(system, field)])
         for i, row in enumerate(getattr(system, field)):
             _known(f"{field}.{i}.machine", row.machine, machines)
-    excited = {e.machine for e in system.exciters}
     for i, stabiliser in enumerate(system.stabilisers):
-        if stabiliser.enabled and stabiliser.machine not in excited:
-            allowed, given = ", ".join(sorted(excited)) or "none", f"'{stabiliser.machine}' given"
-            raise ValueError(f"stabilisers.{i}.machine: {given}, which has no exciter; allowed: {allowed}")
+        if stabiliser.enabled:
+            _check_excited(f"stabilisers.{i}.machine", stabiliser.machine, system)
     models = {m.name: m.model for m in system.machines}
     for i, exciter in enumerate(system.exciters):
         _known(f"exciters.{i}.machine", exciter.machine, {name for name in machines if models[name] != "classical"})

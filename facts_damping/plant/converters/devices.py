@@ -9,7 +9,7 @@ import numpy as np
 
 from facts_damping.compiling import branching, compiled
 from facts_damping.extensions import rows
-from facts_damping.plant.converters import hvdc, sssc, statcom, svc
+from facts_damping.plant.converters import bess, exciter_input, hvdc, load_modulation, sssc, statcom, svc, tcsc
 from facts_damping.plant.watchdog import WATCHDOG
 from facts_damping.signals import to_ns
 
@@ -83,13 +83,21 @@ KINDS = {
         consumed_power=hvdc.consumed_power,
         other_end=OtherEnd(hvdc.from_end, hvdc.from_derivatives),
     ),
+    "load_modulation": DeviceKind(
+        load_modulation.LOAD_MODULATION, [], load_modulation.start, load_modulation.characteristic, _at_rest
+    ),
+    "bess": DeviceKind(bess.BESS, bess.STATE_NAMES, bess.start, bess.characteristic, bess.derivatives),
+    "tcsc": DeviceKind(tcsc.TCSC, tcsc.STATE_NAMES, tcsc.start, tcsc.characteristic, tcsc.derivatives, tcsc.truth),
+    "exciter_input": DeviceKind(
+        exciter_input.EXCITER_INPUT, [], exciter_input.start, exciter_input.characteristic, _at_rest
+    ),
 }
 KINDS |= rows("device_kinds", DeviceKind, KINDS)
 CODES = {name: code for code, name in enumerate(KINDS)}  # codes in compiled functions
 
-# A device: its ports (`other`, at a second bus; 0: none), kind and states, its dead time, the state and time constant
-# of its response (0: none), the limits of its setpoint and of the rate of its reference, its watchdog, and the row of
-# its kind's table; those of the other kinds are empty.
+# A device: its ports (-1: none, at a machine; `other`, at a second bus; 0: none), kind and states, its dead time, the
+# state and time constant of its response (0: none), the limits of its setpoint and of the rate of its reference, its
+# watchdog, and the row of its kind's table; those of the other kinds are empty.
 DEVICE = np.dtype(
     [
         *((name, "i8") for name in ("port", "other", "kind", "offset", "states", "dead_ns", "lag")),

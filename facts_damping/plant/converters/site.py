@@ -23,6 +23,7 @@ class Site(NamedTuple):
     size: float  # p.u., response of its port: current in series, bus voltage in parallel
     other: float = math.nan  # p.u., voltage of its second bus
     base_power: float = math.nan  # MVA
+    machine: int = -1  # index of the machine of a device without a port
 
 
 class Start(NamedTuple):

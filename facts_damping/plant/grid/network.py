@@ -102,6 +102,12 @@ def device_section(device: Series, series: complex) -> Branch:
     return Branch(device.name, from_bus, to_bus, two_port(series, 0, 0))
 
 
+def at_rest(device: Series, lost: float = 0.0) -> complex:
+    """Impedance of a series device at rest with a resistance equivalent to its losses, p.u."""
+    resistance = device.rs + lost
+    return complex(resistance, device.reactance) if device.reactance != 0.0 else resistance
+
+
 def branches(system: System, topology: Topology) -> list[Branch]:
     """Lines and transformers in service, p.u.; a faulted line is two sections, joined at a bus `line:fault`."""
     found = []

@@ -119,11 +119,12 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
 
     Unknowns are the angles of all buses except the slack's and the infinite ones, and the magnitudes at the buses
     without a machine; equations P_i + j Q_i = V_i conj(sum_j Y_ij V_j) (Kundur 1994, 6.4). A series FACTS device is
-    the resistance of its transformer. Raises `InputError` if Newton's method does not converge.
+    the resistance of its transformer, with its reactance at rest. Raises `InputError` if Newton's method does not
+    converge.
     """
     names = network.bus_names(system, network.Topology())
     index = {name: i for i, name in enumerate(names)}
-    series = {d.name: d.rs + losses[d.name] for d in network.series_devices(system)}
+    series = {d.name: network.at_rest(d, losses[d.name]) for d in network.series_devices(system)}
     present = network.branches(system, network.Topology())
     matrix = network.admittance(
         names, present + [network.device_section(d, series[d.name]) for d in network.series_devices(system)]
@@ -173,7 +174,7 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     currents = {}
     for d in network.series_devices(system):
         first, second = d.ends
-        currents[d.name] = float(magnitudes(voltage[index[first]] - voltage[index[second]])) / series[d.name]
+        currents[d.name] = float(magnitudes(voltage[index[first]] - voltage[index[second]])) / abs(series[d.name])
     return PowerFlow(names, voltage, injection, generation, currents, residual)
 
 

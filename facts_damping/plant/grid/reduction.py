@@ -145,7 +145,7 @@ def _equations(
     installed = {place.device.name: place.device for place in places if place.device}
     present = network.branches(system, topology)
     present += [
-        network.device_section(d, complex(d.rs, d.xs) if d.name in installed else d.rs)
+        network.device_section(d, complex(d.rs, d.xs) if d.name in installed else network.at_rest(d))
         for d in network.series_devices(system)
     ]
     matrix = network.admittance(names, present)

@@ -48,6 +48,7 @@ class Task(NamedTuple):
     mode_hz: float | None = None  # of the mode; None: the least damped interarea mode, if any, or of all modes
     place: str | None = None  # a line, a bus, or a device of the system; None: the best
     signal: str | None = None  # None: the best difference of speeds
+    kinds: Sequence[str] = places.USUAL  # of new devices, of `places.NEW_DEVICES`
 
 
 class Pair(NamedTuple):
@@ -89,7 +90,9 @@ def design(task: Task, jobs: int, tell: Tell) -> Design:
     system = places.with_signals(own, modes)
     observability = places.seen(system, modes)
     narrow = places.only(system, _worth_a_look(task, system, observability), own)
-    candidates = places.places(own)
+    for kind in task.kinds:
+        check_known("--kinds", kind, places.NEW_DEVICES)
+    candidates = places.places(own, task.kinds)
     if task.place is not None:
         check_known("--place", task.place, sorted({name for one in candidates for name in one.names}))
     trials = [places.Trial(narrow, one, modes) for one in candidates]

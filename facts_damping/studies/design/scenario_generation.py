@@ -37,6 +37,11 @@ def training_cases(
     places = [tried[i].place for i in order.tolist() if not tried[i].why_not]
     buses = [p.at for p in places if isinstance(p.device, Parallel)][:TRIED]
     lines = [p.at for p in places if isinstance(p.device, Series) and p.device.line is not None and p.at != own.at]
+    if not buses or not lines:  # all candidates are of other kinds: the grid's places in their order
+        own_buses = {machine["bus"] for machine in run["system"]["machines"]}
+        names = [bus["name"] for bus in run["system"]["buses"]]
+        buses = buses or [name for name in names if name not in own_buses][:TRIED]
+        lines = lines or [line["name"] for line in run["system"].get("lines", ()) if line["name"] != own.at]
     kinds = {"fault": [fault(bus) for bus in buses], "line_out": [trip(line) for line in lines[:TRIED]]}
     found, done = dict[str, dict[str, Any]](), 0
     for name, scenarios in kinds.items():
