@@ -18,6 +18,7 @@ from facts_damping.plant.converters import devices
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
 from facts_damping.plant.events import oscillating_loads, oscillations, topology_intervals
 from facts_damping.plant.grid import load
+from facts_damping.plant.grid.network import islands
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 from facts_damping.plant.grid.reduction import Place, reduce_network, stage_network
 from facts_damping.plant.machines import block_controls, blocks, excitation, governor, machine, stabiliser
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.parameters.run import Event
+    from facts_damping.plant.grid.network import Topology
 
 
 LARGE = 200  # buses, above which the network is kept as factors instead of a dense matrix
@@ -105,6 +107,7 @@ def build(
         stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
         mechanical_power=np.where(online > 0.0, rotating.power * np.array(scales), 0.0),
         online=online,
+        island=np.array([_islands(system, s.topology) for s in steps], np.int64),
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
         load_noise=load_noise.table({}, loads, len(loads)),
         oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
@@ -117,6 +120,12 @@ def build(
     lines = line([system.device(name).dead_time for name in installed])
     state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), initial_watch(n), source, *lines)
     return Built(plant, state, flow, states.names)
+
+
+def _islands(system: System, topology: Topology) -> list[int]:
+    """Number of the island of each machine and infinite bus."""
+    label = islands(system, topology)
+    return [*(label[m.bus] for m in system.machines), *(label[i.bus] for i in system.infinite_buses)]
 
 
 def port_loads(system: System, noisy: Collection[str]) -> list[Load]:

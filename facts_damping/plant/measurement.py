@@ -63,18 +63,25 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
 
 @compiled
 def _in_synchronism(plant: Plant, x: Float1, stage: int) -> bool:
-    """Whether rotors in service and infinite buses are within 180 degrees of each other, and speeds in their band."""
-    low, high = math.inf, -math.inf
-    for g in range(plant.machines.size):
-        if plant.online[stage, g] > 0.0:
-            delta, omega = x[plant.machines[g].offset], x[plant.machines[g].offset + 1]
-            low, high = min(low, delta), max(high, delta)
-            if abs(omega) > SPEED_BAND:
-                return False
-    for i in range(plant.infinite.size):
-        angle = phase(plant.infinite[i])
-        low, high = min(low, angle), max(high, angle)
-    return not high - low > math.pi
+    """Whether rotors in service and infinite buses of each island are within 180 degrees, and speeds in their band."""
+    machines, many = plant.machines.size, 0
+    for i in range(machines + plant.infinite.size):
+        many = max(many, plant.island[stage, i] + 1)
+    for number in range(many):
+        low, high = math.inf, -math.inf
+        for g in range(machines):
+            if plant.online[stage, g] > 0.0 and plant.island[stage, g] == number:
+                delta, omega = x[plant.machines[g].offset], x[plant.machines[g].offset + 1]
+                low, high = min(low, delta), max(high, delta)
+                if abs(omega) > SPEED_BAND:
+                    return False
+        for i in range(plant.infinite.size):
+            if plant.island[stage, machines + i] == number:
+                angle = phase(plant.infinite[i])
+                low, high = min(low, angle), max(high, angle)
+        if high - low > math.pi:
+            return False
+    return True
 
 
 @compiled

@@ -18,6 +18,7 @@ from facts_damping.compiling.structs import (
     Float2,
     Float3,
     Int1,
+    Int2,
     Struct,
     Table,
 )
@@ -62,6 +63,7 @@ class Plant(Struct):
     stage_start_ns: Int1  # (stages,), ascending, the first at the earliest time
     mechanical_power: Float2  # (stages, machines), p.u. of the rating
     online: Float2  # (stages, machines), 1 or 0
+    island: Int2  # (stages, machines + infinite buses), number of the island
     load_scale: Float2  # (stages, loads)
     load_noise: Float3  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: no noise
     oscillations: Annotated[NDArray[Any], Array(OSCILLATION, 1)]  # events.OSCILLATION

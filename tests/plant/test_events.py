@@ -277,9 +277,12 @@ def test_an_island_without_a_machine_is_refused() -> None:
 
 def test_two_islands_with_machines_run_apart() -> None:
     rows = [at(1.0, "line_out", line="line_1"), at(1.0, "line_out", line="line_2")]
-    trace = follow(plant("two_area", *rows, installed=[]), frame_times(2))
+    """Their angles drift apart; each is in synchronism by itself."""
+    trace = follow(plant("two_area", *rows, installed=[]), frame_times(3))
     assert trace.speeds[-1, :2].min() > 1e-3
     assert trace.speeds[-1, 2:].max() < -1e-3
+    assert np.ptp(trace.machines["rotor_angle"][-1]) > np.pi
+    assert trace.sound.all()
 
 
 @pytest.mark.parametrize("lines", [("line_1", "line_2"), ("line_3", "line_4")])

@@ -186,19 +186,23 @@ def series_devices(system: System) -> list[Series]:
     return [device for device in system.devices if isinstance(device, Series)]
 
 
-def check_islands(system: System, topology: Topology, when: str) -> None:
-    """Raise `InputError` if an island has no source."""
+def islands(system: System, topology: Topology) -> dict[str, int]:
+    """Number of the island of each bus."""
     names = bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
     links = np.eye(len(names))
     for a, b in [(b.from_bus, b.to_bus) for b in branches(system, topology)] + [d.ends for d in series_devices(system)]:
         links[index[a], index[b]] = 1
-    label = parts(links != 0)
+    return dict(zip(names, parts(links != 0).tolist(), strict=True))
+
+
+def check_islands(system: System, topology: Topology, when: str) -> None:
+    """Raise `InputError` if an island has no source."""
+    label = islands(system, topology)
     sources = [m.bus for m in system.machines if m.name not in topology.machines_out]
-    fed = {label[index[bus]] for bus in (*sources, *(i.bus for i in system.infinite_buses))}
-    for island in range(int(label.max(initial=-1)) + 1):
-        if island not in fed:
-            members = [name for name in names if label[index[name]] == island]
-            raise InputError(
-                f"{when} island without a machine: buses {', '.join(members)}; allowed: at least one machine an island"
-            )
+    fed = {label[bus] for bus in (*sources, *(i.bus for i in system.infinite_buses))}
+    for island in sorted(set(label.values()) - fed):
+        members = [name for name, own in label.items() if own == island]
+        raise InputError(
+            f"{when} island without a machine: buses {', '.join(members)}; allowed: at least one machine an island"
+        )
