@@ -136,7 +136,7 @@ class GeneratorTrip(ParameterModel):
 
     time: float = _time()
     kind: Literal["generator_trip"] = _kind()
-    machine: Name = Field(..., description="machine")
+    machine: Name = Field(..., description="machine that is disconnected")
 
 
 Event = Annotated[

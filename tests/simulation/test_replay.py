@@ -164,7 +164,7 @@ def test_a_gap_ends_the_replay_and_is_said() -> None:
     assert part.ticks.tolist() == list(range(101))
     assert issued.tobytes() == record.issued[record.issued["tick"] < 101].tobytes()
     assert estimates.tobytes() == record.estimates[record.estimates["tick"] < 101].tobytes()
-    assert replay.notes_on(record, part)[-1].startswith("replayed up to tick 100 at 1.667 s: of tick 101")
+    assert replay.notes_on(record, part)[-1].startswith("replayed up to tick 100 at 1.667 s: tick 101 is incomplete")
 
 
 def test_devices_in_another_order_are_told_by_name() -> None:
