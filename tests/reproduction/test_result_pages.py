@@ -6,11 +6,13 @@ import csv
 import re
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
+import yaml
 from facts_damping_reproduction import result_figures
 from facts_damping_reproduction.adaptation.experiment import plan
+from facts_damping_reproduction.pdci import pages
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ("results", "delay_results", "supervision_results", "reproduction")
+PAGES = ("results", "pdci", "delay_results", "supervision_results", "reproduction")
 
 
 def text(page: str) -> str:
@@ -88,6 +90,17 @@ def test_delay_limits_are_those_of_the_studies() -> None:
             for scenario in ("small", "large", "multiple")
         ]
         assert f"| {' | '.join(pairs)} |" in page, name
+
+
+def numbers(table: str) -> list[dict[str, Any]]:
+    """A table with numbers, and none where a cell is empty."""
+    return [{name: yaml.safe_load(value or "null") for name, value in row.items()} for row in rows(table)]
+
+
+def test_the_page_on_the_pacific_dc_intertie_follows_from_its_tables() -> None:
+    made = pages.page({name: numbers(f"pdci/{name}.csv") for name in ("linear", "ringdown", "events", "failures")})
+    linked = re.sub(r"\]\(([a-z]+\.(?:png|csv))\)", r"](images/pdci/\1)", made)
+    assert (DOCS / "pdci.md").read_text(encoding="utf-8") == linked
 
 
 def change(arm: str, against: str, kinds: str, form: str = "+.0f") -> tuple[str, str, str]:
@@ -204,7 +217,16 @@ def of_validation() -> list[str]:
     return [f"All {len(found)} comparisons", f"take {times[0]:.1f} to {times[-1]:.0f} times as long"]
 
 
-SAID = (of_what_holds, of_the_score, of_delays, of_supervision, of_the_thesis, of_validation)
+def of_pdci() -> list[str]:
+    found = pages.values(*(numbers(f"pdci/{name}.csv") for name in ("linear", "events", "failures")))
+    assert found["supervised"] == "wrong sign"
+    damping = (
+        f"{found['gain']} MW/mHz over 100 ms of delay raise the damping ratio of north-south B from {found['b_free']}"
+    )
+    return [f"{damping} to {found['b_law']}", f"up to {found['limit']} no slow mode loses damping"]
+
+
+SAID = (of_what_holds, of_the_score, of_pdci, of_delays, of_supervision, of_the_thesis, of_validation)
 # Conditions, not results: faults that cases have; tolerances of rows of validation.csv.
 GIVEN = (r"up to 400 ms more", r"bursts of 1 s", r"within 1e-5 to 1e-4 1/s")
 

@@ -1,0 +1,149 @@
+"""The page on the Pacific DC Intertie: answers, a figure, tables as CSV; all sentences follow from the results.
+
+    python -m facts_damping_reproduction.pdci.pages results/pdci
+
+writes `pdci.md`, `damping.png` and the CSVs into the folder.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from matplotlib.figure import Figure
+
+from facts_damping.analysis.plotting.plots import COLOURS
+from facts_damping.studies.campaigns.invariants import HARM
+from facts_damping.terminal import as_csv, save_picture, table, write_whole
+from facts_damping_reproduction.pdci import study
+from facts_damping_reproduction.templates import render
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Rows = list[dict[str, Any]]
+SMALL = 8  # MW/mHz, up to which north-south B is the strongest mode of the response to the brake
+SHOWN = (0.0, 0.1, 0.2, 0.3)  # s, delays in the figure
+NAMES = ("north-south A", "north-south B", "least damped")
+
+
+def draw(rows: Rows, path: Path) -> Path:
+    """Damping ratios against the gain, a panel for each mode and a line for each delay."""
+    figure = Figure(figsize=(4.4, 6.2), layout="constrained")
+    panels: Any = figure.subplots(len(NAMES), 1, sharex=True)
+    for axes, name in zip(panels, NAMES, strict=True):
+        for delay, colour in zip(SHOWN, COLOURS, strict=False):
+            own = [row for row in rows if row["delay_s"] == delay]
+            axes.plot(
+                [row["gain"] for row in own], [100 * row[name] for row in own], ".-", color=colour, label=f"{delay:g} s"
+            )
+        title = name if name != "least damped" else f"least damped mode below {study.plan()['below']:g} Hz"
+        axes.set_title(title, fontsize=9, loc="left")
+        axes.set_ylabel("damping ratio [%]", fontsize=8)
+        axes.grid(visible=True, color="0.92")
+        axes.axhline(0.0, color="black", lw=0.8)
+    panels[0].legend(title="delay", fontsize=7, title_fontsize=7, ncols=2)
+    panels[-1].set_xlabel("gain [MW/mHz]", fontsize=9)
+    return save_picture(figure, path, dpi=180, metadata={"Software": None})
+
+
+def at(rows: Rows, **asked: Any) -> dict[str, Any]:
+    """The row with these values."""
+    return next(row for row in rows if all(row[name] == value for name, value in asked.items()))
+
+
+def limit(rows: Rows, gain: float) -> float:
+    """The largest delay of the plan up to which no slow mode is less damped than without control."""
+    free, last = at(rows, gain=0)["least damped"], 0.0
+    for delay in study.plan()["delays"]:
+        if at(rows, gain=gain, delay_s=delay)["least damped"] < free:
+            break
+        last = delay
+    return last
+
+
+def apart(linear: Rows, ringdown: Rows) -> float:
+    """Largest difference of the damping ratio of north-south B after the brake from the linear one, for small gains.
+
+    With larger ones other modes are stronger in the response.
+    """
+    small = [row for row in ringdown if row["gain"] <= SMALL and row["delay_s"] < study.plan()["delays"][-1]]
+    of_linear = [at(linear, gain=row["gain"], delay_s=row["delay_s"])["north-south B"] for row in small]
+    return max(abs(row["damping_ratio"] - own) for row, own in zip(small, of_linear, strict=True))
+
+
+def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, str]:
+    """The numbers of the answers: how much damping, until which delay, what fails how."""
+    gain, strongest = study.plan()["gain"], study.plan()["gains"][-1]
+    free, law = at(linear, gain=0), at(linear, gain=gain, delay_s=0.1)
+    ratios = [
+        at(events, event=kind, gain=gain)["ITAE"] / at(events, event=kind, gain=0)["ITAE"]
+        for kind in study.plan()["events"]
+    ]
+    none = at(events, event="brake", gain=0)["ITAE"]
+    worse = [[one["failure"] for one in failures if one["supervised"] is flag and not one["ITAE"] <= HARM * none]
+             for flag in (False, True)]  # fmt: skip
+    return {
+        **{
+            f"{name}_{which}": f"{100 * row[mode]:.1f} %"
+            for name, mode in (("a", "north-south A"), ("b", "north-south B"))
+            for which, row in (("free", free), ("law", law))
+        },
+        "gain": f"{gain}",
+        "events": f"{len(ratios)}",
+        "least": f"{100 * (1 - max(ratios)):.0f}",
+        "most": f"{100 * (1 - min(ratios)):.0f}",
+        "below": f"{study.plan()['below']:g}",
+        "limit": f"{limit(linear, gain):g} s",
+        "strongest": f"{strongest}",
+        "limit_of_strongest": f"{limit(linear, strongest):g} s",
+        "harm": f"{100 * (HARM - 1):.0f} %",
+        "alone": ", ".join(worse[0]) or "none",
+        "supervised": ", ".join(worse[1]) or "none",
+    }
+
+
+def failure_table(failures: Rows, none: float) -> list[str]:
+    """Each failure, without a supervisor and with one: ITAE relative to no control, and the verdict."""
+    lines = [
+        [name, *(cell for flag in (False, True) for cell in _cells(at(failures, failure=name, supervised=flag), none))]
+        for name in study.plan()["failures"]
+    ]
+    heads = ["from 1 s after the brake", "ITAE", "verdict", "supervised: ITAE", "verdict"]
+    return table(heads, lines, 1, markdown=True)
+
+
+def _cells(row: dict[str, Any], none: float) -> list[str]:
+    change = "-" if row["ITAE"] is None else f"{100 * (row['ITAE'] / none - 1):+.0f} %"
+    return [change, row["verdict"]]
+
+
+def page(found: dict[str, Rows]) -> str:
+    """The page, from the tables by their names."""
+    none = at(found["events"], event="brake", gain=0)["ITAE"]
+    numbers = values(found["linear"], found["events"], found["failures"])
+    numbers |= {"small": f"{SMALL}", "apart": f"{100 * apart(found['linear'], found['ringdown']):.1f}"}
+    return render("pdci/pdci.md", failures="\n".join(failure_table(found["failures"], none)), **numbers)
+
+
+def write(folder: Path) -> list[Path]:
+    """Compute all of it and write it."""
+    made = {"linear": study.linear, "ringdown": study.ringdowns, "events": study.events, "failures": study.failures}
+    found = {name: compute() for name, compute in made.items()}
+    for name, rows in found.items():
+        write_whole(folder / f"{name}.csv", as_csv(list(rows[0]), [list(row.values()) for row in rows]))
+    write_whole(folder / "pdci.md", page(found))
+    draw(found["linear"], folder / "damping.png")
+    return [folder / name for name in ("pdci.md", "damping.png", *(f"{name}.csv" for name in found))]
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Write into the folder that is given."""
+    folder = Path(arguments[0])
+    folder.mkdir(parents=True, exist_ok=True)
+    print(*(f"written: {path}" for path in write(folder)), sep="\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,123 @@
+"""Damping against gain and delay, linear and after the brake; events; failures with supervision and without."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from facts_damping.analysis.summary import summarise
+from facts_damping.case.loading import load_case
+from facts_damping.case.supervision import unsupervised
+from facts_damping.simulation import loop
+from facts_damping.simulation.twins import twin_of
+from facts_damping.small_signal.modal_analysis import analyse
+from facts_damping.studies.margins.delay_margin import oscillations
+from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from facts_damping.case.model import Case
+
+PLAN = Path(__file__).with_name("pdci.yaml")
+PER_MW_PER_MHZ = 10.0  # gain of the signal `hertz`, p.u. of 100 MVA per Hz
+SUPERVISED = {"supervision": "standard", "arm_at": 0.5}
+
+
+@cache
+def plan() -> dict[str, Any]:
+    """The plan."""
+    found: dict[str, Any] = yaml.safe_load(PLAN.read_text(encoding="utf-8"))
+    return found
+
+
+def made(sets: dict[str, Any]) -> Case:
+    """The run with some fields changed."""
+    return load_case(plan()["run"], [f"{path}={json.dumps(value)}" for path, value in sets.items()])
+
+
+def constant(delay: float) -> dict[str, Any]:
+    """A link with a constant delay, s."""
+    return {"link": {"up": [{"model": "constant", "delay": delay}], "down": []}}
+
+
+def linear() -> list[dict[str, Any]]:
+    """Damping ratios of the named modes and of the least damped slow mode, by gain and delay."""
+    rows = []
+    for gain in plan()["gains"]:
+        if gain == 0:
+            case = made({})
+            swings = [one for one in analyse(case.system, case.run.devices).modes if one.swings]
+            found = [[(one.damping_ratio, one.frequency_hz) for one in swings]] * len(plan()["delays"])
+        else:
+            case = unsupervised(made({**constant(0.0), "controllers.0.parameters.gain": gain * PER_MW_PER_MHZ}))
+            whole, found = delayed_loop(case), []
+            for delay in plan()["delays"]:
+                solved = eigen(whole, sampled(whole, delay))
+                swings = [one for one in oscillations(whole, solved, case) if one.swings]
+                found.append([(one.damping_ratio, one.frequency_hz) for one in swings])
+        for delay, modes in zip(plan()["delays"], found, strict=True):
+            rows.append({"gain": gain, "delay_s": delay, **_named(modes)})
+    return rows
+
+
+def _named(modes: Iterable[tuple[float, float]]) -> dict[str, Any]:
+    """The modes nearest to the named frequencies, and the least damped one of the slow modes."""
+    slow = sorted((ratio, hertz) for ratio, hertz in modes if 0.1 < hertz <= plan()["below"])
+    row: dict[str, Any] = {}
+    for name, hertz in plan()["modes"].items():
+        ratio, at = min(slow, key=lambda one: abs(one[1] - hertz))
+        row |= {name: ratio, f"{name}, Hz": at}
+    return row | {"least damped": slow[0][0], "least damped, Hz": slow[0][1]}
+
+
+def outcome(sets: dict[str, Any]) -> dict[str, Any]:
+    """A run: verdict, ITAE of the response, damping ratio and frequency of its strongest mode, trip."""
+    record = loop.run(made(sets))
+    found = summarise(record, twin=twin_of(record))
+    modes = found["modes"][:1]
+    return {
+        "verdict": found["verdict"],
+        "ITAE": found["indices"]["ITAE"],
+        "damping_ratio": modes[0]["damping_ratio"] if modes else None,
+        "frequency_hz": modes[0]["frequency_hz"] if modes else None,
+        "tripped_s": next((one["time"] for one in found.get("supervision", []) if one.get("tripped")), None),
+    }
+
+
+def ringdowns() -> list[dict[str, Any]]:
+    """After the brake, by gain and delay."""
+    return [
+        {"gain": gain, "delay_s": delay, **outcome(_with(gain, constant(delay)))}
+        for gain in plan()["gains"]
+        for delay in plan()["delays"]
+        if gain or not delay
+    ]
+
+
+def _with(gain: float, sets: dict[str, Any]) -> dict[str, Any]:
+    law: dict[str, Any] = {"controllers.0.parameters.gain": gain * PER_MW_PER_MHZ} if gain else {"controllers": []}
+    return {**sets, **law}
+
+
+def events() -> list[dict[str, Any]]:
+    """Each event, with the law and without."""
+    return [
+        {"event": event, "gain": gain, **outcome(_with(gain, {"scenario": event}))}
+        for event in plan()["events"]
+        for gain in (0, plan()["gain"])
+    ]
+
+
+def failures() -> list[dict[str, Any]]:
+    """Each failure after the brake, without a supervisor and with one."""
+    own = _with(plan()["gain"], {})
+    return [
+        {"failure": name, "supervised": bool(more), **outcome({**own, **sets, **more})}
+        for name, sets in plan()["failures"].items()
+        for more in ({}, SUPERVISED)
+    ]
