@@ -70,7 +70,7 @@ def apart(linear: Rows, ringdown: Rows) -> float:
     """
     small = [row for row in ringdown if row["gain"] <= SMALL and row["delay_s"] < study.plan()["delays"][-1]]
     of_linear = [at(linear, gain=row["gain"], delay_s=row["delay_s"])["north-south B"] for row in small]
-    return max(abs(row["damping_ratio"] - own) for row, own in zip(small, of_linear, strict=True))
+    return max(float(abs(row["damping_ratio"] - own)) for row, own in zip(small, of_linear, strict=True))
 
 
 def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, str]:
