@@ -10,6 +10,7 @@ time is that of the compiled loop beside simulated time, and that of power flow 
 from __future__ import annotations
 
 import json
+import resource
 import statistics
 import time
 from typing import Any
@@ -19,8 +20,8 @@ from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation import build, loop
 
 SECONDS = 5.0
-RUNS = 5
-SHIPPED = ("smib", "wscc_9", "wscc_9_constant_power", "two_area", "new_england_39")
+RUNS = 3
+SHIPPED = ("smib", "wscc_9", "wscc_9_constant_power", "two_area", "new_england_39", "nets_nyps", "minniwecc")
 
 
 def copies(k: int) -> dict[str, Any]:
@@ -95,7 +96,8 @@ def measured(name: str, system: dict[str, Any] | str, load: str) -> None:
     rate = 1e9 / built.plant.step_ns
     print(
         f"{name:<34} {len(built.plant.machines):8d} {len(case.system.buses):6d} {len(built.plant.ports):6d} "
-        f"{len(built.state.x):7d} {rate:6.0f} {1e3 * took:10.2f} {1 / took:14.0f} {1e3 * setup:10.1f}"
+        f"{len(built.state.x):7d} {rate:6.0f} {1e3 * took:10.2f} {1 / took:14.1f} {1e3 * setup:10.1f} "
+        f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:8.0f}"
     )
 
 
@@ -103,13 +105,13 @@ def main() -> None:
     """All rows."""
     print(
         f"{'system':<34} {'machines':>8} {'buses':>6} {'ports':>6} {'states':>7} {'1/step':>6} "
-        f"{'ms per s':>10} {'x real time':>14} {'set-up ms':>10}"
+        f"{'ms per s':>10} {'x real time':>14} {'set-up ms':>10} {'peak MB':>8}"
     )
     for name in SHIPPED:
         measured(name, name, load_system(name).loads[0].name)
     for k in (1, 2, 4, 8):
         measured(f"kundur_12_6, {k} copies", copies(k), "load_1_0")
-    for k in (1, 2, 4, 8):
+    for k in (1, 2, 4, 8, 16, 45, 180):
         measured(f"the same, constant current, {k}", with_ports(k), "load_1_0")
     for n in (1, 5, 20, 60):
         measured(f"kundur_12_6, lines in {n} sections", sections(n), "load_1_0")

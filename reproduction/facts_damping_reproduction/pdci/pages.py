@@ -110,7 +110,11 @@ def failure_table(failures: Rows, none: float) -> list[str]:
         [name, *(cell for flag in (False, True) for cell in _cells(at(failures, failure=name, supervised=flag), none))]
         for name in study.plan()["failures"]
     ]
-    heads = ["from 1 s after the brake", "ITAE", "verdict", "supervised: ITAE", "verdict"]
+    for line, name in zip(lines, study.plan()["failures"], strict=True):
+        row = at(failures, failure=name, supervised=True)
+        never = "never armed" if row["armed_s"] is None else "-"
+        line.append(never if row["tripped_s"] is None else f"{row['tripped_s']:.1f} s, {row['cause']}")
+    heads = ["from 1 s after the brake", "ITAE", "verdict", "supervised: ITAE", "verdict", "tripped at"]
     return table(heads, lines, 1, markdown=True)
 
 

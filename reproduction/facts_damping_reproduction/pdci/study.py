@@ -15,6 +15,7 @@ from facts_damping.case.supervision import unsupervised
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of
 from facts_damping.small_signal.modal_analysis import analyse
+from facts_damping.studies.campaigns.invariants import doings
 from facts_damping.studies.margins.delay_margin import oscillations
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 
@@ -76,16 +77,16 @@ def _named(modes: Iterable[tuple[float, float]]) -> dict[str, Any]:
 
 
 def outcome(sets: dict[str, Any]) -> dict[str, Any]:
-    """A run: verdict, ITAE of the response, damping ratio and frequency of its strongest mode, trip."""
+    """A run: verdict, ITAE, damping ratio and frequency of the response's strongest mode; when armed, when tripped."""
     record = loop.run(made(sets))
     found = summarise(record, twin=twin_of(record))
-    modes = found["modes"][:1]
+    modes, did = found["modes"][:1], doings(record, 0.0)
     return {
         "verdict": found["verdict"],
         "ITAE": found["indices"]["ITAE"],
         "damping_ratio": modes[0]["damping_ratio"] if modes else None,
         "frequency_hz": modes[0]["frequency_hz"] if modes else None,
-        "tripped_s": next((one["time"] for one in found.get("supervision", []) if one.get("tripped")), None),
+        **{name: did[name] for name in ("armed_s", "tripped_s", "cause")},
     }
 
 
