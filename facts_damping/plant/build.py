@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.grid.network import Topology
 
 
-LARGE = 200  # buses, above which the network is kept as factors instead of a dense matrix
+LARGE = 100  # machines, infinite buses and ports, above which factors are faster than a dense matrix
 
 
 class Built(NamedTuple):
@@ -89,7 +89,7 @@ def build(
     online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
     given = [(system, ports.places, norton, s.topology, magnitude) for s in steps]
-    large = len(system.buses) > LARGE
+    large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=to_ns(system.step),

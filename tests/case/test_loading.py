@@ -178,7 +178,8 @@ def test_shipped_scenarios_build(name: str) -> None:
     system, scenario = name.split("/")
     devices = [d.name for d in load_system(system).devices]
     case = load_case(None, [f"system={system}", f"scenario={scenario}", f"devices={devices}", "controllers=[]"])
-    assert len(build.build_plant(case).plant.stage_start_ns) >= 2
+    plant = build.build_plant(case).plant
+    assert len(plant.stage_start_ns) + len(plant.oscillations) >= 2
 
 
 REFUSED = [
