@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from facts_damping.compiling.kernels import EntryPoint, Kernel, Primitive
-from facts_damping.compiling.structs import Struct, described, layout
+from facts_damping.compiling.structs import Struct, described, fingerprint
 
 PACKAGE = "facts_damping"
 LOAD_GLOBAL, SHIFT = dis.opmap["LOAD_GLOBAL"], int(sys.version_info >= (3, 11))  # the argument has an index and a flag
@@ -147,10 +147,7 @@ class _Walk:
         )
         if own is not None and id(own) not in self._seen:
             self._seen.add(id(own))
-            for name, (inner, at) in layout(own).items():
-                self.texts.append(f"{own.__module__}.{own.__qualname__}.{name} {at} {described(inner)}")
-            for inner, _ in layout(own).values():
-                self._struct(inner)
+            self.texts.append(f"{own.__module__}.{own.__qualname__} {fingerprint(own)}")
 
 
 @cache

@@ -243,7 +243,7 @@ def fingerprint(cls: Any) -> str:
             one for one in (kind, *typing.get_args(kind)) if isinstance(one, type) and issubclass(one, Struct)
         ]
         told.append(f"{name} {at} {described(kind)} {[fingerprint(one) for one in inside]}")
-    return hashlib.sha256("\n".join(told).encode()).hexdigest()[:8]
+    return hashlib.sha256("\n".join(told).encode()).hexdigest()[:20]
 
 
 def described(kind: Any) -> Any:
