@@ -42,11 +42,12 @@ LASTING = (events.Fault, events.Brake, events.ForcedOscillation)  # events that 
 
 @dataclass(frozen=True)
 class TopologyInterval:
-    """The grid from `start_ns` on: topology, and mechanical powers relative to the start."""
+    """The grid from `start_ns` on: topology, mechanical powers relative to the start, number of each bus's island."""
 
     start_ns: int = 0
     topology: Topology = field(default_factory=Topology)
     mechanical_scale: Mapping[str, float] = field(default_factory=dict)
+    islands: Mapping[str, int] = field(default_factory=dict)
 
 
 class Change(NamedTuple):
@@ -81,13 +82,13 @@ def _end(event: Lasting, time: float) -> Event:
 
 def topology_intervals(system: System, listed: Sequence[Event]) -> list[TopologyInterval]:
     """The stages of a run, beginning at the start. Raises `InputError` if an event is impossible."""
-    found = [TopologyInterval()]
-    check_islands(system, found[0].topology, f"system {system.name}: has an")
+    found = [TopologyInterval(islands=check_islands(system, Topology(), f"system {system.name}: has an"))]
     for change in timeline(listed):
         after = _apply(system, found[-1], change)
         if after is found[-1]:
             continue
-        check_islands(system, after.topology, f"{change.where} ({change.event.kind}): leaves an")
+        islands = check_islands(system, after.topology, f"{change.where} ({change.event.kind}): leaves an")
+        after = replace(after, islands=islands)
         if change.time_ns == found[-1].start_ns:
             found[-1] = after
         else:

@@ -186,19 +186,14 @@ def series_devices(system: System) -> list[Series]:
     return [device for device in system.devices if isinstance(device, Series)]
 
 
-def islands(system: System, topology: Topology) -> dict[str, int]:
-    """Number of the island of each bus."""
+def check_islands(system: System, topology: Topology, when: str) -> dict[str, int]:
+    """Number of the island of each bus. Raises `InputError` if an island has no source."""
     names = bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
     links = np.eye(len(names))
     for a, b in [(b.from_bus, b.to_bus) for b in branches(system, topology)] + [d.ends for d in series_devices(system)]:
         links[index[a], index[b]] = 1
-    return dict(zip(names, parts(links != 0).tolist(), strict=True))
-
-
-def check_islands(system: System, topology: Topology, when: str) -> None:
-    """Raise `InputError` if an island has no source."""
-    label = islands(system, topology)
+    label: dict[str, int] = dict(zip(names, parts(links != 0).tolist(), strict=True))
     sources = [m.bus for m in system.machines if m.name not in topology.machines_out]
     fed = {label[bus] for bus in (*sources, *(i.bus for i in system.infinite_buses))}
     for island in sorted(set(label.values()) - fed):
@@ -206,3 +201,4 @@ def check_islands(system: System, topology: Topology, when: str) -> None:
         raise InputError(
             f"{when} island without a machine: buses {', '.join(members)}; allowed: at least one machine an island"
         )
+    return label
