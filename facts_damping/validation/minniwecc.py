@@ -43,7 +43,7 @@ ENDS = {"pdci_north": "B24", "pdci_south": "B49"}  # loads of the intertie's sch
 NORTH = "NORTH"  # PMU at B24
 SOUTH = {49: "SOUTH", 63: "SOUTH_2"}  # PMUs by bus
 LOW = {0.207: "north-south A", 0.370: "north-south B"}  # by frequency, Hz
-BRAKE = {"kind": "fault", "bus": "B18", "r": 1.0 / 14.0, "duration": 0.5}  # 1.4 GW at 1 p.u. of 100 MVA
+BRAKE = {"kind": "brake", "bus": "B18", "power": 1400.0, "duration": 0.5}
 EVENTS: dict[str, tuple[str, dict[str, Any], float]] = {
     "brake": ("brake of 1.4 GW at B18 for 0.5 s", BRAKE, 0.02),
     "colstrip_trip": ("loss of G14", {"kind": "generator_trip", "machine": "G14"}, 0.02),

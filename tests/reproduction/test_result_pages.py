@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import shutil
 from pathlib import Path
@@ -31,8 +30,7 @@ def text(page: str) -> str:
 
 
 def rows(table: str) -> list[dict[str, str]]:
-    with (DOCS / "images" / table).open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+    return result_figures.rows(DOCS / "images" / table)
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -210,8 +208,7 @@ def of_the_thesis() -> list[str]:
 
 
 def of_validation() -> list[str]:
-    with (DOCS / "validation.csv").open(encoding="utf-8", newline="") as file:
-        found = list(csv.DictReader(file))
+    found = result_figures.rows(DOCS / "validation.csv")
     assert all(row["passed"] == "pass" for row in found)
     times = sorted(float(row["times ours"]) for row in rows("programs.csv")[1:])
     return [f"All {len(found)} comparisons", f"take {times[0]:.1f} to {times[-1]:.0f} times as long"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from facts_damping.analysis.summary import summarise
-from facts_damping.case.loading import load_case
+from facts_damping.api.cases import case_of
 from facts_damping.case.supervision import unsupervised
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of
@@ -38,7 +37,7 @@ def plan() -> dict[str, Any]:
 
 def made(sets: dict[str, Any]) -> Case:
     """The run with some fields changed."""
-    return load_case(plan()["run"], [f"{path}={json.dumps(value)}" for path, value in sets.items()])
+    return case_of(plan()["run"], sets)
 
 
 def constant(delay: float) -> dict[str, Any]:
