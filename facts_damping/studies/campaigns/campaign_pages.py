@@ -43,7 +43,7 @@ WHICH = ("", "unsupervised_", "uncontrolled_")  # prefixes of a row's figures
 LISTED = 4  # number of places listed for a violated invariant
 
 
-class Share(NamedTuple):
+class Fraction(NamedTuple):
     """A count, and what fraction it is, in per cent with Wilson's interval; None without cases."""
 
     number: int
@@ -52,7 +52,7 @@ class Share(NamedTuple):
     high: float | None
 
     @classmethod
-    def of(cls, part: int, whole: int) -> Share:
+    def of(cls, part: int, whole: int) -> Fraction:
         """So many of the whole."""
         if not whole:
             return cls(part, None, None, None)
@@ -78,7 +78,7 @@ class Pair(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table of a page: cells are texts, shares or pairs."""
+    """A table of a page: cells are texts, fractions or pairs."""
 
     titles: list[str]
     rows: list[list[Any]]
@@ -96,7 +96,7 @@ def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> Table:
         asked = [row for row in rows if row.get(name) is not None]
         failed = [row for row in asked if not row[name]]
         places = _max(failed, lambda row: f"{row['fault']}, {row['base_run']} {row.get('scenario', '')}".strip())
-        lines.append([WORDS[name], str(len(asked)), Share.of(len(failed), len(asked)), places])
+        lines.append([WORDS[name], str(len(asked)), Fraction.of(len(failed), len(asked)), places])
     heads = ["what must hold", "cases that can violate it", "violated", "most frequent"]
     return Table(heads, lines)
 
@@ -109,13 +109,13 @@ def outcome_table(rows: Rows) -> Table:
     found.append(["the same, if it is kept without control", str(len(able)), *(_lost(able, which) for which in known)])
     harms = [sum(row[f"{which}does_no_harm"] is False for row in able) for which in known if which != WHICH[-1]]
     words = f"ITAE above {HARM:g} times that without control, or synchronism lost; of those that keep it without"
-    found.append([words, str(len(able)), *(Share.of(count, len(able)) for count in harms), "-"])
+    found.append([words, str(len(able)), *(Fraction.of(count, len(able)) for count in harms), "-"])
     titles = {"": "with supervision", "unsupervised_": "without supervision", "uncontrolled_": "without control"}
     return Table(["what", "cases", *(titles[which] for which in known)], found)
 
 
-def _lost(rows: Rows, which: str) -> Share:
-    return Share.of(sum(row[f"{which}lost_s"] is not None for row in rows), len(rows))
+def _lost(rows: Rows, which: str) -> Fraction:
+    return Fraction.of(sum(row[f"{which}lost_s"] is not None for row in rows), len(rows))
 
 
 def healthy_table(rows: Rows) -> Table:
@@ -129,8 +129,8 @@ def healthy_table(rows: Rows) -> Table:
             by = [row for row in off if monitor in ("", _cause(row))]
             counts = [sum(which(row) for row in by) for which in (_harmed, _helped)]
             never = str(sum(row["armed_s"] is None for row in own)) if not monitor else ""
-            lines.append([system or "all", monitor or "all", str(len(own)), never, Share.of(len(by), len(own))])
-            lines[-1] += [Share.of(count, len(own)) for count in counts]
+            lines.append([system or "all", monitor or "all", str(len(own)), never, Fraction.of(len(by), len(own))])
+            lines[-1] += [Fraction.of(count, len(own)) for count in counts]
     heads = ["system", "monitor", "healthy cases", "never armed", "fell back or tripped", "harmful", "helpful"]
     return Table(heads, lines, 2)
 
@@ -144,7 +144,7 @@ def missed_table(rows: Rows) -> Table:
         own = [row for row in acting if (row["fault"], row["base_run"]) == (fault, system)]
         missed = [row for row in own if row["detected_s"] is None]
         harmed = sum(row["does_no_harm"] is False for row in missed)
-        lines.append([fault, system, str(len(own)), Share.of(len(missed), len(own)), str(harmed)])
+        lines.append([fault, system, str(len(own)), Fraction.of(len(missed), len(own)), str(harmed)])
     heads = [
         "fault",
         "system",
@@ -162,12 +162,12 @@ def limit_table(rows: Rows) -> Table:
         own = [row for row in rows if row["limit"] == name]
         healthy = [row for row in own if row["fault"] == NOTHING]
         lines.append([name, str(len(healthy))])
-        lines[-1] += [Share.of(sum(which(row) for row in healthy), len(healthy)) for which in (_taken_off, _harmed)]
+        lines[-1] += [Fraction.of(sum(which(row) for row in healthy), len(healthy)) for which in (_taken_off, _harmed)]
         wrong = [row for row in own if row["fault"] in TURNED and row["armed_s"] is not None and not row["early"]]
         for harm in ("on", "off"):
             asked = [row for row in wrong if row["harm"] == harm]
             found = [row["detected_s"] for row in asked if row["detected_s"] is not None]
-            lines[-1] += [str(len(asked)), Share.of(len(found), len(asked)), _times(found)[0]]
+            lines[-1] += [str(len(asked)), Fraction.of(len(found), len(asked)), _times(found)[0]]
     heads = ["limit, 1/s", "healthy cases", "tripped", "harmful", "wrong signs", "found", "median, s"]
     heads += ["wrong signs without harm", "found without harm", "median without harm, s"]
     return Table(heads, lines)
