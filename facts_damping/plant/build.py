@@ -18,9 +18,8 @@ from facts_damping.plant.converters import devices
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
 from facts_damping.plant.events import oscillating_loads, oscillations, topology_intervals
 from facts_damping.plant.grid import load
-from facts_damping.plant.grid.network import islands
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
-from facts_damping.plant.grid.reduction import Place, reduce_network, stage_network
+from facts_damping.plant.grid.reduction import Place, reduce_network, sparse_network
 from facts_damping.plant.machines import block_controls, blocks, excitation, governor, machine, stabiliser
 from facts_damping.plant.model import Plant, PlantState
 from facts_damping.plant.watchdog import initial_watch, line
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.parameters.run import Event
-    from facts_damping.plant.grid.network import Topology
 
 
 LARGE = 100  # machines, infinite buses and ports, above which factors are faster than a dense matrix
@@ -89,6 +87,7 @@ def build(
     online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
     given = [(system, ports.places, norton, s.topology, magnitude) for s in steps]
+    sources = [*(m.bus for m in system.machines), *(i.bus for i in system.infinite_buses)]
     large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
@@ -107,12 +106,12 @@ def build(
         stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
         mechanical_power=np.where(online > 0.0, rotating.power * np.array(scales), 0.0),
         online=online,
-        island=np.array([_islands(system, s.topology) for s in steps], np.int64),
+        island=np.array([[s.islands[bus] for bus in sources] for s in steps], np.int64),
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
         load_noise=load_noise.table({}, loads, len(loads)),
         oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
         network=np.zeros((0, 0, 0), np.complex128) if large else np.array([reduce_network(*one) for one in given]),
-        stages=Table([stage_network(*one) for one in given] if large else []),
+        sparse_networks=Table([sparse_network(*one) for one in given] if large else []),
         pmu_machine=np.array(pmus),
     )
     n = len(installed)
@@ -120,12 +119,6 @@ def build(
     lines = line([system.device(name).dead_time for name in installed])
     state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), initial_watch(n), source, *lines)
     return Built(plant, state, flow, states.names)
-
-
-def _islands(system: System, topology: Topology) -> list[int]:
-    """Number of the island of each machine and infinite bus."""
-    label = islands(system, topology)
-    return [*(label[m.bus] for m in system.machines), *(label[i.bus] for i in system.infinite_buses)]
 
 
 def port_loads(system: System, noisy: Collection[str]) -> list[Load]:

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2
+from facts_damping.compiling.structs import Float1, Float2
 from facts_damping.elementary import atan2, magnitude, phase
 from facts_damping.plant.converters import devices as facts
 from facts_damping.plant.converters.first_order_lag import effective_reference
@@ -85,12 +85,12 @@ def _in_synchronism(plant: Plant, x: Float1, stage: int) -> bool:
 
 
 @compiled
-def _phasors(plant: Plant, stage: int, inputs: Complex1, phasors: Complex2, work: Work) -> None:
+def _phasors(plant: Plant, stage: int, work: Work) -> None:
     """Voltage and current of each PMU from the network's inputs, p.u."""
     first, pmus = plant.machines.size + plant.ports.size, plant.pmu_machine.size
     for s in range(pmus):
-        phasors[s, 0] = row_times(plant, stage, first + s, inputs, work)
-        phasors[s, 1] = row_times(plant, stage, first + pmus + s, inputs, work)
+        work.phasors[s, 0] = row_times(plant, stage, first + s, work.inputs, work)
+        work.phasors[s, 1] = row_times(plant, stage, first + pmus + s, work.inputs, work)
 
 
 @entry_point
@@ -100,7 +100,7 @@ def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
     begin_noise(plant, work, time_ns, time_ns)
     begin_oscillations(plant, work, time_ns, time_ns)
     solve_network(plant, state.x, state.reference, state.source, stage, work)
-    _phasors(plant, stage, work.inputs, work.phasors, work)
+    _phasors(plant, stage, work)
 
 
 @compiled
@@ -147,7 +147,7 @@ def measure(
         _machine(plant, state, stage, g, machines[g], work)
     for d in range(plant.devices.size):
         _device(plant, state, d, devices[d], work)
-    _phasors(plant, stage, work.inputs, work.phasors, work)
+    _phasors(plant, stage, work)
     _a_moment_later(plant, state, stage, work)
     first = plant.machines.size + plant.ports.size
     for s in range(plant.pmu_machine.size):

@@ -26,7 +26,7 @@ from facts_damping.plant.converters.devices import DEVICE
 from facts_damping.plant.converters.site import PORT
 from facts_damping.plant.events import OSCILLATION
 from facts_damping.plant.grid.load import LOAD
-from facts_damping.plant.grid.stage_network import StageNetwork
+from facts_damping.plant.grid.sparse_network import SparseNetwork
 from facts_damping.plant.machines.blocks import BLOCK, CONTROLS, SENSED
 from facts_damping.plant.machines.excitation import EXCITER
 from facts_damping.plant.machines.governor import GOVERNOR
@@ -42,7 +42,7 @@ class Plant(Struct):
     currents of machines, voltages of infinite buses, sources at the ports) to its outputs (machine voltages, responses
     of the ports, PMU voltages, PMU currents), p.u. A parallel port injects a current and its response is the
     bus voltage; a series port injects a voltage drop and its response is the current. Shape
-    (machines + ports + 2 PMUs, machines + infinite buses + ports). Of a large grid `stages` has it instead.
+    (machines + ports + 2 PMUs, machines + infinite buses + ports). Of a large grid `sparse_networks` has it instead.
     """
 
     omega_0: float  # rad/s
@@ -68,7 +68,7 @@ class Plant(Struct):
     load_noise: Float3  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: no noise
     oscillations: Annotated[NDArray[Any], Array(OSCILLATION, 1)]  # events.OSCILLATION
     network: Complex3
-    stages: Table[StageNetwork]
+    sparse_networks: Table[SparseNetwork]
     pmu_machine: Int1  # (PMUs,), machine index or -1
 
 
@@ -126,7 +126,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(len(state.reference)),
         np.zeros(inputs, np.complex128),
         np.zeros(inputs, np.complex128),
-        np.zeros(max((len(net.lower.begin) - 1 for net in plant.stages), default=0), np.complex128),
+        np.zeros(max((len(net.lower.begin) - 1 for net in plant.sparse_networks), default=0), np.complex128),
         np.zeros(machines, np.complex128),
         np.zeros(machines, np.complex128),
         np.zeros(ports, np.complex128),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
-from facts_damping.plant.grid.stage_network import output, solve_voltages
+from facts_damping.plant.grid.sparse_network import output, solve_voltages
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Complex1
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 @compiled
 def respond(plant: Plant, stage: int, work: Work) -> None:
     """Of a large grid, find the voltages of all buses for `work.inputs`; `row_times` needs them."""
-    if len(plant.stages) > 0:
-        solve_voltages(plant.stages[stage], work.inputs, work.voltage)
+    if len(plant.sparse_networks) > 0:
+        solve_voltages(plant.sparse_networks[stage], work.inputs, work.voltage)
 
 
 @compiled
 def row_times(plant: Plant, stage: int, row: int, inputs: Complex1, work: Work) -> complex:
     """One row of the network times its inputs, p.u."""
-    if len(plant.stages) > 0:
-        return output(plant.stages[stage], row, inputs, work.voltage)
+    if len(plant.sparse_networks) > 0:
+        return output(plant.sparse_networks[stage], row, inputs, work.voltage)
     total = 0j
     for column in range(inputs.size):
         total += plant.network[stage, row, column] * inputs[column]
@@ -33,8 +33,8 @@ def row_times(plant: Plant, stage: int, row: int, inputs: Complex1, work: Work) 
 @compiled
 def own_response(plant: Plant, stage: int, p: int) -> complex:
     """Response of a port to its own source, p.u."""
-    if len(plant.stages) > 0:
-        return plant.stages[stage].own[p]  # type: ignore[no-any-return]
+    if len(plant.sparse_networks) > 0:
+        return plant.sparse_networks[stage].own[p]  # type: ignore[no-any-return]
     return plant.network[stage, plant.machines.size + p, plant.machines.size + plant.infinite.size + p]  # type: ignore[no-any-return]
 
 

@@ -15,7 +15,7 @@ from facts_damping.compiling.structs import Complex1, Float1, Float2
 from facts_damping.elementary import magnitude
 from facts_damping.matrices import eliminate
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
-from facts_damping.plant.grid.stage_network import solve_voltages
+from facts_damping.plant.grid.sparse_network import solve_voltages
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.network_response import own_response, respond, row_times, set_sources
@@ -54,7 +54,7 @@ def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stag
     set_sources(plant, source, work)
     respond(plant, stage, work)
     for p in range(source.size):
-        if len(plant.stages) > 0:
+        if len(plant.sparse_networks) > 0:
             q = row_times(plant, stage, first_row + p, work.inputs, work)
         else:
             q = work.given[p]
@@ -79,11 +79,11 @@ def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
     """
     first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
     for r in range(plant.ports.size):
-        if len(plant.stages) > 0:
+        if len(plant.sparse_networks) > 0:
             work.unit[first_column + r] = 1.0
-            solve_voltages(plant.stages[stage], work.unit, work.voltage)
+            solve_voltages(plant.sparse_networks[stage], work.unit, work.voltage)
         for p in range(plant.ports.size):
-            if len(plant.stages) > 0:
+            if len(plant.sparse_networks) > 0:
                 h = row_times(plant, stage, first_row + p, work.unit, work)
             else:
                 h = plant.network[stage, first_row + p, first_column + r]
@@ -172,7 +172,7 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
         set_sources(plant, source, work)
         respond(plant, stage, work)
         for p in range(source.size):
-            if len(plant.stages) > 0:
+            if len(plant.sparse_networks) > 0:
                 work.response[p] = row_times(plant, stage, first_row + p, work.inputs, work)
             else:
                 row = plant.network[stage, first_row + p]

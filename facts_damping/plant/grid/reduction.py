@@ -12,7 +12,7 @@ from facts_damping.matrices import parts, product
 from facts_damping.phasors import over, times
 from facts_damping.plant.grid import network
 from facts_damping.plant.grid.sparse import ComplexEntries, as_needed, factors, solve_network
-from facts_damping.plant.grid.stage_network import StageNetwork, own_responses
+from facts_damping.plant.grid.sparse_network import SparseNetwork, own_responses
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -67,12 +67,12 @@ def reduce_network(
     found = net.fixed
     with _singular(system):
         found[net.live] = solve_network(net.matrix, net.sources)
-    return np.array(list(_rows(system, places, _Outputs(net, lambda bus: found[net.at[bus]].copy()))))
+    return np.array(list(_rows(system, places, _Outputs(net, lambda bus: found[net.at[bus]]))))
 
 
-def stage_network(
+def sparse_network(
     system: System, places: Sequence[Place], norton: Complex1, topology: network.Topology, voltage: dict[str, float]
-) -> StageNetwork:
+) -> SparseNetwork:
     """The same without the dense matrix, for large networks."""
     net = _equations(system, places, norton, topology, voltage)
     with _singular(system):
@@ -91,7 +91,7 @@ def stage_network(
     upper = found.upper.value.copy()
     upper[found.upper.begin[1:] - 1] = over(1.0, upper[found.upper.begin[1:] - 1])
     fed = [np.flatnonzero(column) for column in net.sources.T]
-    made = StageNetwork(
+    made = SparseNetwork(
         lower=_cut(found.lower),
         upper=_cut(found.upper._replace(value=upper)),
         inputs=_entries(((found.place[at], net.sources[at, c]) for c, at in enumerate(fed))),

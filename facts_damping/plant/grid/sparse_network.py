@@ -11,7 +11,7 @@ from facts_damping.compiling.structs import Complex1, Struct
 from facts_damping.plant.grid.sparse import ComplexEntries
 
 
-class StageNetwork(Struct):
+class SparseNetwork(Struct):
     """Factors of the admittance matrix of the buses whose voltage is unknown, and what goes in and out.
 
     `inputs`: by columns, an entry for each bus that an input of `model.Plant.network` feeds, at its place in the
@@ -27,7 +27,7 @@ class StageNetwork(Struct):
 
 
 @compiled
-def solve_voltages(net: StageNetwork, inputs: Complex1, voltage: Complex1) -> None:
+def solve_voltages(net: SparseNetwork, inputs: Complex1, voltage: Complex1) -> None:
     """Write the voltages for the inputs, p.u., in their order of elimination."""
     n = net.lower.begin.size - 1
     for k in range(n):
@@ -49,7 +49,7 @@ def solve_voltages(net: StageNetwork, inputs: Complex1, voltage: Complex1) -> No
 
 
 @compiled
-def output(net: StageNetwork, row: int, inputs: Complex1, voltage: Complex1) -> complex:
+def output(net: SparseNetwork, row: int, inputs: Complex1, voltage: Complex1) -> complex:
     """One output, p.u."""
     total, many = 0j, inputs.size
     for i in range(net.outputs.begin[row], net.outputs.begin[row + 1]):
@@ -59,7 +59,7 @@ def output(net: StageNetwork, row: int, inputs: Complex1, voltage: Complex1) -> 
 
 
 @entry_point
-def own_responses(net: StageNetwork, inputs: Complex1, voltage: Complex1, machines: int) -> None:
+def own_responses(net: SparseNetwork, inputs: Complex1, voltage: Complex1, machines: int) -> None:
     """Write the response of each port to its own source into `net.own`, p.u.; `inputs` are zero before and after."""
     first = inputs.size - net.own.size
     for p in range(net.own.size):
