@@ -290,7 +290,7 @@ def act(
     once = made.code[c] == table.GIVEN or (called and state.calls.once[c])
     while i < count:
         arrival = delivered[i].arrival_ns
-        i = ingest(state.held, c, delivered, i, count)
+        i = ingest(made.inputs, state.held, c, delivered, i, count)
         since = compute_signals(made.inputs, state.held, c)
         if since < 0:
             continue

@@ -32,12 +32,12 @@ def sensed(receivers: int, signals: int, pmus: int) -> Sensed:
 
 
 @compiled
-def _newest(given: Inputs, stamps: Int2, r: int, i: int) -> int:
+def _newest(given: Inputs, held: LatestSamples, stamps: Int2, r: int, i: int) -> int:
     """Newest time of measurement of the PMUs of signal i; `stamps`: (receivers, PMUs)."""
     newest = UNSET
     for s in range(given.weight.shape[2]):
         if given.weight[r, i, s] != 0.0:
-            newest = max(newest, stamps[r, s])
+            newest = max(newest, stamps[r, held.source[r, i, s]])
     return newest
 
 
@@ -45,9 +45,10 @@ def _newest(given: Inputs, stamps: Int2, r: int, i: int) -> int:
 def look(given: Inputs, held: LatestSamples, of: Sensed, r: int, now_ns: int) -> None:
     """Update the age of receiver r's signals at a time, and which are new since the previous call."""
     for i in range(given.signals[r]):
-        of.age[r, i], of.fresh[r, i] = (now_ns - _newest(given, held.entry_ns, r, i)) * 1e-9, False
+        of.age[r, i], of.fresh[r, i] = (now_ns - _newest(given, held, held.entry_ns, r, i)) * 1e-9, False
         for s in range(given.weight.shape[2]):
-            if given.weight[r, i, s] != 0.0 and held.entry_ns[r, s] != of.taken_ns[r, s]:
+            source = held.source[r, i, s]
+            if given.weight[r, i, s] != 0.0 and held.entry_ns[r, source] != of.taken_ns[r, source]:
                 of.fresh[r, i] = True
     for s in range(of.taken_ns.shape[1]):
         of.taken_ns[r, s] = held.entry_ns[r, s]
@@ -64,14 +65,14 @@ def sense(
     i, last = 0, UNSET
     while i < count:
         arrival = delivered[i].arrival_ns
-        i = ingest(held, r, delivered, i, count)
+        i = ingest(given, held, r, delivered, i, count)
         if compute_signals(given, held, r) >= 0:
             last = arrival
     if last != UNSET:
         look(given, held, of, r, last)
     elif held.newest_ns[r] != UNSET:
         for j in range(given.signals[r]):
-            of.age[r, j], of.fresh[r, j] = (end_ns - _newest(given, of.taken_ns, r, j)) * 1e-9, False
+            of.age[r, j], of.fresh[r, j] = (end_ns - _newest(given, held, of.taken_ns, r, j)) * 1e-9, False
     return last != UNSET
 
 

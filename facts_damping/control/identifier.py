@@ -174,7 +174,7 @@ def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: Delive
     i = 0
     while i < count:
         arrival = delivered[i].arrival_ns
-        i = ingest(state.held, n, delivered, i, count)
+        i = ingest(ids.inputs, state.held, n, delivered, i, count)
         if compute_signals(ids.inputs, state.held, n) < 0:
             continue
         now = state.held.newest_ns[n]

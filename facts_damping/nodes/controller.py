@@ -95,11 +95,19 @@ class ControllerNode:
         rows = [times._asdict() for times in step_times(self.programs).values()]
         step_s = {name: f"{value:.6g}" for row in rows for name, value in row.items()}
         health = self.ticks.health("controls", controller=self.controller.name, **step_s)
+        if replaced := self.replaced():
+            health = Health(DiagnosticStatus.WARN, f"bad data: {', '.join(replaced)}", health.values)
         late, self.late = self.late, sum(program.late for program in self.programs)
         if not (self.options.paced and self.late > late):
             return health
         text = f"{self.late - late} steps of {self.controller.name} took longer than a frame"
         return Health(DiagnosticStatus.WARN, text, health.values | {"late_steps": self.late})
+
+    def replaced(self) -> list[str]:
+        """PMUs whose backups are used now, in words."""
+        used, held, pmus = self.state_message.used, self.state.held, self.case.system.pmus
+        rows = zip(used.pmu, held.source[self.index, used.signal, used.pmu], strict=True)
+        return [f"{pmus[found].name} replaces {pmus[own].name}" for own, found in rows if own != found]
 
     def act(self, tick: int, delivered: NDArray[Any], estimates: list[Estimate]) -> None:
         """Process one tick: publish setpoints and state, also without frames; while disarmed, no setpoints."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from facts_damping.compiling import entry_point
 from facts_damping.compiling.structs import Array, Bool2, Complex2, Float1, Float3, Float4, Int2, Struct
-from facts_damping.control.inputs import TURN, UNSET, Inputs, LatestSamples, inputs
+from facts_damping.control.inputs import TURN, UNSET, Inputs, LatestSamples, clear, inputs
 from facts_damping.monitor_table import CONSEQUENCES, CYCLES, MONITORS, NO_CAUSE, OFF, PLAUSIBLE, SHADOW
 from facts_damping.parameters.supervision import watches
 from facts_damping.signals import CHANNELS, NANOSECONDS, to_ns
@@ -104,10 +104,8 @@ PMU = np.dtype(
         ("measured_ns", "i8"),  # measurement of the newest frame; UNSET: none yet
         ("angle", "f8"),  # rad, unwrapped voltage angle
         ("angle_at_start", "f8"),
-        ("same_ns", "i8"),  # first measurement of the values that repeat now
         ("turning", "f8"),  # Hz, frequency minus rate of the angle, smoothed over 0.1 s
         ("slipping", "f8"),  # Hz, speed minus frequency, smoothed likewise
-        ("status", "i8"),
         ("early", "f8"),  # s, measurement time minus arrival time
     ]
 )
@@ -226,14 +224,14 @@ def supervisors(
         sums=np.zeros((n, 2, UNKNOWNS + 1, UNKNOWNS + 1)),
     )
     for s in range(n):
-        begin(state, s)
+        begin(frozen.inputs, state, s)
     return frozen, state
 
 
 @entry_point
-def begin(state: SupervisorState, s: int) -> None:
+def begin(given: Inputs, state: SupervisorState, s: int) -> None:
     """Reset supervisor s to the start of a run: in shadow, without data."""
-    row, held = state.rows[s], state.held
+    row = state.rows[s]
     row.state, row.cause, row.refused, row.asked = SHADOW, NO_CAUSE, NO_CAUSE, 0
     row.tick = row.start_ns = -1
     row.begun_ns, row.ramp, row.issued_ns, row.sound_ns, row.now_ns = 0, 0.0, 0, 0, 0
@@ -241,13 +239,12 @@ def begin(state: SupervisorState, s: int) -> None:
     row.slow[0] = row.slow[1] = row.free = 0.0
     row.squares = row.spent = row.norm_at_start = row.latency = row.jitter = row.since = 0.0
     row.probed = 0
-    held.entry[s], held.entry_ns[s], held.newest_ns[s] = math.nan, UNSET, UNSET
-    held.baseline[s], held.washed[s], held.signal[s] = math.nan, 0.0, math.nan
+    clear(given, state.held, s)
     for i in range(state.pmus.shape[1]):
         pmu = state.pmus[s, i]
         pmu.angle = pmu.angle_at_start = math.nan
         pmu.turning = pmu.slipping = pmu.early = 0.0
-        pmu.measured_ns, pmu.same_ns, pmu.status = UNSET, UNSET, 0
+        pmu.measured_ns = UNSET
     state.past[s], state.phasors[s], state.expected[s], state.sums[s] = 0.0, 0.0, 0.0, 0.0
     for m in range(row.values.size):
         row.values[m], row.over_ns[m] = 0.0, UNSET

@@ -31,7 +31,6 @@ _FREQUENCY = _CHANNEL["frequency"]
 
 SMOOTHING = 0.1  # s, time constant of a PMU's mismatches
 LATENCY = 1.0  # s, time constant of the mean latency
-STILL_HZ = 5e-4  # Hz: this close to the nominal frequency an angle may stay constant
 SATURATION = 2.0  # s, window
 REVERSAL = 0.1  # fraction of the limit: least swing back that counts as a reversal
 ACTS = 0.05  # fraction of the limit: least output that affects the grid
@@ -54,15 +53,9 @@ def check_entry(made: Supervisors, state: SupervisorState, s: int, entry: Any) -
     if entry.measured_ns <= before_ns:
         return
     pmu.measured_ns = entry.measured_ns
-    values, before = entry.values, state.held.entry[s, entry.pmu]
-    pmu.status = entry.status
+    values = entry.values
     pmu.early = (entry.measured_ns - entry.arrival_ns) * 1e-9
     off = values[_FREQUENCY] - made.settings[s].nominal
-    same = before_ns != UNSET and abs(off) > STILL_HZ
-    for i in range(values.size):
-        same = same and (values[i] == before[i] or (math.isnan(values[i]) and math.isnan(before[i])))
-    if not same:
-        pmu.same_ns = entry.measured_ns
     if before_ns == UNSET or math.isnan(pmu.angle):
         pmu.angle = pmu.angle_at_start = values[_ANGLE]
         return
@@ -153,14 +146,14 @@ def check_data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -
         value[name] = 0.0
     for i in range(held.entry_ns.shape[1]):
         at = held.entry_ns[s, i]
-        if not made.inputs.uses[s, i] or at == UNSET:
+        if not held.uses[s, i] or at == UNSET:
             continue
         pmu = state.pmus[s, i]
         oldest, newest = at if oldest == UNSET else min(oldest, at), max(newest, at)
-        value[STUCK] = max(value[STUCK], (at - pmu.same_ns) * 1e-9)
+        value[STUCK] = max(value[STUCK], (at - held.same_ns[s, i]) * 1e-9)
         value[ANGLE] = max(value[ANGLE], abs(pmu.turning))
         value[SPEED] = max(value[SPEED], abs(pmu.slipping))
-        value[STATUS] += 1.0 if pmu.status & BAD else 0.0
+        value[STATUS] += 1.0 if held.status[s, i] & BAD else 0.0
         value[CLOCK] = max(value[CLOCK], pmu.early)
         for c in range(made.plausible.size):
             if made.used[s, c]:
@@ -220,7 +213,7 @@ def check_grid(made: Supervisors, state: SupervisorState, s: int, devices: NDArr
     if unsound(made, state, s):
         return
     if math.isnan(before):
-        _count_turns_anew(made, state, s)
+        _count_turns_anew(state, s)
     value[FREQUENCY], value[ISLANDING] = _apart(made, state, s)
     if own.omega > 0.0:
         value[HARM], value[GROWING] = _harm(made, state, s), _growth(made, state, s)
@@ -232,7 +225,7 @@ def _apart(made: Supervisors, state: SupervisorState, s: int) -> tuple[float, fl
     held, worst, low, high = state.held, 0.0, math.inf, -math.inf
     for i in range(held.entry_ns.shape[1]):
         pmu = state.pmus[s, i]
-        if made.inputs.uses[s, i] and held.entry_ns[s, i] != UNSET:
+        if held.uses[s, i] and held.entry_ns[s, i] != UNSET:
             worst = max(worst, abs(held.entry[s, i, _FREQUENCY] - made.settings[s].nominal))
             moved = pmu.angle - pmu.angle_at_start
             low, high = min(low, moved), max(high, moved)
@@ -240,13 +233,13 @@ def _apart(made: Supervisors, state: SupervisorState, s: int) -> tuple[float, fl
 
 
 @compiled
-def _count_turns_anew(made: Supervisors, state: SupervisorState, s: int) -> None:
+def _count_turns_anew(state: SupervisorState, s: int) -> None:
     """Rewrap angles after unsound data, in which turns are lost: within half a turn of the first PMU's change."""
     held, first = state.held, math.nan
     for i in range(held.entry_ns.shape[1]):
         pmu = state.pmus[s, i]
         moved = pmu.angle - pmu.angle_at_start
-        if made.inputs.uses[s, i] and held.entry_ns[s, i] != UNSET and math.isfinite(moved):
+        if held.uses[s, i] and held.entry_ns[s, i] != UNSET and math.isfinite(moved):
             first = moved if math.isnan(first) else first
             pmu.angle -= TURN * math.floor((moved - first) / TURN + 0.5)
 

@@ -50,7 +50,7 @@ def supervise(
     if own.dead_ns <= start_ns < own.back_ns:
         return first
     if own.hung == 0 and row.start_ns < own.dead_ns and start_ns >= own.back_ns:
-        begin(state, s)
+        begin(made.inputs, state, s)
     if row.tick < 0 and tick > 0:
         row.start_ns = start_ns  # it started later than the run
     handle_commands(made, state, s, start_ns)
@@ -77,7 +77,7 @@ def _process_frames(
         while j < count and delivered[j].arrival_ns == arrival:
             monitors.check_entry(made, state, s, delivered[j])
             j += 1
-        i = ingest(state.held, s, delivered, i, count)
+        i = ingest(made.inputs, state.held, s, delivered, i, count)
         since = compute_signals(made.inputs, state.held, s)
         if since < 0:
             continue

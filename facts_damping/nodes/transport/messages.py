@@ -11,6 +11,7 @@ from facts_damping_msgs import msg
 
 from facts_damping.case.names import controller_names, identifier_names
 from facts_damping.control.bank import controller_network
+from facts_damping.control.inputs import candidates, inputs, sources
 from facts_damping.monitor_table import MONITORS, OFF, STATES, cause_name
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.nodes.transport.cdr import Field, Refused, Template, content
@@ -91,9 +92,13 @@ class ControllerStateMessage:
         signals, devices = len(controller.signals), len(controller.devices)
         self._net = controller_network(controller)
         names, outputs = groups(self._net), self._net.outputs
+        pmus = [pmu.name for pmu in case.system.pmus]
+        given, _ = inputs([controller.signals], case.system.signals, pmus)
+        self.used = candidates(given, 0)
         sizes = {
             **dict.fromkeys(("unlimited_outputs", "outputs", "saturated"), devices),
             "inputs": signals,
+            "sources": len(self.used.pmu),
             "adaptation_errors": outputs,
             "firing_strengths": self._net.rules,
             "parameter_norms": len(names),
@@ -101,10 +106,11 @@ class ControllerStateMessage:
         }
         message = msg.ControllerState(controller=controller_names(case)[index], parameter_groups=names)
         message.input_names, message.output_names = controller.signals, controller.devices
+        message.pmus = [pmus[s] for s in self.used.pmu]
         message.latest = ["estimate"] if index in identifier_names(case) else []
         message.latest_ticks = [-1] * len(message.latest)
         for name, size in sizes.items():
-            setattr(message, name, [False if name == "saturated" else 0.0] * size)
+            setattr(message, name, [{"saturated": False, "sources": 0}.get(name, 0.0)] * size)
         self._template = t = Template(message)
         self._index, self._devices, self._groups = index, devices, len(names)
         self._flags = t.index(["fresh"]), t.index(["learnt"])
@@ -121,6 +127,7 @@ class ControllerStateMessage:
         t.write(self._latest, latest)
         unlimited, outputs = state.unlimited[c, : self._devices], state.outputs[c, : self._devices]
         t.write(fields["inputs"], state.held.signal[c, : len(fields["inputs"].places)])
+        t.write(fields["sources"], sources(self.used, state.held, c))
         t.write(fields["unlimited_outputs"], unlimited)
         t.write(fields["outputs"], outputs)
         t.write(fields["saturated"], outputs != unlimited)

@@ -50,14 +50,27 @@ class Signal(ParameterModel):
     frequency, so the weights of a speed serve it too; ROCOF, its rate of change, counts in p.u./s. Angles count only
     against each other: their weights must be whole numbers that sum to zero, and the sum is between -pi and pi.
 
+    A PMU may have backups, for example a second one at its bus. Its data are bad if the channel is not available, the
+    status says so (data error, test mode, not synchronised), its values repeat for 0.1 s though the frequency is not
+    nominal, or its newest frame is 0.1 s older than that of another PMU. A backup stays until its own data are bad.
+
     The washout `s T/(1 + s T)` removes constant parts. With T far below the period of a swing it gives T times the rate
     of change. A controller computes it from its frames by the bilinear transform, starting at rest.
     """
 
     channel: Channel = Field(..., description="measured quantity")
     weights: dict[Name, float] = Field(..., min_length=1, description="PMU: weight")
+    backups: dict[Name, list[Name]] = Field(
+        {}, description="PMU: those that take its place, in this order, while its data are bad"
+    )
     deviation: bool = Field(False, description="true: the first value that the controller receives is subtracted")
     washout: float = quantity(0.0, "s", "time constant T of the washout; 0: none", ge=0, le=1e3)
+
+    @model_validator(mode="after")
+    def _backups_of_its_pmus(self) -> Signal:
+        if other := set(self.backups) - set(self.weights):
+            raise ValueError(f"backups: {', '.join(sorted(other))} given; allowed: {', '.join(self.weights)}, its PMUs")
+        return self
 
     @model_validator(mode="after")
     def _angles_differ(self) -> Signal:

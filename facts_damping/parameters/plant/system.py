@@ -174,5 +174,7 @@ def _check_measurements(system: System, buses: set[str]) -> None:
     for name, signal in system.signals.items():
         for pmu_name in signal.weights:
             _known(f"signals: {name}.weights", pmu_name, pmus)
+        for pmu_name in (one for own in signal.backups.values() for one in own):
+            _known(f"signals: {name}.backups", pmu_name, pmus)
     for name in (*system.measures.local, *system.measures.interarea):
         _known("measures", name, {n for n, s in system.signals.items() if s.channel == "speed_deviation"})
