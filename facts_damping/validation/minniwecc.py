@@ -1,4 +1,4 @@
-"""minniwecc against PSTess (MATLAB), whose case it is: power flow, eigenvalues, transfer functions, disturbances.
+"""minniwecc against PSTess (MATLAB), whose case it is: power flow, eigenvalues, transfer functions, loops, faults.
 
 The speed multiplies a machine's EMF, E'' (1 + omega). PSTess leaves it out of the voltage that supplies an exciter,
 the plant does not; `_like_pstess` leaves it out of the linear plant.
@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import AAA
 
 from facts_damping.case.loading import load_system
 from facts_damping.parameters.plant.pmus import Signal
@@ -38,11 +39,15 @@ SOURCE_TEXT = "PSTess 1.1 (Octave)"
 LEAST, HIGHEST = 0.01, 3.0  # rad/s and Hz, of the eigenvalues that are compared
 BAND = 1.0  # Hz, of the transfer functions
 STEP = 1e-5  # relative, of the difference quotients
+ROOT = 1e-7  # 1/s, accuracy of the modes of closed loops
+PER_MW_PER_MHZ = 10.0  # p.u. of 100 MVA per Hz
 LAG = 0.05  # s, of the modulation in PSTess
 ENDS = {"pdci_north": "B24", "pdci_south": "B49"}  # loads of the intertie's schedule, and their buses
 NORTH = "NORTH"  # PMU at B24
 SOUTH = {49: "SOUTH", 63: "SOUTH_2"}  # PMUs by bus
 LOW = {0.207: "north-south A", 0.370: "north-south B"}  # by frequency, Hz
+LOOPS = ((5.0, 0.1), (10.0, 0.05), (10.0, 0.3))  # gain, MW/mHz, and delay, s, of the closed loops
+TURNS = 50  # steps from gain 0 to the whole gain
 BRAKE = {"kind": "brake", "bus": "B18", "power": 1400.0, "duration": 0.5}
 EVENTS: dict[str, tuple[str, dict[str, Any], float]] = {
     "brake": ("brake of 1.4 GW at B18 for 0.5 s", BRAKE, 0.02),
@@ -92,16 +97,54 @@ def eigenvalues() -> ValidationTable:
 
 def transfer() -> ValidationTable:
     """From the intertie's modulation to differences of frequency."""
-    linear = _like_pstess(_case())
-    theirs = figures("minniwecc_transfer_pstess")
-    rows = []
+    response, theirs, rows = _response(_like_pstess(_case())), figures("minniwecc_transfer_pstess"), []
     for i, (bus, pmu) in enumerate(SOUTH.items()):
         row = theirs[(theirs["south_bus"] == bus) & (theirs["frequency"] <= BAND)]
-        ours = np.array([_response(linear, 2j * np.pi * hertz)[i] for hertz in row["frequency"]])
+        ours = np.array([response(2j * np.pi * hertz)[i] for hertz in row["frequency"]])
         ratio = ours / (row["re"] + 1j * row["im"]) - 1.0
         rows.append(within(f"B24 less B{bus} ({pmu}), 0.1 to {BAND:g} Hz", "relative", ratio, 0.01))
     title = "Transfer functions of minniwecc, exciters supplied as in PSTess"
     return ValidationTable(title, SOURCE_TEXT, "facts-damping modes minniwecc --devices pdci", rows)
+
+
+def closed_loops() -> ValidationTable:
+    """Damping ratios with a proportional law and a delay.
+
+    PSTess's loop follows from its transfer function alone, continued into the complex plane by a rational function.
+    """
+    case, row = _case(), figures("minniwecc_transfer_pstess")
+    row = row[row["south_bus"] == min(SOUTH)]
+    s, values = 2j * np.pi * row["frequency"], row["re"] + 1j * row["im"]
+    theirs = AAA(np.r_[s, -s], np.r_[values, values.conj()], rtol=1e-6)
+    alike, shipped, rows = _response(_like_pstess(case)), _response(_linear(case)), []
+    for gain, delay in LOOPS:
+        for hertz, name in LOW.items():
+            found = [
+                _damping_ratio(response, hertz, gain, delay)
+                for response in (theirs, lambda x: alike(x)[0], lambda x: shipped(x)[0])
+            ]
+            what = f"{name}, {gain:g} MW/mHz, {delay:g} s"
+            rows.append(compare(f"{what}, exciters supplied as in PSTess", "-", found[1], found[0], 0.002))
+            rows.append(compare(f"{what}, as shipped", "-", found[2], found[0], 0.003))
+    return ValidationTable("Closed loops of minniwecc", SOURCE_TEXT, "facts-damping margin minniwecc", rows)
+
+
+def _damping_ratio(response: Callable[[complex], complex], hertz: float, gain: float, delay: float) -> float:
+    """Damping ratio of the mode that begins at `hertz` without control.
+
+    It solves k H(s) K exp(-s delay) = 1 by Newton's method while k rises to 1; H(s): Hz/p.u., K: `gain`, p.u./Hz.
+    """
+    s = 2j * np.pi * hertz * (1.0 + 0.1j)
+
+    def off(x: complex, k: float) -> complex:
+        return complex(np.exp(x * delay) / (PER_MW_PER_MHZ * gain * response(x)) - k)
+
+    for k in np.linspace(0.0, 1.0, TURNS)[1:]:
+        step = 1.0 + 0.0j
+        while abs(step) > ROOT:
+            step = off(s, k) * 2.0 * STEP / (off(s + STEP, k) - off(s - STEP, k))
+            s -= step
+    return -s.real / abs(s)
 
 
 def disturbances() -> ValidationTable:
@@ -134,10 +177,16 @@ def _nearest(ours: Complex1, theirs: Complex1) -> Complex1:
     return np.asarray(ours[np.abs(ours[:, None] - theirs[None]).argmin(axis=0)])
 
 
-def _response(linear: Linear, s: complex) -> Complex1:
-    """Frequency differences by the modulation before its lag, Hz/p.u."""
-    states = np.linalg.solve(s * np.eye(len(linear.A)) - linear.A, linear.B)
-    return np.asarray((linear.C @ states + linear.D) * s / (2.0 * np.pi) / (1.0 + LAG * s))
+def _response(linear: Linear) -> Callable[[complex], Complex1]:
+    """Frequency differences by the modulation before its lag, Hz/p.u., as a function of s."""
+    poles, right = np.linalg.eig(linear.A)
+    residues = (linear.C @ right) * np.linalg.solve(right, linear.B)
+
+    def at(s: complex) -> Complex1:
+        angles = (residues / (s - poles)).sum(axis=1) + linear.D
+        return np.asarray(angles * s / (2.0 * np.pi) / (1.0 + LAG * s))
+
+    return at
 
 
 class _Case(NamedTuple):

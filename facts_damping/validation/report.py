@@ -28,6 +28,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "modes-nets-nyps": small_signal.nets_nyps,
     "eigenvalues-minniwecc": minniwecc.eigenvalues,
     "transfer-minniwecc": minniwecc.transfer,
+    "closed-loops-minniwecc": minniwecc.closed_loops,
     "interarea": small_signal.two_area,
     "ringdown": small_signal.ringdown,
     "ambient": small_signal.ambient,

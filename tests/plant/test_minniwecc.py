@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize(
-    "table", [minniwecc.power_flow, minniwecc.eigenvalues, minniwecc.transfer, minniwecc.disturbances]
+    "table",
+    [minniwecc.power_flow, minniwecc.eigenvalues, minniwecc.transfer, minniwecc.closed_loops, minniwecc.disturbances],
 )
 def test_it_is_that_of_pstess(table: Callable[[], ValidationTable]) -> None:
     failed = [row.what for row in table().rows if not row.passed]

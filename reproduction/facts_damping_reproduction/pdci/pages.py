@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 Rows = list[dict[str, Any]]
 SMALL = 8  # MW/mHz, up to which north-south B is the strongest mode of the response to the brake
+TYPICAL = 0.1  # s, delay of the answers
 SHOWN = (0.0, 0.1, 0.2, 0.3)  # s, delays in the figure
 NAMES = ("north-south A", "north-south B", "least damped")
 
@@ -33,11 +34,9 @@ def draw(rows: Rows, path: Path) -> Path:
     figure = Figure(figsize=(4.4, 6.2), layout="constrained")
     panels: Any = figure.subplots(len(NAMES), 1, sharex=True)
     for axes, name in zip(panels, NAMES, strict=True):
-        for delay, colour in zip(SHOWN, COLOURS, strict=False):
-            own = [row for row in rows if row["delay_s"] == delay]
-            axes.plot(
-                [row["gain"] for row in own], [100 * row[name] for row in own], ".-", color=colour, label=f"{delay:g} s"
-            )
+        for pmus, delay, style in _lines():
+            own = [row for row in rows if (row["measurement"], row["delay_s"]) == (pmus, delay)]
+            axes.plot([row["gain"] for row in own], [100 * row[name] for row in own], **style)
         title = name if name != "least damped" else f"least damped mode below {study.plan()['below']:g} Hz"
         axes.set_title(title, fontsize=9, loc="left")
         axes.set_ylabel("damping ratio [%]", fontsize=8)
@@ -46,6 +45,17 @@ def draw(rows: Rows, path: Path) -> Path:
     panels[0].legend(title="delay", fontsize=7, title_fontsize=7, ncols=2)
     panels[-1].set_xlabel("gain [MW/mHz]", fontsize=9)
     return save_picture(figure, path, dpi=180, metadata={"Software": None})
+
+
+def _lines() -> list[tuple[str, float, dict[str, Any]]]:
+    """Measurement, delay and style of the figure's lines."""
+    ideal, *others = study.plan()["measurement"]
+    lines = [
+        (ideal, delay, {"color": colour, "marker": ".", "label": f"{delay:g} s"})
+        for delay, colour in zip(SHOWN, COLOURS, strict=False)
+    ]
+    style = {"color": COLOURS[SHOWN.index(TYPICAL)], "linestyle": ":"}
+    return lines + [(pmus, TYPICAL, {**style, "label": f"{TYPICAL:g} s, PMUs of M class"}) for pmus in others]
 
 
 def at(rows: Rows, **asked: Any) -> dict[str, Any]:
@@ -76,7 +86,8 @@ def apart(linear: Rows, ringdown: Rows) -> float:
 def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, str]:
     """The numbers of the answers: how much damping, until which delay, what fails how."""
     gain, strongest = study.plan()["gain"], study.plan()["gains"][-1]
-    free, law = at(linear, gain=0), at(linear, gain=gain, delay_s=0.1)
+    free, law = at(linear, gain=0), at(linear, gain=gain, delay_s=TYPICAL)
+    filtered = at(linear, measurement="m_class", gain=gain, delay_s=TYPICAL)
     ratios = [
         at(events, event=kind, gain=gain)["ITAE"] / at(events, event=kind, gain=0)["ITAE"]
         for kind in study.plan()["events"]
@@ -90,6 +101,7 @@ def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, str]:
             for name, mode in (("a", "north-south A"), ("b", "north-south B"))
             for which, row in (("free", free), ("law", law))
         },
+        "b_filtered": f"{100 * filtered['north-south B']:.1f} %",
         "gain": f"{gain}",
         "events": f"{len(ratios)}",
         "smallest": f"{100 * (1 - max(ratios)):.0f}",

@@ -46,22 +46,27 @@ def constant(delay: float) -> dict[str, Any]:
 
 
 def linear() -> list[dict[str, Any]]:
-    """Damping ratios of the named modes and of the least damped slow mode, by gain and delay."""
+    """Damping ratios of the named modes and of the least damped slow mode, by measurement, gain and delay."""
+    return [row for pmus, delays in plan()["measurement"].items() for row in _linear(pmus, delays)]
+
+
+def _linear(pmus: str, delays: list[float]) -> list[dict[str, Any]]:
     rows = []
     for gain in plan()["gains"]:
         if gain == 0:
             case = made({})
             swings = [one for one in analyse(case.system, case.run.devices).modes if one.swings]
-            found = [[(one.damping_ratio, one.frequency_hz) for one in swings]] * len(plan()["delays"])
+            found = [[(one.damping_ratio, one.frequency_hz) for one in swings]] * len(delays)
         else:
-            case = unsupervised(made({**constant(0.0), "controllers.0.parameters.gain": gain * PER_MW_PER_MHZ}))
+            law = {"controllers.0.parameters.gain": gain * PER_MW_PER_MHZ, "measurement": pmus}
+            case = unsupervised(made({**constant(0.0), **law}))
             whole, found = delayed_loop(case), []
-            for delay in plan()["delays"]:
+            for delay in delays:
                 solved = eigen(whole, sampled(whole, delay))
                 swings = [one for one in oscillations(whole, solved, case) if one.swings]
                 found.append([(one.damping_ratio, one.frequency_hz) for one in swings])
-        for delay, modes in zip(plan()["delays"], found, strict=True):
-            rows.append({"gain": gain, "delay_s": delay, **_named(modes)})
+        for delay, modes in zip(delays, found, strict=True):
+            rows.append({"measurement": pmus, "gain": gain, "delay_s": delay, **_named(modes)})
     return rows
 
 
