@@ -32,7 +32,6 @@ from facts_damping.studies.sweeps.journal import Journal
 from facts_damping.studies.sweeps.results import cell
 from facts_damping.terminal import Progress
 from tests.commands import assert_one_line
-from tests.passed import ALL
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -707,22 +706,21 @@ def listed_margins(table: str, plan: sweep.Plan) -> Iterator[tuple[str, Place, s
 
 
 @pytest.mark.parametrize(
-    ("name", "table", "every", "of_all"),
+    ("name", "table", "every"),
     [
-        ("delay_margin", "images/delay_margin/margins.csv", 5, 1),
-        ("compensation", "images/compensation/margins.csv", 7, 1),
-        ("asymmetric_signals", "images/asymmetric_signals/margins.csv", 11, 6),
-        ("asymmetric_devices", "images/asymmetric_devices/margins.csv", 11, 6),
+        ("delay_margin", "images/delay_margin/margins.csv", 5),
+        ("compensation", "images/compensation/margins.csv", 7),
+        ("asymmetric_signals", "images/asymmetric_signals/margins.csv", 11),
+        ("asymmetric_devices", "images/asymmetric_devices/margins.csv", 11),
     ],
 )
 def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_ones(
-    name: str, table: str, every: int, of_all: int
+    name: str, table: str, every: int
 ) -> None:
     """By single runs; they were found by `facts-damping sweep`. All points of the study are there, twice.
 
     Of them every so many are run, so that each value of each column is there.
     """
-    every = of_all if ALL else every
     plan = sweep.plan(name, [])
     margin = plan.study.margin
     assert margin is not None
