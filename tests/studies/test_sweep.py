@@ -526,9 +526,10 @@ def test_two_sweeps_cannot_write_the_same_folder(tmp_path: Path, capsys: pytest.
 
 
 def test_a_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
+    from distributed import LocalCluster  # noqa: PLC0415 (a second to load)
+
     path = study(tmp_path)
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0") as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0") as cluster:
         out = str(tmp_path / "dask")
         assert main(["sweep", str(path), "--scheduler", cluster.scheduler_address, "--out", out]) == 0
     assert main(["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "here")]) == 0
@@ -538,7 +539,6 @@ def test_a_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
 def test_no_scheduler_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("distributed")
     monkeypatch.setattr("facts_damping.studies.sweeps.pool.CONNECT_S", 0.5)
     out = str(tmp_path / "out")
     assert_one_line(
