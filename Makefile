@@ -20,8 +20,9 @@ ROS ?= $(or $(HELD),kilted)
 INSTALL := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input install
 # Threads of OpenBLAS gain nothing here and wait for each other where other work holds the cores (cli/main.py).
 export OPENBLAS_NUM_THREADS ?= 1
-# Python compiles a module when it is first imported: most never are.
+# Python compiles a module when it is first imported, and keeps what it has made: tests start hundreds of processes.
 export PIP_NO_COMPILE := 1
+unexport PYTHONDONTWRITEBYTECODE
 SAY := @printf '%s\n'
 
 MESSAGES := msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/pyproject.toml \

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 PROGRAMS = ("chromium", "gcc", "g++", "cmake")
 KEPT = 100  # files that say what passed
-ALL = bool(os.environ.get("ALL"))  # then tables of pages are computed whole, too, and not in part
+ALL = bool(os.environ.get("ALL"))
 _passed: dict[tuple[str, int], set[str]] = defaultdict(set)  # by key and number of tests: which passed
 
 

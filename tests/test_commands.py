@@ -18,13 +18,14 @@ import sys
 from contextlib import nullcontext
 from itertools import pairwise, takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
 
 from facts_damping.cli.commands import parser
 from facts_damping.cli.main import DEGRADED, main
 from facts_damping.nodes.loopback.opening import opened
+from facts_damping.parameters.yaml_text import dump, parse
 from facts_damping.studies.search import search, tune
 from facts_damping.studies.sweeps import sweep
 from tests.andes_cases import WHEEL
@@ -54,7 +55,7 @@ SHORT = {
     "margin": ["--max-delay", "0.1"],
     "tune": ["--budget", "1"],
     "search": ["--budget", "1"],
-    "score": ["--cases", str(ROOT / "tests" / "data" / "case_set.yaml")],
+    "score": ["--cases", "few_cases.yaml"],
     "campaign": ["--draws", "2", "--graphs", "0"],
 }
 GRAPHS = ("run", "replay")
@@ -91,6 +92,13 @@ def given(arguments: list[str]) -> int:
         return main(arguments)
     except SystemExit as end:
         return int(end.code or 0)
+
+
+def few_cases() -> dict[str, Any]:
+    """One case of each kind for scores, and two controllers to rank."""
+    found: dict[str, Any] = parse((ROOT / "tests" / "data" / "case_set.yaml").read_text(encoding="utf-8"))
+    cases = {case["kind"]: case for case in found["cases"]}
+    return found | {"cases": [*cases.values()], "controllers": {k: found["controllers"][k] for k in ("LLC", "LQG")}}
 
 
 def text_of(page: str) -> str:
@@ -161,6 +169,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("config", "examples", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / "andes_wheel").symlink_to(WHEEL)  # which tutorial_psse fetches
+    (tmp_path / "few_cases.yaml").write_text(dump(few_cases()), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")  # as the environment does
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # all runs in this process

@@ -1,4 +1,4 @@
-"""Compiled code: structs own what they point at, keys say what code depends on, nothing is compiled twice."""
+"""Compiled code: structs own what they point at, and keys say what code depends on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import inspect
 import os
 import re
 import struct
-import subprocess
 import sys
 import textwrap
 from functools import cache
@@ -40,13 +39,6 @@ ROOT = Path(__file__).parents[1]
 ROOMS = ("facts_damping.nodes.transport.packing", "facts_damping.environment.many", "facts_damping.simulation.loop")
 # What the C library may do for kernels: one IEEE operation, or moving memory.
 EXACT = {"ceil", "floor", "memcpy", "memmove", "memset", "rint", "trunc"}
-# Compiled for more than one combination of types, on purpose: real and complex matrices, frames and setpoints.
-SEVERAL = {
-    *("facts_damping.matrices._multiply", "facts_damping.matrices.eliminate", "facts_damping.matrices.size_of_pivot"),
-    *(f"facts_damping.link.transfer.{name}" for name in ("_push", "_first_before", "_count_delivered")),
-    *(f"facts_damping.plant.grid.sparse.{name}" for name in ("_eliminate", "_substitute", "_reach")),
-    "facts_damping.simulation.tick._append",
-}
 SHORT = ["duration=0.5", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
 
 
@@ -207,15 +199,6 @@ def test_a_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]
             found.add(symbol.rpartition(".")[2])
     assert concerned <= found
     assert not found & {"run_half_ticks", "control_step", "advance", "measure_with_pmus", "advance_with_pmus"}
-
-
-def test_nothing_is_compiled_twice_for_types_that_differ_by_accident() -> None:
-    """A process tells of each part for how many combinations of types it would be compiled; of the whole graph."""
-    command = [sys.executable, "-m", "tests.types_of_kernels", *ROOMS]
-    output = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
-    counts = {name: int(many) for name, many in (line.split() for line in output.splitlines())}
-    assert len(counts) > 100
-    assert {name for name, many in counts.items() if many > 1} == SEVERAL
 
 
 def undefined(code: bytes) -> set[str]:

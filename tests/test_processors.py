@@ -1,8 +1,8 @@
 """What a run starts from, and digests of whole runs, have the same bits on every processor.
 
 The C library, NumPy and OpenBLAS take other code with AVX2, FMA or AVX-512 than without, and it rounds differently.
-OpenBLAS sums in another order in several threads, and LLVM compiles our functions for a processor. Here each of them is
-told of another one, in a process of its own.
+OpenBLAS sums in another order in several threads. Here each of them is told of another processor, in a process of its
+own. Kernels are compiled for the least processor of a kind on all.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ PROCESSORS: dict[str, tuple[str, str, dict[str, str]]] = {
     ),
     "Haswell": (
         *("avx2", "Haswell"),
-        {"NPY_DISABLE_CPU_FEATURES": "X86_V4", "NUMBA_CPU_NAME": "haswell" if "avx2" in FLAGS else "nehalem"},
+        {"NPY_DISABLE_CPU_FEATURES": "X86_V4"},
     ),
     "SkylakeX": ("avx512bw", "SkylakeX", {"OPENBLAS_NUM_THREADS": "4"}),
 }

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dis
 import hashlib
-import os
 import platform
 import sys
 import types
@@ -31,8 +30,8 @@ TARGETS = {
 
 
 def target() -> str:
-    """The target processor: NUMBA_CPU_NAME, as in tests, or the baseline of this kind."""
-    return os.environ.get("NUMBA_CPU_NAME") or TARGETS.get(platform.machine(), "generic")
+    """The target processor: the baseline of this kind."""
+    return TARGETS.get(platform.machine(), "generic")
 
 
 @cache

@@ -1,9 +1,8 @@
-"""Western North America: beside PSTess, and with its intertie modulated."""
+"""Western North America, with its intertie modulated; beside PSTess it is in tests/validation."""
 
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -11,22 +10,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.findings import itae
 from facts_damping.simulation.loop import run
 from facts_damping.small_signal.one_line import places
-from facts_damping.validation import minniwecc
 from tests.plant.running import shipped
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from facts_damping.validation.table import ValidationTable
-
-
-@pytest.mark.parametrize(
-    "table",
-    [minniwecc.power_flow, minniwecc.eigenvalues, minniwecc.transfer, minniwecc.closed_loops, minniwecc.disturbances],
-)
-def test_it_is_that_of_pstess(table: Callable[[], ValidationTable]) -> None:
-    failed = [row.what for row in table().rows if not row.passed]
-    assert not failed
 
 
 def test_it_has_what_its_description_says() -> None:

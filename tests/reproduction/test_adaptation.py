@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SMALL: dict[str, dict[str, Any]] = {
-    "search": {"seeds": 1, "cases": 2, "points": 0, "least": 5, "generations": 1},
-    "evaluation": {"cases": 3, "begin": 7.0, "after": 4.0},
+    "search": {"seeds": 1, "cases": 1, "points": 0, "least": 5, "generations": 1},
+    "evaluation": {"cases": 3, "begin": 4.0, "after": 2.0},
 }
 
 
@@ -93,7 +93,8 @@ def test_the_whole_way_with_a_small_plan(monkeypatch: pytest.MonkeyPatch, tmp_pa
     arms |= {
         name: {**whole["arms"][name], "begin": BEGIN} for name in ("LLC-tuned, adaptive gain", "LQG, model identified")
     }
-    small: dict[str, Any] = {**whole, "arms": arms, "networks": whole["networks"][:1]}
+    common = {**whole["set"], **whole["search"]["set"]}  # steps twice as long, and so on
+    small: dict[str, Any] = {**whole, "set": common, "arms": arms, "networks": whole["networks"][:1]}
     for name, own in SMALL.items():
         small[name] = {**whole[name], **own}
     monkeypatch.setattr(experiment, "plan", lambda: small)

@@ -238,15 +238,3 @@ def test_of_graphs_one_fault_in_two_is_done_to_a_node(small: Path) -> None:
     assert sum(weight for name, weight in own.items() if FAULTS[name].real) == pytest.approx(sum(own.values()) / 2)
     small.write_text(SMALL + "faults: {biased: 1, hung: 3}")
     assert campaign.weights(campaign.plan(str(small)).campaign, real=True) == {"biased": 1.0, "hung": 3.0}
-
-
-def test_a_dask_cluster_makes_the_same_draws(small: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=1, host="127.0.0.1", protocol="tcp://", threads_per_worker=1, processes=False, dashboard_address=":0"
-    ) as cluster:
-        out = str(tmp_path / "dask")
-        assert main(["campaign", str(small), "--scheduler", cluster.scheduler_address, "--out", out]) == 0
-    lines = [json.loads(line) for line in (tmp_path / "dask" / campaign.JOURNAL).read_text().splitlines()[1:]]
-    made = sorted((line["row"] for line in lines), key=lambda row: row["number"])
-    assert made == carried_out(small, tmp_path / "here")

@@ -33,7 +33,6 @@ from facts_damping.studies.search.scoring import LOST, REFERENCE, Figures, Score
 from facts_damping.studies.search.search import CHOICES, GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
 from facts_damping.studies.search.structures import Choice, Structure, started, structures
 from tests.commands import assert_one_line
-from tests.passed import ALL
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -504,9 +503,9 @@ def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str, capsy
 
 @cache
 def fresh_draws(task: SearchTask, structures: int) -> list[Draw]:
-    """Draws that no rung of a search of so many structures has used; of many every ninth, if not all."""
+    """Draws that no rung of a search of so many structures has used; of many every ninth."""
     first = task.cases * GROWTH ** (rungs(structures) - 1)
-    if ALL or first < MANY:
+    if first < MANY:
         return draws(task.system, task.link, first + GROWTH * first, task.study)[first:]
     plan = scoring.ensemble(task.system, task.study)
     points = plan.points[first - 1 : first + GROWTH * first - 1 : 9]  # before them there is the plain run of training

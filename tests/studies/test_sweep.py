@@ -32,7 +32,6 @@ from facts_damping.studies.sweeps.journal import Journal
 from facts_damping.studies.sweeps.results import cell
 from facts_damping.terminal import Progress
 from tests.commands import assert_one_line
-from tests.passed import ALL
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -527,9 +526,10 @@ def test_two_sweeps_cannot_write_the_same_folder(tmp_path: Path, capsys: pytest.
 
 
 def test_a_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
+    from distributed import LocalCluster  # noqa: PLC0415 (a second to load)
+
     path = study(tmp_path)
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0") as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0") as cluster:
         out = str(tmp_path / "dask")
         assert main(["sweep", str(path), "--scheduler", cluster.scheduler_address, "--out", out]) == 0
     assert main(["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "here")]) == 0
@@ -539,7 +539,6 @@ def test_a_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
 def test_no_scheduler_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("distributed")
     monkeypatch.setattr("facts_damping.studies.sweeps.pool.CONNECT_S", 0.5)
     out = str(tmp_path / "out")
     assert_one_line(
@@ -707,22 +706,21 @@ def listed_margins(table: str, plan: sweep.Plan) -> Iterator[tuple[str, Place, s
 
 
 @pytest.mark.parametrize(
-    ("name", "table", "every", "of_all"),
+    ("name", "table", "every"),
     [
-        ("delay_margin", "images/delay_margin/margins.csv", 5, 1),
-        ("compensation", "images/compensation/margins.csv", 7, 1),
-        ("asymmetric_signals", "images/asymmetric_signals/margins.csv", 11, 6),
-        ("asymmetric_devices", "images/asymmetric_devices/margins.csv", 11, 6),
+        ("delay_margin", "images/delay_margin/margins.csv", 5),
+        ("compensation", "images/compensation/margins.csv", 7),
+        ("asymmetric_signals", "images/asymmetric_signals/margins.csv", 11),
+        ("asymmetric_devices", "images/asymmetric_devices/margins.csv", 11),
     ],
 )
 def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_ones(
-    name: str, table: str, every: int, of_all: int
+    name: str, table: str, every: int
 ) -> None:
     """By single runs; they were found by `facts-damping sweep`. All points of the study are there, twice.
 
     Of them every so many are run, so that each value of each column is there.
     """
-    every = of_all if ALL else every
     plan = sweep.plan(name, [])
     margin = plan.study.margin
     assert margin is not None
