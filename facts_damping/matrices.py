@@ -22,10 +22,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Bool2, Complex1, Complex2, Float1, Float2, Int1
+from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2
 from facts_damping.phasors import magnitudes, over
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -246,14 +248,21 @@ def root(gramian: Float2) -> Float2:
     return axes * np.sqrt(values)
 
 
-def parts(joined: Bool2) -> Int1:
-    """Index of the connected component of each element, in order of appearance; `joined`: (n, n), either direction."""
-    label = np.full(len(joined), -1)
-    either = joined | joined.T
-    for first in range(len(joined)):
-        if label[first] < 0:
-            own = np.arange(len(joined)) == first
-            while (more := own | either[own].any(axis=0)).sum() > own.sum():
-                own = more
-            label[own] = label.max() + 1
+def parts(n: int, links: Iterable[tuple[int, int]]) -> list[int]:
+    """Index of the connected component of each of n elements, in order of appearance; `links`: pairs of elements."""
+    near: list[list[int]] = [[] for _ in range(n)]
+    for a, b in links:
+        near[a].append(b)
+        near[b].append(a)
+    label, count = [-1] * n, 0
+    for first in range(n):
+        if label[first] >= 0:
+            continue
+        label[first], waiting = count, [first]
+        while waiting:
+            for other in near[waiting.pop()]:
+                if label[other] < 0:
+                    label[other] = count
+                    waiting.append(other)
+        count += 1
     return label
