@@ -227,15 +227,22 @@ def least_squares(a: Float2, b: Float1) -> Float1:
     return product(v[:, kept], product(u[:, kept].T, b) / s[kept])
 
 
+def shift_near(guess: complex) -> complex:
+    """The same shift near an eigenvalue on all processors, 1/s.
+
+    The guess may come from LAPACK: it is rounded to GRID, where all kernels agree. The shift lies a third of the grid
+    beside that point, because a shift equal to an eigenvalue gives a singular matrix.
+    """
+    return (complex(round(guess.real / GRID), round(guess.imag / GRID)) + 1 / 3) * GRID
+
+
 def eigenvalue_near(a: Float2, guess: complex) -> tuple[complex, Complex1, Complex1]:
     """The eigenvalue (1/s) nearest a guess, v of a v = lambda v and w of w a = lambda w, their largest entries 1.
 
-    The guess may come from LAPACK: it is rounded to GRID, where all kernels agree. The shift lies a third of the grid
-    beside that point, because a shift equal to an eigenvalue gives a singular matrix. The initial vector is not
-    symmetric, because a symmetric one has no component along half of the modes of symmetric plants.
+    The initial vector is not symmetric, because a symmetric one has no component along half of the modes of symmetric
+    plants.
     """
-    shift = (complex(round(guess.real / GRID), round(guess.imag / GRID)) + 1 / 3) * GRID
-    shifted = a - shift * np.eye(len(a))
+    shifted = a - shift_near(guess) * np.eye(len(a))
     right = left = np.array(1.0 / np.arange(1.0, len(a) + 1), np.complex128)
     for _ in range(STEPS):
         right, left = (over(v, v[np.argmax(magnitudes(v))]) for v in (solve(shifted, right), solve(shifted.T, left)))

@@ -52,7 +52,7 @@ def analyse(system: System, devices: Sequence[str]) -> Modal:
     """Power flow, equilibrium, linear model and modes."""
     built = build(system, devices, [])
     model = linearisation.linear_model(built, system.signals, [s.name for s in system.pmus])
-    modes = linearisation.modes(model.A, built.state_names, system, model, devices)
+    modes = linearisation.modes(model.matrix, built.state_names, system, model, devices)
     return Modal(system, list(devices), built, model, modes, interactions(built, system, devices))
 
 

@@ -122,11 +122,15 @@ def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
     """Solve a x = b for a vector or matrix b, a dense or sparse. Raises `LinAlgError` if a is singular."""
     if isinstance(a, np.ndarray):
         return solve(a, b)
-    kind, n = complex if np.result_type(a.dtype, b, float) == np.complex128 else float, a.shape[0]
-    found = factors(a, kind)
+    return substitute(factors(a, complex if np.result_type(a.dtype, b, float) == np.complex128 else float), b)
+
+
+def substitute(found: Factors, b: NDArray[Any]) -> NDArray[Any]:
+    """Solve L U x = b for a vector or matrix b, in the numbers of the factors."""
+    kind, n = found.lower.value.dtype, len(found.order)
     x = np.zeros((n, b.size // n if n else 0), kind)
     x[found.place] = b.reshape(x.shape)
-    (_substitute_complex if kind is complex else _substitute_real)(found.lower, found.upper, x)
+    (_substitute_complex if kind == np.complex128 else _substitute_real)(found.lower, found.upper, x)
     solution = np.zeros_like(x)
     solution[found.order] = x
     return solution.reshape(b.shape)
