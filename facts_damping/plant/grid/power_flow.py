@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-9  # p.u., largest power mismatch
 LOSS_TOLERANCE = 1e-13  # p.u., of the resistance equivalent to a device's losses
 MAX_ITERATIONS = 30
+FARTHEST = 10.0  # p.u., voltage at which an iteration has diverged
 STRAY = 1e-9  # p.u., admittance of fictitious branches for the starting angles
 
 
@@ -258,7 +259,7 @@ def _newton(
         mismatch = times(voltage, np.conj(current)) + drawn - scheduled
         equations = np.concatenate([mismatch.real[free_angle], mismatch.imag[free_magnitude]])
         residual = float(np.max(np.abs(equations), initial=0.0))
-        if residual < enough or not np.isfinite(residual):
+        if residual < enough or not np.isfinite(residual) or np.abs(magnitude).max(initial=0.0) > FARTHEST:
             break
         jacobian = _jacobian(matrix, voltage, current, drawn_by_magnitude, free_angle, free_magnitude)
         try:
