@@ -6,8 +6,8 @@ Copies of Kundur's two areas are joined by short lines into ever larger grids (m
 ever more sections (buses); its loads become loads of constant current (ports). Each runs 5 s with a load step; the
 time is that of the compiled loop beside simulated time, and that of power flow and set-up. Last, or alone with
 `--steps`, each step from the file to the modes of 1, 4, 8 and 16 copies of minniwecc, each in a process of its own:
-seconds, the largest memory during it, and the power of the buses with which its time grows. The copies are joined by
-lines; inertias differ from copy to copy, since no two parts of a grid have the same modes.
+seconds of processor, the largest memory during it, and the power of the buses with which its time grows. The copies are
+joined by lines; inertias differ from copy to copy, since no two parts of a grid have the same modes.
 """
 
 from __future__ import annotations
@@ -95,14 +95,14 @@ def many_areas(k: int) -> dict[str, Any]:
 
 
 def steps(path: str) -> dict[str, tuple[float, float]]:
-    """Time (s) and largest memory (MB) of each step from a file of `many_areas` on; `size`: states and buses."""
+    """Processor time (s) and largest memory (MB) of each step from a file of `many_areas`; `size`: states and buses."""
     found: dict[str, tuple[float, float]] = {}
 
     def step(name: str, function: Callable[[], Any]) -> Any:
         Path("/proc/self/clear_refs").write_text("5", "ascii")  # the largest memory so far is forgotten
-        began = time.perf_counter()
+        began = time.process_time()
         result = function()
-        took = time.perf_counter() - began
+        took = time.process_time() - began
         status = Path("/proc/self/status").read_text("ascii").split()
         found[name] = took, int(status[status.index("VmHWM:") + 1]) / 1024
         return result

@@ -48,6 +48,11 @@ class Descriptor(NamedTuple):
     states: int
 
 
+def is_partial(matrix: Any) -> bool:
+    """Whether only the modes of `eigenvectors` are found, not all."""
+    return isinstance(matrix, Descriptor) and matrix.states > ALL_MODES
+
+
 def solved(A: Descriptor, s: complex, b: NDArray[Any]) -> NDArray[Any]:
     """Solution x of (s - A) x = b."""
     wide = np.zeros((A.matrix.shape[0], *b.shape[1:]), np.complex128)

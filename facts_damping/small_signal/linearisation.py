@@ -217,7 +217,7 @@ def eigenvectors(matrix: Float2 | Descriptor) -> tuple[NDArray[Any], NDArray[Any
     from scipy.linalg import eig  # noqa: PLC0415 (runs do without it)
 
     if isinstance(matrix, Descriptor):
-        if matrix.states > descriptor.ALL_MODES:
+        if descriptor.is_partial(matrix):
             return descriptor.eigenvectors(matrix)
         matrix = descriptor.dense(matrix)
     values, left, right = eig(matrix, left=True, right=True)  # no inverse: drifts have no full set of eigenvectors
@@ -349,7 +349,7 @@ def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequ
 
     A washout adds a zero at 0 and a pole at -1 / T. None with more than `descriptor.ALL_MODES` states of a large grid.
     """
-    if isinstance(model.matrix, Descriptor) and model.matrix.states > descriptor.ALL_MODES:
+    if descriptor.is_partial(model.matrix):
         return []
     from scipy.linalg import eig  # noqa: PLC0415 (it takes longer than a run, and few need it)
 
