@@ -1,35 +1,60 @@
-"""How the cost of a run grows with machines, buses and loads that are no impedances.
+"""How the cost of a run grows with machines, buses and loads that are no impedances, and how each step of set-up does.
 
-    python benchmarks/scaling.py
+    python benchmarks/scaling.py [--steps]
 
 Copies of Kundur's two areas are joined by short lines into ever larger grids (machines); its lines are cut into
 ever more sections (buses); its loads become loads of constant current (ports). Each runs 5 s with a load step; the
-time is that of the compiled loop beside simulated time, and that of power flow and set-up.
+time is that of the compiled loop beside simulated time, and that of power flow and set-up. Last, or alone with
+`--steps`, each step from the file to the modes of 1, 4, 8 and 16 copies of minniwecc, each in a process of its own:
+seconds of processor, the largest memory during it, and the power of the buses with which its time grows. The copies are
+joined by lines; inertias differ from copy to copy, since no two parts of a grid have the same modes.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import resource
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
 
 from facts_damping.case.loading import load_case, load_system
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation import build, loop
+from facts_damping.small_signal import linearisation, residues
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 SECONDS = 5.0
+COPIES = (1, 4, 8, 16)  # of minniwecc, 122 buses each
 RUNS = 3
 SHIPPED = ("smib", "wscc_9", "wscc_9_constant_power", "two_area", "new_england_39", "nets_nyps", "minniwecc")
 
 
-def copies(k: int) -> dict[str, Any]:
-    """K copies of kundur_12_6, joined between their buses B8: a tree in which each has up to eight others behind it."""
-    system = load_system("kundur_12_6")
+def copies(k: int, name: str = "kundur_12_6") -> dict[str, Any]:
+    """K copies of a system, joined between their buses B8: a tree in which each has up to eight others behind it."""
+    system = load_system(name)
     base, power = system.model_dump(by_alias=True), solve(system, []).generation
     made: dict[str, Any] = {**base, "signals": {}, "measures": {}, "pmus": []}
-    for table in ("buses", "lines", "transformers", "loads", "shunts", "machines"):
+    for table in (
+        "buses",
+        "lines",
+        "transformers",
+        "loads",
+        "shunts",
+        "machines",
+        "exciters",
+        "governors",
+        "stabilisers",
+    ):
         made[table] = [_renamed(row, i) for i in range(k) for row in base[table]]
     for row in made["machines"][len(base["machines"]) :]:
         if row["slack"]:
@@ -52,8 +77,70 @@ def copies(k: int) -> dict[str, Any]:
 
 def _renamed(row: dict[str, Any], i: int) -> dict[str, Any]:
     """A row of copy i."""
-    names = ("name", "bus", "from", "to")
-    return {key: f"{value}_{i}" if key in names else value for key, value in row.items()}
+    names = ("name", "bus", "from", "to", "machine")
+    found = {key: f"{value}_{i}" if key in names and value is not None else value for key, value in row.items()}
+    return {**found, "branches": [f"{name}_{i}" for name in row["branches"]]} if "branches" in row else found
+
+
+def many_areas(k: int) -> dict[str, Any]:
+    """K copies of minniwecc with all PMUs, its HVDC link and a signal in the first."""
+    base = load_system("minniwecc").model_dump(mode="json", by_alias=True)
+    made = copies(k, "minniwecc")
+    for row in made["machines"]:
+        row["H"] *= 1.0 + 0.5 * int(row["name"].rpartition("_")[2]) / k
+    made["pmus"] = [_renamed(row, i) for i in range(k) for row in base["pmus"]]
+    made["devices"] = [_renamed(row, 0) for row in base["devices"]]
+    made["signals"] = {"frequency": {"channel": "frequency", "weights": {"NORTH_0": 1.0, "SOUTH_0": -1.0}}}
+    return made
+
+
+def steps(path: str) -> dict[str, tuple[float, float]]:
+    """Processor time (s) and largest memory (MB) of each step from a file of `many_areas`; `size`: states and buses."""
+    found: dict[str, tuple[float, float]] = {}
+
+    def step(name: str, function: Callable[[], Any]) -> Any:
+        Path("/proc/self/clear_refs").write_text("5", "ascii")  # the largest memory so far is forgotten
+        began = time.process_time()
+        result = function()
+        took = time.process_time() - began
+        status = Path("/proc/self/status").read_text("ascii").split()
+        found[name] = took, int(status[status.index("VmHWM:") + 1]) / 1024
+        return result
+
+    event = [{"time": 0.05, "kind": "load_step", "load": "load_8_0", "change": 0.02}]
+    sets = [f"scenario={json.dumps(event)}", "devices=[pdci_0]", "controllers=[]", "duration=1"]
+    system = step("file and its checks", lambda: load_system(path))
+    devices, pmus = [one.name for one in system.devices], [one.name for one in system.pmus]
+    case = step("run and its checks", lambda: load_case(None, [f"system={path}", *sets]))
+    step("power flow", lambda: solve(system, devices))
+    built = step("plant: power flow, start, network of 2 intervals", lambda: build.build_plant(case))
+    step("PMUs", lambda: build.build_pmus(case))
+    whole = step("loop: plant, PMUs, links", lambda: loop.build_loop(case))
+    step("run of 1 s", lambda: loop.run_loop(whole))
+    model = step("linear plant", lambda: linearisation.linear_model(built, system.signals, pmus))
+    given = built.state_names, system, model, devices
+    step("modes and residues", lambda: linearisation.modes(model.matrix, *given))
+    step("design: linear plant, modes, target", lambda: residues.residues(built, system, devices, 60))
+    found["size"] = float(len(built.state.x)), float(len(system.buses))
+    return found
+
+
+def compared() -> None:
+    """The table of all steps."""
+    columns = []
+    with tempfile.TemporaryDirectory() as folder:
+        for k in COPIES:
+            path = Path(folder) / f"{k}.yaml"
+            path.write_text(yaml.safe_dump(many_areas(k), sort_keys=False))
+            command = [sys.executable, __file__, "--of", str(Path(folder) / f"{COPIES[0]}.yaml"), str(path)]
+            columns.append(json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
+    sizes = [column.pop("size") for column in columns]
+    heads = (f"{buses:.0f} buses, {states:.0f} states" for states, buses in sizes)
+    print(f"\n{'s (MB)':<50}" + "".join(f"{head:>24}" for head in heads) + "   power")
+    for name in columns[0]:
+        times = [column[name] for column in columns]
+        power = math.log(times[-1][0] / times[1][0]) / math.log(sizes[-1][1] / sizes[1][1])
+        print(f"{name:<50}" + "".join(f"{took:16.3f} ({mb:5.0f})" for took, mb in times) + f"{power:8.2f}")
 
 
 def sections(n: int) -> dict[str, Any]:
@@ -103,6 +190,17 @@ def measured(name: str, system: dict[str, Any] | str, load: str) -> None:
 
 def main() -> None:
     """All rows."""
+    if "--of" in sys.argv:
+        steps(sys.argv[-2])  # loads and compiles what the next one uses
+        print(json.dumps(steps(sys.argv[-1])))
+        return
+    if "--steps" not in sys.argv:
+        runs()
+    compared()
+
+
+def runs() -> None:
+    """The rows of runs."""
     print(
         f"{'system':<34} {'machines':>8} {'buses':>6} {'ports':>6} {'states':>7} {'1/step':>6} "
         f"{'ms per s':>10} {'x real time':>14} {'set-up ms':>10} {'peak MB':>8}"

@@ -22,10 +22,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Bool2, Complex1, Complex2, Float1, Float2, Int1
+from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2
 from facts_damping.phasors import magnitudes, over
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -225,15 +227,22 @@ def least_squares(a: Float2, b: Float1) -> Float1:
     return product(v[:, kept], product(u[:, kept].T, b) / s[kept])
 
 
+def shift_near(guess: complex) -> complex:
+    """The same shift near an eigenvalue on all processors, 1/s.
+
+    The guess may come from LAPACK: it is rounded to GRID, where all kernels agree. The shift lies a third of the grid
+    beside that point, because a shift equal to an eigenvalue gives a singular matrix.
+    """
+    return (complex(round(guess.real / GRID), round(guess.imag / GRID)) + 1 / 3) * GRID
+
+
 def eigenvalue_near(a: Float2, guess: complex) -> tuple[complex, Complex1, Complex1]:
     """The eigenvalue (1/s) nearest a guess, v of a v = lambda v and w of w a = lambda w, their largest entries 1.
 
-    The guess may come from LAPACK: it is rounded to GRID, where all kernels agree. The shift lies a third of the grid
-    beside that point, because a shift equal to an eigenvalue gives a singular matrix. The initial vector is not
-    symmetric, because a symmetric one has no component along half of the modes of symmetric plants.
+    The initial vector is not symmetric, because a symmetric one has no component along half of the modes of symmetric
+    plants.
     """
-    shift = (complex(round(guess.real / GRID), round(guess.imag / GRID)) + 1 / 3) * GRID
-    shifted = a - shift * np.eye(len(a))
+    shifted = a - shift_near(guess) * np.eye(len(a))
     right = left = np.array(1.0 / np.arange(1.0, len(a) + 1), np.complex128)
     for _ in range(STEPS):
         right, left = (over(v, v[np.argmax(magnitudes(v))]) for v in (solve(shifted, right), solve(shifted.T, left)))
@@ -246,14 +255,21 @@ def root(gramian: Float2) -> Float2:
     return axes * np.sqrt(values)
 
 
-def parts(joined: Bool2) -> Int1:
-    """Index of the connected component of each element, in order of appearance; `joined`: (n, n), either direction."""
-    label = np.full(len(joined), -1)
-    either = joined | joined.T
-    for first in range(len(joined)):
-        if label[first] < 0:
-            own = np.arange(len(joined)) == first
-            while (more := own | either[own].any(axis=0)).sum() > own.sum():
-                own = more
-            label[own] = label.max() + 1
+def parts(n: int, links: Iterable[tuple[int, int]]) -> list[int]:
+    """Index of the connected component of each of n elements, in order of appearance; `links`: pairs of elements."""
+    near: list[list[int]] = [[] for _ in range(n)]
+    for a, b in links:
+        near[a].append(b)
+        near[b].append(a)
+    label, count = [-1] * n, 0
+    for first in range(n):
+        if label[first] >= 0:
+            continue
+        label[first], waiting = count, [first]
+        while waiting:
+            for other in near[waiting.pop()]:
+                if label[other] < 0:
+                    label[other] = count
+                    waiting.append(other)
+        count += 1
     return label

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 
 NANOSECONDS = 1_000_000_000
-LOST = np.iinfo(np.int64).max  # stands for a time that never comes
+NEVER = np.iinfo(np.int64).max  # ns, a time that never comes
+NOT_YET = -1  # ns, time of an event that has not happened yet
 
 
 def to_ns(seconds: float) -> int:
@@ -201,7 +202,7 @@ class Record:
     """All results of one closed loop, from `loop.run` or from a recording.
 
     `frames` (ticks, PMUs, channels): each PMU's report at a tick, with time of measurement `measured_ns`
-    (ticks, PMUs; LOST: none yet) and status bits `status`; `machines` (ticks, machines) of MACHINE_TRUTH; `devices`
+    (ticks, PMUs; NEVER: none yet) and status bits `status`; `machines` (ticks, machines) of MACHINE_TRUTH; `devices`
     (ticks, devices) of DEVICE_TRUTH; `delivered`: one row per entry (DELIVERY); `issued` and `applied`: one row per
     setpoint (SETPOINT); `estimates`: one row per identified derivative (ESTIMATE); `learning`: one row per learning
     rate (LEARNING); `supervised`: one row per setpoint of a supervisor (SETPOINT); `supervision`: one row per tick and

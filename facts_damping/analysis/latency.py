@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from facts_damping.signals import LOST, NANOSECONDS
+from facts_damping.signals import NANOSECONDS, NEVER
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -166,6 +166,6 @@ def frames_lost(record: Record) -> int:
             path = (rows["link"] == link) & (rows["pmu"] == pmu)
             longest = int(late[path if path.any() else slice(None)].max(initial=0))
             stamps = record.measured_ns[:, pmu]
-            measured = stamps[(stamps != LOST) & (stamps <= end - longest)]
+            measured = stamps[(stamps != NEVER) & (stamps <= end - longest)]
             lost += int(np.count_nonzero(~np.isin(measured, rows["measured_ns"][path])))
     return lost

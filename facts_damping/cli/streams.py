@@ -15,7 +15,7 @@ from facts_damping.case.names import controller_names, label, link_addresses
 from facts_damping.cli.runs import out_folder, say, tell_graph
 from facts_damping.errors import InputError, RunError
 from facts_damping.parameters.streams import read_streams, server
-from facts_damping.signals import LOST
+from facts_damping.signals import NEVER
 from facts_damping.simulation.replay import case_of
 from facts_damping.streaming import listening, recorded, serving
 from facts_damping.streaming.pdc import WAIT_S, Pdc
@@ -96,7 +96,7 @@ def _in_shadow(arguments: argparse.Namespace) -> None:
 
 def _received(case: Case, record: Record) -> tuple[dict[str, Any], list[str]]:
     """Number of frames from each PMU, and the output that each controller would have had; with lines of text."""
-    frames = dict(zip(record.pmus, (record.measured_ns != LOST).sum(axis=0).tolist(), strict=True))
+    frames = dict(zip(record.pmus, (record.measured_ns != NEVER).sum(axis=0).tolist(), strict=True))
     pmus = {name: {"frames": count, "absent": len(record.measured_ns) - count} for name, count in frames.items()}
     rows = [(name, str(row["frames"]), str(row["absent"])) for name, row in pmus.items()]
     lines, controllers = table(("pmu", "frames", "absent"), rows), {}

@@ -1,7 +1,7 @@
 """A chain of stages that entries pass in sequence; compiled.
 
 A chain is a table of stages. A stage's model is a code that `traverse` branches on. Random numbers are drawn in advance
-(`stages.py`), so `traverse` directly gives the time at which an entry leaves, in ns and not rounded to frames, or LOST.
+(`stages.py`), so `traverse` gives the time at which an entry leaves, in ns and not rounded to frames, or NEVER.
 It processes all entries that are sent together: the PMUs of a frame, or one setpoint.
 """
 
@@ -26,13 +26,13 @@ from facts_damping.compiling.structs import (
     Struct,
 )
 from facts_damping.link import stages as kinds
-from facts_damping.signals import CHANNELS, LOST, to_ns
+from facts_damping.signals import CHANNELS, NEVER, to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 
-FOREVER = LOST
+FOREVER = NEVER
 
 STAGE = np.dtype(
     [
@@ -56,7 +56,7 @@ class Chain(Struct):
 
     rows: Annotated[NDArray[Any], Array(STAGE, 1)]
     channel_mask: Bool2  # (stages, channels): the stage acts on the channel
-    drawn: Int4  # (stages, draws, copies, channels): delay in ns, LOST, or 1 for a copy
+    drawn: Int4  # (stages, draws, copies, channels): delay in ns, NEVER, or 1 for a copy
     last_ns: Int2  # (stages, channels): when the last entry left; 1: an entry is stored
     kept: Float4  # (stages, window, channels, width): values of earlier entries, draws of noise
 
@@ -68,8 +68,8 @@ class Chains(Chain, each=Chain):
 class Packets(Struct):
     """Entries passing a chain, one per channel."""
 
-    now_ns: Int2  # (copies, channels): time of leaving the stage; LOST: lost
-    stamp_ns: Int1  # (channels,): time of measurement; LOST: no entry
+    now_ns: Int2  # (copies, channels): time of leaving the stage; NEVER: lost
+    stamp_ns: Int1  # (channels,): time of measurement; NEVER: no entry
     status: Int1  # (channels,): status bits of a frame's entry; none for a setpoint
     values: Float2  # (channels, width)
     number: Int1  # (channels,): number of entries sent before
@@ -160,7 +160,7 @@ def put(made: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None
 
 def longest_delay_ns(made: Chains) -> int:
     """Longest possible delay of a chain, ns."""
-    drawn = np.where(made.drawn == LOST, 0, made.drawn).max(axis=(2, 3, 4), initial=0)
+    drawn = np.where(made.drawn == NEVER, 0, made.drawn).max(axis=(2, 3, 4), initial=0)
     fixed = np.maximum(made.rows["delay_ns"], 0)  # a negative offset of time stamps adds no delay
     return int((fixed + np.where(made.rows["model"] == kinds.DRAWN, drawn, 0)).sum(axis=1).max(initial=0))
 
@@ -169,7 +169,7 @@ def longest_delay_ns(made: Chains) -> int:
 def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
     """Pass the entries of channels `first` to before `end`, all sent at `sent_ns`, through a chain.
 
-    `p` holds the entries and then the results; `now_ns` is LOST for a lost entry or a copy that was not made.
+    `p` holds the entries and then the results; `now_ns` is NEVER for a lost entry or a copy that was not made.
     """
     for s in range(c.rows.size):
         row = c.rows[s]
@@ -181,7 +181,7 @@ def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
         for channel in range(first, end):
             if not c.channel_mask[s, channel]:
                 continue
-            if p.stamp_ns[channel] == LOST:  # absent from the frame
+            if p.stamp_ns[channel] == NEVER:  # absent from the frame
                 continue
             if row.model >= kinds.SPOOF:
                 _disturb(c, p, s, channel, sent_ns)
@@ -194,19 +194,19 @@ def _delay(c: Chain, p: Packets, s: int, channel: int) -> None:
     """Apply a stage that delays, loses or duplicates an entry."""
     row, n = c.rows[s], p.number[channel] % c.drawn.shape[1]
     if row.model == kinds.DUPLICATE:
-        if p.now_ns[0, channel] != LOST and not p.copied[channel] and c.drawn[s, n, 0, channel] != 0:
+        if p.now_ns[0, channel] != NEVER and not p.copied[channel] and c.drawn[s, n, 0, channel] != 0:
             p.now_ns[1, channel] = p.now_ns[0, channel]
             p.copied[channel] = True
         return
     for copy in range(p.now_ns.shape[0]):
         now = p.now_ns[copy, channel]
-        if now == LOST:
+        if now == NEVER:
             continue
         if row.model == kinds.CONSTANT:
             now += row.delay_ns
         elif row.model == kinds.DRAWN:
             drawn = c.drawn[s, n, copy, channel]
-            now = LOST if drawn == LOST else now + drawn
+            now = NEVER if drawn == NEVER else now + drawn
         elif row.model == kinds.IN_ORDER:
             now = max(now, c.last_ns[s, channel])
             c.last_ns[s, channel] = now
@@ -260,11 +260,11 @@ def _turn_over(p: Packets, channel: int, drawn: int, measurement: int) -> None:
 def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> None:
     """Let a frame's entries leave together: when all have arrived, or at the end of the wait; late ones are lost."""
     row = c.rows[s]
-    earliest, latest = LOST, 0
+    earliest, latest = NEVER, 0
     for channel in range(first, end):
         if c.channel_mask[s, channel]:
             earliest, latest = min(earliest, p.now_ns[0, channel]), max(latest, p.now_ns[0, channel])
-    if earliest == LOST and row.stamped == 0:
+    if earliest == NEVER and row.stamped == 0:
         return
     deadline = (sent_ns if row.stamped == 1 else earliest) + row.delay_ns
     leaves = latest if latest <= deadline and row.complete == 1 else deadline
@@ -272,7 +272,7 @@ def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> 
         if not c.channel_mask[s, channel]:
             continue
         if p.now_ns.shape[0] > 1:
-            p.now_ns[1, channel] = LOST
+            p.now_ns[1, channel] = NEVER
         if p.now_ns[0, channel] <= deadline:
             p.now_ns[0, channel] = leaves
             c.last_ns[s, channel] = 1
@@ -281,9 +281,9 @@ def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> 
         elif row.hold == 1 and c.last_ns[s, channel] == 1:
             p.now_ns[0, channel] = leaves
             p.held[channel] = True
-            if p.stamp_ns[channel] == LOST:  # absent: replaced by the last one, with a new time stamp
+            if p.stamp_ns[channel] == NEVER:  # absent: replaced by the last one, with a new time stamp
                 p.stamp_ns[channel] = sent_ns
             for j in range(p.values.shape[1]):
                 p.values[channel, j] = c.kept[s, 0, channel, j]
         else:
-            p.now_ns[0, channel] = LOST
+            p.now_ns[0, channel] = NEVER

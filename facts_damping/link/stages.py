@@ -17,7 +17,7 @@ from facts_damping.compiling.structs import Bool2, Float2, Float3, Int3
 from facts_damping.elementary import exp
 from facts_damping.extensions import rows
 from facts_damping.parameters.stages import LONGEST_S
-from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
+from facts_damping.signals import CHANNELS, NANOSECONDS, NEVER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
@@ -148,7 +148,7 @@ MODELS |= rows("stage_kinds", StageKind, MODELS)
 
 
 def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Generator) -> Int3:
-    """Draw delays in ns, with LOST for lost entries; for `duplicate` 1 if an entry is copied.
+    """Draw delays in ns, with NEVER for lost entries; for `duplicate` 1 if an entry is copied.
 
     For `flip` 1 + number of the inverted bit, counted over all values of an entry; 0: none.
     """
@@ -162,7 +162,7 @@ def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Gen
     delay = sample(stage, size, channels, random)
     lost = np.isnan(delay)
     times = np.rint(np.clip(np.where(lost, 0.0, delay), 0.0, LONGEST_S) * NANOSECONDS)
-    return np.where(lost, LOST, times.astype(np.int64))
+    return np.where(lost, NEVER, times.astype(np.int64))
 
 
 def mean_delay(stages: Sequence[Any], names: Collection[str] | None = None) -> float:

@@ -25,7 +25,7 @@ from facts_damping.link.chain import (
     put,
     traverse,
 )
-from facts_damping.signals import DELIVERY, LOST, NANOSECONDS, SETPOINT, Setpoints
+from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER, SETPOINT, Setpoints
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -177,7 +177,7 @@ def _roomier(own: Directions, capacity: int) -> Directions:
 @compiled
 def _put_in(p: Packets, channel: int, sent_ns: int, measured_ns: int) -> None:
     """Place an entry at the start of a chain; the caller fills in its values."""
-    p.now_ns[:, channel] = LOST
+    p.now_ns[:, channel] = NEVER
     p.now_ns[0, channel], p.stamp_ns[channel] = sent_ns, measured_ns
     p.copied[channel] = p.held[channel] = False
 
@@ -185,7 +185,7 @@ def _put_in(p: Packets, channel: int, sent_ns: int, measured_ns: int) -> None:
 @compiled
 def _push(way: Any, sent_ns: int, arrival_ns: int) -> int:
     """Insert a place for an entry into the ring, by arrival, then by insertion; -1: it is lost, or the ring is full."""
-    if arrival_ns == LOST:
+    if arrival_ns == NEVER:
         return -1
     capacity, head, count = way.arrival_ns.size, way.ring[RING_HEAD], way.ring[RING_COUNT]
     if count == capacity:
@@ -243,7 +243,7 @@ def uplink(
 ) -> int:
     """Send a frame (PMUs, channels) up a link at `start_ns`; deliver entries that arrive before `end_ns`.
 
-    `measured_ns`: time of each PMU's measurement, (PMUs,); LOST: absent from the frame. `status`: bits of each
+    `measured_ns`: time of each PMU's measurement, (PMUs,); NEVER: absent from the frame. `status`: bits of each
     PMU's entry. Delivered entries are in `made.up.out[link]`, in order of arrival; returns their number.
     """
     way = made.up.each[link]
@@ -251,8 +251,8 @@ def uplink(
     for pmu in range(frame.shape[0]):
         _put_in(p, pmu, start_ns, measured_ns[pmu])
         p.status[pmu] = status[pmu]
-        if measured_ns[pmu] == LOST:
-            p.now_ns[0, pmu] = LOST
+        if measured_ns[pmu] == NEVER:
+            p.now_ns[0, pmu] = NEVER
         for i in range(frame.shape[1]):
             p.values[pmu, i] = frame[pmu, i]
     traverse(way.chain, p, start_ns, 0, frame.shape[0])
@@ -269,7 +269,7 @@ def uplink(
                 entry.status = p.status[pmu]
                 for i in range(frame.shape[1]):
                     entry.values[i] = p.values[pmu, i]
-        if measured_ns[pmu] != LOST or arriving > 0:
+        if measured_ns[pmu] != NEVER or arriving > 0:
             _count_sent(p, way.statistics, pmu, arriving)
     count, slot = 0, _first_before(way, end_ns)
     while slot >= 0:

@@ -10,7 +10,7 @@ from facts_damping import random_numbers
 from facts_damping.measurement import pmu_model
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.measurement.pmu_model import Pmus, PmuState
-from facts_damping.signals import CHANNELS, LOST, to_ns
+from facts_damping.signals import CHANNELS, NEVER, to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,16 +67,16 @@ def make_pmus(
         for field in ("magnitude", "angle", "frequency", "rocof"):
             row[field] = getattr(noise, field)
         row["offset"], row["drift"] = clock.offset, clock.drift
-        row["lost_ns"] = LOST if clock.lost is None else to_ns(clock.lost)
+        row["lost_ns"] = NEVER if clock.lost is None else to_ns(clock.lost)
     bad = np.zeros(len(measurement.bad_data), pmu_model.BAD)
     for row, one in zip(bad, measurement.bad_data, strict=True):
         row["kind"], row["from_ns"] = KINDS.index(one.kind), to_ns(one.start)
-        row["until_ns"] = LOST if one.duration is None else to_ns(one.start) + to_ns(one.duration)
+        row["until_ns"] = NEVER if one.duration is None else to_ns(one.start) + to_ns(one.duration)
         row["probability"], row["size"] = one.probability, one.size
     known = [[one.pmus is None or s in one.pmus for s in pmus] for one in measurement.bad_data]
     channel_mask = np.array(known, np.bool_)
     plain = np.zeros(len(pmus), pmu_model.ERRORS)
-    plain["lost_ns"] = LOST
+    plain["lost_ns"] = NEVER
     integers = measurement.quantisation == "int16"
     exact = not integers and not len(bad) and bool((errors == plain).all())
     if before is not None and len(before.normal) > 1:

@@ -27,7 +27,7 @@ from facts_damping.compiling.structs import (
     Struct,
 )
 from facts_damping.elementary import cos, magnitude, phase, sin
-from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
+from facts_damping.signals import CHANNELS, NANOSECONDS, NEVER
 
 # Columns of a frame.
 VM, VA, SPEED, P, Q, FREQUENCY, ROCOF, IM, IA = range(len(CHANNELS))
@@ -38,7 +38,7 @@ ERRORS = np.dtype(
         *((name, "f8") for name in ("magnitude", "angle", "frequency", "rocof")),  # standard deviations of noise
         ("offset", "f8"),  # s, error of its clock
         ("drift", "f8"),  # s/s, after loss of synchronisation
-        ("lost_ns", "i8"),  # when its clock loses synchronisation; LOST: never
+        ("lost_ns", "i8"),  # when its clock loses synchronisation; NEVER: never
     ]
 )
 NORMALS = 6  # draws per frame: |V|, theta, |I|, phi, frequency, ROCOF
@@ -223,7 +223,7 @@ def report(
     """Compute the frame of a tick. `frame`, (PMUs, channels): in, exact values at its start; out, PMU values.
 
     `phasors`: sample of voltages and currents at the tick's start, (PMUs, 2), p.u.; `measured_ns`: time stamp of
-    each PMU's entry, LOST if there is none yet; `status`: bits as in C37.118.2.
+    each PMU's entry, NEVER if there is none yet; `status`: bits as in C37.118.2.
     """
     if m.filtered:
         take_sample(state, phasors)
@@ -234,7 +234,7 @@ def report(
         measured_ns[s], status[s] = at_ns, 0
         if reported < 0:
             own[:] = math.nan
-            measured_ns[s] = LOST
+            measured_ns[s] = NEVER
             continue
         if m.filtered:
             _estimate(m, state, s, own)
@@ -247,7 +247,7 @@ def report(
             measured_ns[s] += math.floor(error * 1e9 + 0.5)
             if measured_ns[s] < 0:  # like frames before the start
                 own[:] = math.nan
-                measured_ns[s] = LOST
+                measured_ns[s] = NEVER
                 continue
         if m.filtered or not m.exact:
             size, angle = own[VM] * own[IM], own[VA] - own[IA]  # P + j Q = V I* of the reported phasors

@@ -23,7 +23,7 @@ from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.topics import FRAMES
 from facts_damping.nodes.transport.messages import Health, link_statistics
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
-from facts_damping.signals import CHANNELS, LOST, SETPOINT
+from facts_damping.signals import CHANNELS, NEVER, SETPOINT
 from facts_damping.simulation.build import build_links
 from facts_damping.simulation.changes import relinked, renumbered, with_link
 from facts_damping.simulation.measured_plant import tick_ns
@@ -55,7 +55,7 @@ class WanLink:
         senders = {c: sender for c, sender in setpoint_senders(self.case).items() if c in served(self.case, self.index)}
         self.places = {sender.name: sender.place for sender in senders.values()}
         self.frame = np.full((len(self.case.system.pmus), len(CHANNELS)), np.nan)
-        self.measured_ns = np.full(len(self.frame), LOST)  # LOST: the PMU is absent from the frame
+        self.measured_ns = np.full(len(self.frame), NEVER)  # NEVER: the PMU is absent from the frame
         self.status = np.zeros(len(self.frame), np.int64)
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", PUBLISHER_QOS)
         self.to_plant = node.create_publisher(DeviceSetpoints, "setpoints/delivered", PUBLISHER_QOS)
@@ -130,7 +130,7 @@ class WanLink:
         self.tick = tick
         self.member.begin(tick)
         start, end = self.span(self.tick)
-        self.measured_ns[:] = LOST
+        self.measured_ns[:] = NEVER
         self.frame[rows["pmu"]], self.measured_ns[rows["pmu"]] = rows["values"], rows["measured_ns"]
         self.status[rows["pmu"]] = rows["status"]
         measured = self.frame, self.measured_ns, self.status

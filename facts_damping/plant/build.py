@@ -83,7 +83,8 @@ def build(
     if watchdog is not None:
         placed["watchdog"] = watchdog
     norton = rotating.rows["admittance"]
-    pmus = [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.pmus]
+    at = {m.name: g for g, m in enumerate(system.machines)}
+    pmus = [-1 if s.machine is None else at[s.machine] for s in system.pmus]
     online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
     given = [(system, ports.places, norton, s.topology, magnitude) for s in steps]
@@ -102,7 +103,7 @@ def build(
         ports=np.array(ports.rows, PORT),
         placed=placed,
         devices=placed[: len(installed)],
-        infinite=np.array([flow.voltage[flow.names.index(i.bus)] for i in system.infinite_buses], np.complex128),
+        infinite=np.array([flow.by_bus[i.bus] for i in system.infinite_buses], np.complex128),
         stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
         mechanical_power=np.where(online > 0.0, rotating.power * np.array(scales), 0.0),
         online=online,
@@ -198,8 +199,9 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
     exciters = {e.machine: e for e in system.exciters if e.model not in MODELS}
     stabilisers = {s.machine: s for s in system.stabilisers if s.enabled and s.model not in MODELS}
     governors = {t.machine: t for t in system.governors if t.enabled and t.model not in MODELS}
+    voltage = flow.by_bus
     for g, m in enumerate(system.machines):
-        v = complex(flow.voltage[flow.names.index(m.bus)])
+        v = voltage[m.bus]
         current = complex(over(flow.generation[m.name], v)).conjugate() * (system.base_power / m.rating)
         start = machine.steady_state(m, system.base_power, states.offset, v, current)
         made.rows[g], made.power[g] = start.row, start.power
@@ -265,12 +267,12 @@ def _loads(
     system: System, loads: Sequence[Load], flow: PowerFlow, magnitude: dict[str, float], states: _States, ports: _Ports
 ) -> NDArray[Any]:
     """Loads that are not constant impedances; frequency-dependent ones at rest."""
-    rows = []
+    rows, voltage = [], flow.by_bus
     for i, x in enumerate(loads):
-        voltage = 1.0 if x.at == "nominal" else magnitude[x.bus]
-        rows.append(load.row(x, system.base_power, voltage, ports.add(LOAD, i, Place(x.bus)), states.offset))
+        reference = 1.0 if x.at == "nominal" else magnitude[x.bus]
+        rows.append(load.row(x, system.base_power, reference, ports.add(LOAD, i, Place(x.bus)), states.offset))
         if load.depends_on_frequency(x):
-            angle = phase(complex(flow.voltage[flow.names.index(x.bus)]))
+            angle = phase(voltage[x.bus])
             states.add(x.name, load.STATE_NAMES, [angle, angle])
     return np.array(rows, load.LOAD)
 

@@ -10,7 +10,7 @@ import numpy as np
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import run as events
 from facts_damping.plant.grid.network import FaultPlace, Topology, check_islands
-from facts_damping.signals import to_ns
+from facts_damping.signals import NEVER, to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,7 +36,6 @@ OSCILLATION = np.dtype(
         ("end_ns", "i8"),
     ]
 )
-NEVER = np.iinfo(np.int64).max
 LASTING = (events.Fault, events.Brake, events.ForcedOscillation)  # events that may have a duration
 
 

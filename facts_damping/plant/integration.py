@@ -14,8 +14,8 @@ from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.forced_oscillations import begin_oscillations, move_oscillations
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
-from facts_damping.plant.watchdog import NEVER, accepts, arrive, due_ns, release, send
-from facts_damping.signals import Setpoints
+from facts_damping.plant.watchdog import accepts, arrive, due_ns, release, send
+from facts_damping.signals import NOT_YET, Setpoints
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -92,7 +92,7 @@ def _let_go(plant: Plant, state: PlantState, end: int, now: int) -> int:
         due = due_ns(plant.devices[d].watchdog, state.watch[d])
         if due > now:
             end = min(end, due)
-        elif due != NEVER:
+        elif due != NOT_YET:
             release(state.watch[d])
         if state.watch[d].released == 1:
             state.target[d] = 0.0

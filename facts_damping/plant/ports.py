@@ -43,24 +43,34 @@ def product(row: Complex1, first: int, values: Complex1) -> complex:
     return (a + b) + (c + d)
 
 
+@compiled
+def _write_response(plant: Plant, stage: int, p: int, source: Complex1, work: Work) -> None:
+    """Write the response of port p to all inputs into `work.response`, p.u."""
+    if len(plant.sparse_networks) > 0:
+        work.response[p] = row_times(plant, stage, plant.machines.size + p, work.inputs, work)
+    elif source.size < MANY:
+        total = work.given[p]
+        for r in range(source.size):
+            total += (
+                plant.network[stage, plant.machines.size + p, plant.machines.size + plant.infinite.size + r] * source[r]
+            )
+        work.response[p] = total
+    else:
+        row = plant.network[stage, plant.machines.size + p]
+        work.response[p] = work.given[p] + product(row, plant.machines.size + plant.infinite.size, source)
+
+
 @entry_point
 def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> float:
     """Write f(q) - s of all ports into the last column of `work.matrix`.
 
     Returns the sum of squares, 0 if all are within the tolerance.
     """
-    first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
     solved, total, last = True, 0.0, 2 * source.size
     set_sources(plant, source, work)
     respond(plant, stage, work)
     for p in range(source.size):
-        if len(plant.sparse_networks) > 0:
-            q = row_times(plant, stage, first_row + p, work.inputs, work)
-        else:
-            q = work.given[p]
-            for r in range(source.size):
-                q += plant.network[stage, first_row + p, first_column + r] * source[r]
-        work.response[p] = q
+        _write_response(plant, stage, p, source, work)
         rest = law(plant, x, reference, stage, p, work) - source[p]
         work.matrix[2 * p, last], work.matrix[2 * p + 1, last] = rest.real, rest.imag
         square = rest.real * rest.real + rest.imag * rest.imag
@@ -165,18 +175,13 @@ def _port_by_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     A port is coupled most to itself, so that a round reduces the error some tenfold; it costs little more than the
     mismatch. It is given up when the mismatch no longer falls to half.
     """
-    first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
     before = math.inf
     for _ in range(MAX_ITERATIONS):
         solved, total = True, 0.0
         set_sources(plant, source, work)
         respond(plant, stage, work)
         for p in range(source.size):
-            if len(plant.sparse_networks) > 0:
-                work.response[p] = row_times(plant, stage, first_row + p, work.inputs, work)
-            else:
-                row = plant.network[stage, first_row + p]
-                work.response[p] = work.given[p] + product(row, first_column, source)
+            _write_response(plant, stage, p, source, work)
             rest = law(plant, x, reference, stage, p, work) - source[p]
             square = rest.real * rest.real + rest.imag * rest.imag
             size = source[p].real * source[p].real + source[p].imag * source[p].imag

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.signals import NANOSECONDS, to_ns
+from facts_damping.signals import NANOSECONDS, NOT_YET, to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1, Int1
     from facts_damping.parameters.plant.watchdog import Watchdog
 
-NEVER = -1  # ns, time of an event that has not happened yet
 
 # Settings of a watchdog; all times in ns.
 WATCHDOG = np.dtype(
@@ -75,14 +74,14 @@ def settings(given: Watchdog | None, frame_rate: int) -> NDArray[Any]:
 def initial_watch(devices: int) -> NDArray[Any]:
     """Initial state of the watchdogs of a number of devices."""
     watch = np.zeros(devices, WATCH)
-    watch["accepted_ns"] = watch["issued_ns"] = watch["measured_ns"] = NEVER
+    watch["accepted_ns"] = watch["issued_ns"] = watch["measured_ns"] = NOT_YET
     return watch
 
 
 def initial_clock_state(devices: int) -> NDArray[Any]:
     """Initial state of `late_by_clock` for a number of devices."""
     last = np.zeros(devices, LAST_ACCEPTED)
-    last["accepted_ns"] = NEVER
+    last["accepted_ns"] = NOT_YET
     return last
 
 
@@ -104,7 +103,7 @@ def accepts(own: Any, watch: Any, setpoint: Any, setpoint_max: float, now: int) 
     elif again or setpoint.issued_ns < watch.issued_ns:
         watch.refused_order += 1
     else:
-        late = watch.accepted_ns != NEVER and now - watch.accepted_ns >= own.timeout_ns
+        late = watch.accepted_ns != NOT_YET and now - watch.accepted_ns >= own.timeout_ns
         watch.good = 0 if late else watch.good
         watch.accepted_ns, watch.issued_ns, watch.measured_ns = now, setpoint.issued_ns, setpoint.measured_ns
         if watch.released == 1:
@@ -119,8 +118,8 @@ def accepts(own: Any, watch: Any, setpoint: Any, setpoint_max: float, now: int) 
 @compiled
 def due_ns(own: Any, watch: Any) -> int:
     """Time of the release if no setpoint comes; -1: none, as it is released already or has had no setpoint."""
-    if own.on == 0 or watch.released == 1 or watch.accepted_ns == NEVER:
-        return NEVER
+    if own.on == 0 or watch.released == 1 or watch.accepted_ns == NOT_YET:
+        return NOT_YET
     return int(watch.accepted_ns + own.timeout_ns)
 
 
@@ -137,13 +136,13 @@ def late_by_clock(watch: NDArray[Any], last: NDArray[Any], now_s: float, timeout
     """
     last["at_s"][watch["accepted_ns"] != last["accepted_ns"]] = now_s
     last["accepted_ns"] = watch["accepted_ns"]
-    late = (last["accepted_ns"] != NEVER) & (now_s - last["at_s"] > timeout_s) & (watch["released"] == 0)
+    late = (last["accepted_ns"] != NOT_YET) & (now_s - last["at_s"] > timeout_s) & (watch["released"] == 0)
     return [int(device) for device in np.flatnonzero(late)]
 
 
 def let_go(watch: NDArray[Any], device: int) -> None:
     """Release one of several devices if it has accepted a setpoint since the start or a reset."""
-    if watch["accepted_ns"][device] != NEVER:
+    if watch["accepted_ns"][device] != NOT_YET:
         watch["released"][device], watch["good"][device] = 1, 0
 
 

@@ -15,7 +15,7 @@ from facts_damping.monitor_table import CODES, MONITORS, STATES, cause_code
 from facts_damping.recording.columns import Block, blocks, kept
 from facts_damping.recording.fields import DEVICE_FIELDS, FRAME_FIELDS, MACHINE_FIELDS, check_fields
 from facts_damping.recording.schemas import parse_schema
-from facts_damping.signals import LOST, NANOSECONDS
+from facts_damping.signals import NANOSECONDS, NEVER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -137,10 +137,10 @@ def time_ns(time: Any) -> NDArray[np.int64]:
 def frames(source: Series, pmus: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Frames (ticks, PMUs, channels), and their times of measurement and status, both (ticks, PMUs).
 
-    NaN, LOST and 0 where a PMU did not report.
+    NaN, NEVER and 0 where a PMU did not report.
     """
     values = np.full((len(source.ticks), len(pmus), len(signals.CHANNELS)), np.nan)
-    measured_ns, status = np.full(values.shape[:2], LOST), np.zeros(values.shape[:2], np.int64)
+    measured_ns, status = np.full(values.shape[:2], NEVER), np.zeros(values.shape[:2], np.int64)
     index = _index(pmus)
     for block in source.blocks:
         for entry in block.message.frames:

@@ -12,7 +12,7 @@ from facts_damping.measurement.pmu_model import Pmus, PmuState, report, take_sam
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure, sample
 from facts_damping.plant.model import Plant, PlantState, Work
-from facts_damping.signals import DELIVERY, LOST, NANOSECONDS, DeviceTruths, MachineTruths, Setpoints
+from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER, DeviceTruths, MachineTruths, Setpoints
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,7 +48,7 @@ def entries(
     start_ns: int, frame: NDArray[np.float64], measured_ns: NDArray[np.int64], status: NDArray[np.int64]
 ) -> NDArray[Any]:
     """The PMUs' entries (DELIVERY) of a tick begun at `start_ns`, without absent PMUs."""
-    there = np.flatnonzero(measured_ns != LOST)
+    there = np.flatnonzero(measured_ns != NEVER)
     rows = np.zeros(len(there), DELIVERY)
     rows["pmu"], rows["values"] = there, frame[there]
     rows["status"], rows["measured_ns"] = status[there], measured_ns[there]

@@ -5,15 +5,12 @@ from __future__ import annotations
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from facts_damping.compiling.structs import Struct
 from facts_damping.control.faults import DEAD
+from facts_damping.signals import NEVER
 
 if TYPE_CHECKING:
     from facts_damping.control.bank import Bank, BankState
-
-NEVER = np.iinfo(np.int64).max
 
 
 def restore(state: Any, fresh: Any, place: int) -> None:

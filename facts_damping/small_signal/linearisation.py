@@ -13,6 +13,8 @@ from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS
+from facts_damping.small_signal import descriptor
+from facts_damping.small_signal.descriptor import Descriptor
 from facts_damping.small_signal.sampled_output import Filtered, filtered
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ class LinearModel(NamedTuple):
     angle along the plant's trajectory, without the impulse of a setpoint's jump.
     """
 
-    A: Float2  # (states, states), 1/s
+    matrix: Float2 | Descriptor  # A, (states, states), 1/s; of a large grid sparse
     B: Float2  # (states, devices)
     C: Float2  # (signals, states)
     D: Float2  # (signals, devices)
@@ -51,13 +53,19 @@ class LinearModel(NamedTuple):
 
     def response(self, s: complex) -> Complex2:
         """Transfer functions from setpoints, F (C (s I - A)^-1 B + D) exp(-s Td), s in 1/s, (signals, devices)."""
-        states = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B)
+        A, B = self.matrix, self.B
+        states = descriptor.solved(A, s, B) if isinstance(A, Descriptor) else np.linalg.solve(s * np.eye(len(A)) - A, B)
         C, D = self.seen
         return np.asarray(self.gain(s)[:, None] * (C @ states + D) * self.late(s))
 
     def late(self, s: complex) -> Complex1:
         """Dead times exp(-s Td) of all devices at a complex frequency (1/s); 1 without dead time."""
         return exponentials(-s * np.asarray(self.dead_time))
+
+    @property
+    def A(self) -> Float2:
+        """The state matrix; of a large grid it is made here. Raises `InputError` if it is too large."""
+        return descriptor.dense(self.matrix) if isinstance(self.matrix, Descriptor) else self.matrix
 
     @property
     def seen(self) -> tuple[Float2, Float2]:
@@ -123,7 +131,16 @@ def linearise(built: Built) -> tuple[Float2, Float2]:
 
     dx = A dx + B du with u the devices' references, p.u.; central differences of `derivatives`.
     """
+    A, B = state_matrix(built)
+    return descriptor.dense(A) if isinstance(A, Descriptor) else A, B
+
+
+def state_matrix(built: Built) -> tuple[Float2 | Descriptor, Float2]:
+    """As `linearise`; A of a large grid is sparse."""
     plant, state = built.plant, built.state
+    if len(plant.sparse_networks) > 0:
+        large = descriptor.linearised(plant, state, np.zeros((0, len(plant.pmu_machine) * len(CHANNELS))))
+        return large.A, large.B
     work = workspace(plant, state)
 
     def slope(x: Float1, reference: Float1) -> Float1:
@@ -160,14 +177,19 @@ def linear_model(
         measure(plant, copy(state)._replace(x=x, reference=reference), 0, frame, machines, devices, work)
         return product(weights.reshape(len(signals), frame.size), np.nan_to_num(frame.ravel()))
 
-    A, B = linearise(built)
-    C = _central(lambda x: seen(x, state.reference), state.x)
-    D = _central(lambda reference: seen(state.x, reference), state.reference)
+    A: Float2 | Descriptor
+    if len(plant.sparse_networks) > 0:
+        A, B, C, D = descriptor.linearised(plant, state, weights.reshape(len(signals), len(pmus) * len(CHANNELS)))
+    else:
+        A, B = state_matrix(built)
+        C = _central(lambda x: seen(x, state.reference), state.x)
+        D = _central(lambda reference: seen(state.x, reference), state.reference)
     sampled_C, sampled_D = C.copy(), D.copy()
     # Frequency: the angle's derivative is exact here; nested difference quotients would not be.
     for i, signal in enumerate(signals.values()):
         for _ in range(TURNING.get(signal.channel, 0)):
-            C[i], D[i] = product(C[i], A), product(C[i], B)
+            D[i] = product(C[i], B)
+            C[i] = descriptor.row_times(A, C[i]) if isinstance(A, Descriptor) else product(C[i], A)
         if signal.channel in TURNING:
             C[i], D[i] = C[i] / (2.0 * np.pi), D[i] / (2.0 * np.pi)
     own = None
@@ -187,16 +209,23 @@ def weights_of(signal: Signal, pmus: Sequence[str], nominal: float, channel: str
     return made
 
 
-def eigenvectors(matrix: Float2) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Eigenvalues of a matrix, left eigenvectors, as in w A = lambda w, and right ones, in columns."""
+def eigenvectors(matrix: Float2 | Descriptor) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Eigenvalues of a matrix, left eigenvectors, as in w A = lambda w, and right ones, in columns.
+
+    With more than `descriptor.ALL_MODES` states of a large grid only those of `descriptor.eigenvectors`.
+    """
     from scipy.linalg import eig  # noqa: PLC0415 (runs do without it)
 
+    if isinstance(matrix, Descriptor):
+        if descriptor.is_partial(matrix):
+            return descriptor.eigenvectors(matrix)
+        matrix = descriptor.dense(matrix)
     values, left, right = eig(matrix, left=True, right=True)  # no inverse: drifts have no full set of eigenvectors
     return values, left.conj(), right
 
 
 def modes(
-    matrix: Float2,
+    matrix: Float2 | Descriptor,
     names: Sequence[str],
     system: System | None = None,
     model: LinearModel | None = None,
@@ -318,8 +347,10 @@ class TransferFunction(NamedTuple):
 def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequence[str]) -> list[TransferFunction]:
     """Zeros and gains from each device to each signal: zeros where [A - s I, B; C, D] is singular; poles are A's.
 
-    A washout adds a zero at 0 and a pole at -1 / T.
+    A washout adds a zero at 0 and a pole at -1 / T. None with more than `descriptor.ALL_MODES` states of a large grid.
     """
+    if descriptor.is_partial(model.matrix):
+        return []
     from scipy.linalg import eig  # noqa: PLC0415 (it takes longer than a run, and few need it)
 
     poles = np.linalg.eigvals(model.A)

@@ -35,6 +35,7 @@ from facts_damping.control.state_space import StateSpace
 from facts_damping.errors import InputError
 from facts_damping.matrices import lyapunov, product, riccati, root, sign, singular, solve
 from facts_damping.phasors import magnitudes
+from facts_damping.plant.converters.devices import KINDS
 from facts_damping.signals import NANOSECONDS, to_ns
 from facts_damping.small_signal.sampled_output import remember, samples
 from facts_damping.small_signal.zero_order_hold import held_for, rigid
@@ -81,7 +82,7 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
     rows = [plant.signals.index(name) for name in controller.signals]
     size = magnitudes(plant.mode_shape[rows]) / np.sqrt((magnitudes(product(whole.Z, plant.shape)) ** 2).sum())
     _check(plant, system, controller, size, here)
-    whole, names = without_charges(whole, plant.names)
+    whole, names = without_integrals(whole, plant.names, system)
     limits = np.array([system.device(name).setpoint_max for name in controller.devices])
     filters = None if plant.model.filtered is None else plant.model.filtered.of(rows)
     swing = size
@@ -108,9 +109,10 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
         ) from error
 
 
-def without_charges(whole: DesignModel, names: list[str]) -> tuple[DesignModel, list[str]]:
-    """The model without charges of batteries, integrals that act on nothing else, and the names of its states."""
-    kept = [i for i, name in enumerate(names) if not name.endswith(".charge")]
+def without_integrals(whole: DesignModel, names: list[str], system: System) -> tuple[DesignModel, list[str]]:
+    """The model without integrals that act on nothing, as the charges of batteries, and the names of its states."""
+    idle = {f"{device.name}.{state}" for device in system.devices for state in KINDS[device.kind].integrals}
+    kept = [i for i, name in enumerate(names) if name not in idle]
     if len(kept) == len(names):
         return whole, names
     T = np.eye(len(names))[:, kept]

@@ -8,6 +8,7 @@ import numpy as np
 
 from facts_damping.plant.build import Built, build
 from facts_damping.small_signal import linearisation
+from facts_damping.small_signal.descriptor import NEAREST, SHIFTS_HZ, is_partial
 from facts_damping.small_signal.residues import FREQUENCIES_HZ, Interaction, interactions
 from facts_damping.terminal import table
 
@@ -52,7 +53,7 @@ def analyse(system: System, devices: Sequence[str]) -> Modal:
     """Power flow, equilibrium, linear model and modes."""
     built = build(system, devices, [])
     model = linearisation.linear_model(built, system.signals, [s.name for s in system.pmus])
-    modes = linearisation.modes(model.A, built.state_names, system, model, devices)
+    modes = linearisation.modes(model.matrix, built.state_names, system, model, devices)
     return Modal(system, list(devices), built, model, modes, interactions(built, system, devices))
 
 
@@ -115,6 +116,10 @@ def modes_text(modal: Modal) -> Iterator[str]:
     yield "bus            V p.u.  angle deg       P MW     Q Mvar"
     for bus in modal.built.flow.buses(system.base_power):
         yield "{name:<12} {v_pu:8.4f} {angle_deg:10.3f} {p_mw:10.2f} {q_mvar:10.2f}".format(**bus)
+    if is_partial(modal.model.matrix):
+        first, last = SHIFTS_HZ[[0, -1]]
+        points = f"{len(SHIFTS_HZ)} points on the imaginary axis, {first} to {last} Hz"
+        yield f"\nonly up to {NEAREST} modes nearest each of {points}"
     yield "\n     real 1/s   imag rad/s         Hz  damping ratio  kind               participation"
     large = len(modal.modes) > MAX_LISTED
     shown = [mode for mode in modal.modes if not large or mode.damping_ratio <= WELL_DAMPED]

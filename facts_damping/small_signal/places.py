@@ -235,7 +235,7 @@ def _tried(system: System, devices: Sequence[str], modes: Sequence[Eigenmode]) -
     system = place(system)
     built = build(system, devices, [])
     model = linearisation.linear_model(built, system.signals, [s.name for s in system.pmus])
-    values, left, right = linearisation.eigenvectors(model.A)
+    values, left, right = linearisation.eigenvectors(model.matrix)
     speeds = np.array([name.endswith(".omega") for name in built.state_names])
     control = np.full((len(modes), len(devices)), np.nan + 0j)
     observe = np.full((len(modes), len(system.signals)), np.nan + 0j)

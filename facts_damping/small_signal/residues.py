@@ -13,7 +13,8 @@ import numpy as np
 
 from facts_damping.matrices import eigenvalue_near, product
 from facts_damping.phasors import angles, over, times
-from facts_damping.small_signal import linearisation
+from facts_damping.small_signal import descriptor, linearisation
+from facts_damping.small_signal.descriptor import Descriptor
 from facts_damping.small_signal.zero_order_hold import held_for
 
 if TYPE_CHECKING:
@@ -94,11 +95,12 @@ def residues(
     """
     pmus = [s.name for s in system.pmus]
     model = linearisation.linear_model(built, system.signals, pmus, measured, frame_rate)
-    swings = [mode for mode in linearisation.modes(model.A, built.state_names, system) if mode.swings]
+    swings = [mode for mode in linearisation.modes(model.matrix, built.state_names, system) if mode.swings]
     if not swings:
         return None
     minimum = min(swings, key=lambda mode: mode.damping_ratio)
-    eigenvalue, v, w = eigenvalue_near(model.A, minimum.eigenvalue)
+    near = descriptor.eigenvalue_near if isinstance(model.matrix, Descriptor) else eigenvalue_near
+    eigenvalue, v, w = near(model.matrix, minimum.eigenvalue)  # type: ignore[arg-type]
     swing = times(model.gain(eigenvalue), product(model.seen[0], v))
     from_inputs = times(over(product(w, model.B), product(w, v)), model.late(eigenvalue))
     residue = times(swing[:, None], from_inputs)

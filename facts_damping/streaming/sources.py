@@ -12,7 +12,7 @@ from facts_damping.c37118.session import Instant
 from facts_damping.errors import InputError, check_known
 from facts_damping.measurement.pmu_model import UNSYNCHRONISED
 from facts_damping.parameters.streams import server
-from facts_damping.signals import DELIVERY, LOST
+from facts_damping.signals import DELIVERY, NEVER
 from facts_damping.simulation.measured_plant import entries, tick_ns
 from facts_damping.streaming.pdc import grid_pmus
 from facts_damping.streaming.stream_clock import JUMP_S, Following, PmuReport, latency
@@ -131,7 +131,7 @@ class Sources:
         if tick.frame is None:
             return np.zeros(0, DELIVERY)
         measured = tick_ns(tick.number - self.following.ahead, self._case.run.frame_rate)
-        return entries(start_ns, tick.frame.values, np.where(tick.frame.there, measured, LOST), tick.frame.status)
+        return entries(start_ns, tick.frame.values, np.where(tick.frame.there, measured, NEVER), tick.frame.status)
 
     def _names(self, places: NDArray[np.intp]) -> str:
         return some_of([self.grid[s].name for s in places.tolist()])

@@ -13,7 +13,7 @@ from facts_damping.compiling.structs import Array, Bool2, Complex2, Float1, Floa
 from facts_damping.control.inputs import TURN, UNSET, Inputs, LatestSamples, clear, inputs
 from facts_damping.monitor_table import CONSEQUENCES, CYCLES, MONITORS, NO_CAUSE, OFF, PLAUSIBLE, SHADOW
 from facts_damping.parameters.supervision import watches
-from facts_damping.signals import CHANNELS, NANOSECONDS, to_ns
+from facts_damping.signals import CHANNELS, NANOSECONDS, NEVER, to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.supervision import Supervision
 
-NEVER = np.iinfo(np.int64).max  # ns
 CYCLES_KEPT = 4  # cycles of the mode: three growth ratios need four
 NOBODY, CONTROLLER, RESERVE = range(3)  # source of the setpoints that act
 UNKNOWNS = 6  # of a probe's fit: modal state (2), free swing of the mode (2), mean, slope

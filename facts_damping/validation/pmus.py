@@ -13,7 +13,7 @@ import numpy as np
 from facts_damping.measurement.build import make_pmus
 from facts_damping.measurement.pmu_model import FREQUENCY, ROCOF, VA, VM, report, take_sample
 from facts_damping.parameters.measurement import Measurement
-from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
+from facts_damping.signals import CHANNELS, NANOSECONDS, NEVER
 from facts_damping.validation.table import Row, ValidationTable, within
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def reported(name: str, signal: Signal, seconds: float) -> Reported:
                 report(m, state, k, phasors, frames[k], stamps[k], status)
             else:
                 take_sample(state, phasors)
-    there = stamps[:, 0] != LOST
+    there = stamps[:, 0] != NEVER
     kept = frames[there, 0]
     phasor = kept[:, VM] * np.exp(1j * kept[:, VA])
     latency = float(np.flatnonzero(there)[0]) / RATE

@@ -11,7 +11,7 @@ from facts_damping.link.chain import DirectionSpec, longest_delay_ns
 from facts_damping.link.transfer import Links, downlink, links, merge, uplink
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.stages import Constant, Wait
-from facts_damping.signals import CHANNELS, DELIVERY, LOST, SETPOINT, to_ns
+from facts_damping.signals import CHANNELS, DELIVERY, NEVER, SETPOINT, to_ns
 from facts_damping.simulation.measured_plant import tick_ns
 
 if TYPE_CHECKING:
@@ -331,7 +331,7 @@ def test_an_absent_station_stays_absent_and_others_keep_their_own_stamps() -> No
     """As in frames of a data concentrator that waits for nobody: of PMU 1 there is none, 2 measured earlier."""
     made = alone(stages(MS), [], 1, 100)
     frame = np.arange(PMUS * len(CHANNELS), dtype=np.float64).reshape(PMUS, len(CHANNELS))
-    measured = np.array([10 * MS, LOST, 7 * MS], np.int64)
+    measured = np.array([10 * MS, NEVER, 7 * MS], np.int64)
     frame[1] = np.nan
     count = uplink(made, 0, 1, 10 * MS, 20 * MS, frame, measured, np.array([0, 0, 8192]))
     out = made.up.out[0, :count]
@@ -346,7 +346,7 @@ def test_what_stands_in_for_an_absent_station_is_one_of_now() -> None:
     made = alone([Wait(wait=0.002, missing="hold", model="wait")], [], 1, 100)
     frame = np.full((PMUS, len(CHANNELS)), 5.0)
     assert uplink(made, 0, 0, 0, 10 * MS, frame, np.zeros(PMUS, np.int64), SOUND) == PMUS
-    absent = np.array([10 * MS, LOST, 10 * MS], np.int64)
+    absent = np.array([10 * MS, NEVER, 10 * MS], np.int64)
     count = uplink(made, 0, 1, 10 * MS, 20 * MS, frame + 1.0, absent, SOUND)
     out = made.up.out[0, :count]
     (held,) = out[out["pmu"] == 1]

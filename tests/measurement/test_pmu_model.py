@@ -18,7 +18,7 @@ from facts_damping.measurement.build import make_pmus
 from facts_damping.measurement.filters import M_CLASS, reference_filter
 from facts_damping.measurement.pmu_model import FREQUENCY, IA, IM, ROCOF, SPEED, UNSYNCHRONISED, VA, VM, P, Q
 from facts_damping.parameters.measurement import Measurement
-from facts_damping.signals import LOST, NANOSECONDS
+from facts_damping.signals import NANOSECONDS, NEVER
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linear_model
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
@@ -224,7 +224,7 @@ def test_the_ideal_frequency_is_the_turning_of_the_voltage() -> None:
 @pytest.mark.parametrize(("name", "frames"), [("p_class", 1), ("m_class", 6)])
 def test_frames_come_late_by_their_class_and_tell_of_the_plant_as_it_was(name: str, frames: int) -> None:
     record = record_of(f"measurement={name}", "measurement.noise={}", "duration=5")
-    assert (record.measured_ns[:frames] == LOST).all()
+    assert (record.measured_ns[:frames] == NEVER).all()
     assert np.isnan(record.frames[:frames]).all()
     assert (record.measured_ns[frames:] == record.time_ns[:-frames, None]).all()
     assert (record.issued["issued_ns"] - record.issued["measured_ns"]).min() >= record.time_ns[frames] - 1
@@ -304,7 +304,7 @@ def test_a_wrong_clock_loses_no_frames(offset: float) -> None:
     """Those with stamps before the start are absent, and were never sent."""
     record = record_of(f"measurement.clock.offset={offset}", "duration=2")
     assert (record.measured_ns >= 0).all()
-    assert (record.measured_ns != LOST).sum() == len(record.delivered)
+    assert (record.measured_ns != NEVER).sum() == len(record.delivered)
     assert summarise(record)["frames_lost"] == 0
 
 

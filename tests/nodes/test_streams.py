@@ -22,7 +22,7 @@ from facts_damping.monitor_table import SHADOW
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
-from facts_damping.signals import LOST, NANOSECONDS
+from facts_damping.signals import NANOSECONDS, NEVER
 from facts_damping.simulation import loop
 from facts_damping.streaming import recorded, serving
 from facts_damping.streaming.pdc import Pdc, grid_pmus
@@ -168,7 +168,7 @@ def test_each_station_alone_behind_a_link_by_datagrams(
     found = 0
     for row in there.delivered:
         k = round((row["measured_ns"] - first) * 60 / NANOSECONDS)
-        if k < len(shadow.ticks) and shadow.measured_ns[k, row["pmu"]] != LOST:
+        if k < len(shadow.ticks) and shadow.measured_ns[k, row["pmu"]] != NEVER:
             np.testing.assert_allclose(shadow.frames[k, row["pmu"]], row["values"], rtol=1e-6, atol=1e-9)
             found += 1
     assert found > 0.9 * len(there.delivered)
@@ -223,7 +223,7 @@ def test_a_server_that_leaves_and_comes_back(domain: int, serve: Any, tmp_path: 
         restarted.result()
     assert status in (0, 3)  # 3: a loaded machine was behind when the run ended
     record, result = load(tmp_path / "out" / "recording"), json.loads((tmp_path / "result.json").read_text())
-    there = record.measured_ns[:, 0] != LOST
+    there = record.measured_ns[:, 0] != NEVER
     assert there[0]
     gone = np.flatnonzero(~there)
     assert len(gone) > 30

@@ -9,6 +9,7 @@ import pytest
 from scipy.sparse import csc_array
 
 from facts_damping.case.loading import load_case, load_system
+from facts_damping.errors import InputError
 from facts_damping.grid_formats.matpower import import_case
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.validation import check
@@ -16,6 +17,7 @@ from facts_damping.plant import build as plant_build
 from facts_damping.plant.build import build
 from facts_damping.plant.grid import power_flow, sparse
 from facts_damping.simulation import loop
+from facts_damping.small_signal import descriptor, linearisation, residues
 from tests.andes_cases import CASES
 
 if TYPE_CHECKING:
@@ -35,10 +37,9 @@ def test_both_ways_give_the_same_network(name: str, devices: list[str], monkeypa
     assert found.state.x == pytest.approx(dense.state.x, abs=1e-7)
 
 
-def test_singular_equations_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sparse, "DENSE", 0)
+def test_singular_equations_are_said() -> None:
     with pytest.raises(np.linalg.LinAlgError):
-        sparse.solve_network(sparse.as_needed(np.zeros((3, 3)), 3), np.ones(3))
+        sparse.solve_network(csc_array((3, 3)), np.ones(3))
 
 
 @pytest.mark.parametrize("kind", [float, complex])
@@ -63,6 +64,11 @@ def test_a_grid_of_2224_buses_is_at_rest() -> None:
     assert built.flow.residual < power_flow.TOLERANCE
     balance = balances(system, built.flow.voltage) - built.flow.injection
     assert np.abs(balance).max() < 1e-8
+    matrix = linearisation.state_matrix(built)[0]
+    assert isinstance(matrix, descriptor.Descriptor)
+    assert matrix.matrix.nnz < 10 * matrix.matrix.shape[0]  # machines are coupled by lines alone
+    with pytest.raises(InputError, match="states given; allowed: at most"):
+        descriptor.dense(descriptor.Descriptor(matrix.matrix, descriptor.DENSE_STATES + 1))
 
 
 def balances(system: System, voltage: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -105,3 +111,32 @@ def test_runs_are_the_same_with_factors_instead_of_a_dense_network(
     for name in ("rotor_angle", "speed_deviation", "electrical_power", "terminal_voltage"):
         np.testing.assert_allclose(found.machines[name], dense.machines[name], rtol=1e-7, atol=1e-8)
     np.testing.assert_allclose(found.frames, dense.frames, rtol=1e-6, atol=1e-7)
+
+
+def test_the_sparse_linear_plant_has_the_same_modes_and_residues(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Series and parallel devices, machines with X''q != X''d; the modes nearest the shifts, not all."""
+    system, devices = load_system("nets_nyps"), ["sssc", "statcom"]
+    pmus = [pmu.name for pmu in system.pmus]
+    built = build(system, devices, [])
+    dense = linearisation.linear_model(built, system.signals, pmus)
+    known = {mode.eigenvalue: mode for mode in linearisation.modes(dense.A, built.state_names, system, dense, devices)}
+    at_mode = residues.residues(built, system, devices, 60)
+    monkeypatch.setattr(plant_build, "LARGE", 0)
+    monkeypatch.setattr(descriptor, "ALL_MODES", 0)
+    monkeypatch.setattr(descriptor, "SHIFTS_HZ", np.array([0.4, 1.2]))
+    built = build(system, devices, [])
+    model = linearisation.linear_model(built, system.signals, pmus)
+    assert np.abs(model.response(3j) - dense.response(3j)).max() < 1e-6 * np.abs(dense.response(3j)).max()
+    found = linearisation.modes(model.matrix, built.state_names, system, model, devices)
+    swings = [mode for mode in found if mode.swings]
+    assert len(swings) == 8  # of 15
+    for mode in swings:
+        like = known[min(known, key=lambda value: abs(value - mode.eigenvalue))]
+        assert mode.eigenvalue == pytest.approx(like.eigenvalue, abs=1e-5)
+        for ours, theirs in zip(mode.residues, like.residues, strict=True):
+            assert ours.magnitude == pytest.approx(theirs.magnitude, rel=1e-3, abs=1e-6)
+    near = residues.residues(built, system, devices, 60)
+    assert at_mode is not None
+    assert near is not None
+    assert near.eigenvalue == pytest.approx(at_mode.eigenvalue, abs=1e-6)
+    np.testing.assert_allclose(near.residue, at_mode.residue, rtol=1e-4, atol=1e-7)

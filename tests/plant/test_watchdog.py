@@ -17,7 +17,7 @@ from facts_damping.parameters.plant.watchdog import Watchdog
 from facts_damping.plant import watchdog
 from facts_damping.plant.integration import advance
 from facts_damping.plant.model import copy, workspace
-from facts_damping.signals import SETPOINT, to_ns
+from facts_damping.signals import NOT_YET, SETPOINT, to_ns
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_plant
 from facts_damping.simulation.measured_plant import tick_ns
@@ -155,7 +155,7 @@ def test_a_released_device_is_latched_or_comes_back_after_good_setpoints() -> No
 def test_the_wall_clock_releases_who_heard_nothing_and_only_they_are_re_armed() -> None:
     watch = watchdog.initial_watch(3)
     latest = watchdog.initial_clock_state(3)
-    watch["accepted_ns"] = [watchdog.NEVER, 5, 6]
+    watch["accepted_ns"] = [NOT_YET, 5, 6]
     assert watchdog.late_by_clock(watch, latest, 10.0, 0.2) == []
     assert watch["released"].tolist() == [0, 0, 0]
     watch["accepted_ns"][2] = 7
@@ -164,7 +164,7 @@ def test_the_wall_clock_releases_who_heard_nothing_and_only_they_are_re_armed() 
     assert watch["released"].tolist() == [0, 1, 0]
     watchdog.rearm(watch, 100)
     assert watch["released"].tolist() == [0, 0, 0]
-    assert watch["accepted_ns"].tolist() == [watchdog.NEVER, 100, 7]
+    assert watch["accepted_ns"].tolist() == [NOT_YET, 100, 7]
 
 
 def test_the_table_says_when_a_device_was_released_and_why() -> None:

@@ -8,7 +8,7 @@ import pytest
 from facts_damping.c37118 import data, mapping, session, stat
 from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
-from facts_damping.signals import DELIVERY, LOST, NANOSECONDS, Record
+from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER, Record
 from facts_damping.simulation import loop
 from facts_damping.streaming import recorded, serving
 from facts_damping.streaming.pdc import Pdc, grid_pmus
@@ -147,7 +147,7 @@ def test_bad_data_are_data_errors_not_absences() -> None:
         wrong = 30 <= number(one) < 60
         assert one.data.status[2] >> 14 == (stat.DO_NOT_USE if wrong else 0)
         assert np.isnan(one.data.phasors[4]).all() == wrong
-    assert (record.measured_ns[1:] != LOST).all()
+    assert (record.measured_ns[1:] != NEVER).all()
     assert isinstance(found[0].data, data.Data)
 
 

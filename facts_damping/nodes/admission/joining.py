@@ -9,14 +9,12 @@ from std_srvs.srv import Trigger
 
 from facts_damping.errors import InputError
 from facts_damping.nodes.transport.messages import Health
-from facts_damping.signals import NANOSECONDS
+from facts_damping.signals import NANOSECONDS, NOT_YET
 
 if TYPE_CHECKING:
     from rclpy.lifecycle import LifecycleNode
 
     from facts_damping.nodes.base.parameters import Options
-
-NEVER = -1  # ns, time of an event that has not happened yet
 
 
 class Joining:
@@ -28,7 +26,7 @@ class Joining:
         self.waits, self.takes_part = options.join and arms, options.paced
         self._began, self._wanted = False, not arms
         self.acts = not arms  # whether the node's output has an effect
-        self._joined_ns = self._armed_ns = NEVER
+        self._joined_ns = self._armed_ns = NOT_YET
         if arms:
             node.create_service(Trigger, "~/arm", self.on_arm)
 
@@ -57,16 +55,16 @@ class Joining:
             self._node.trigger_activate()  # it begins with the run: there is nothing to join
         before, self.acts = self.acts, self._wanted
         if first:
-            self._joined_ns = start_ns if self.waits and start_ns > 0 else NEVER
-            return "join" if self._joined_ns != NEVER else "" if self.acts else "disarm"
+            self._joined_ns = start_ns if self.waits and start_ns > 0 else NOT_YET
+            return "join" if self._joined_ns != NOT_YET else "" if self.acts else "disarm"
         if self.acts == before:
             return ""
-        self._armed_ns = start_ns if self.acts else NEVER
+        self._armed_ns = start_ns if self.acts else NOT_YET
         return "arm" if self.acts else "disarm"
 
     def health(self) -> Health | None:
         """When the node joined, and whether it is armed; None if it has been there, armed, from the beginning."""
-        joined = self._joined_ns != NEVER
+        joined = self._joined_ns != NOT_YET
         if not joined:
             return None if self.acts else Health(DiagnosticStatus.WARN, "inactive", {})
         values, text = {"joined_ns": self._joined_ns}, f"joined at {self._joined_ns / NANOSECONDS:.3f} s"

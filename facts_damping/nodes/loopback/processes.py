@@ -13,12 +13,12 @@ import threading
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.signals import NEVER
 from facts_damping.terminal import INTERRUPTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-NEVER = 2**63 - 1
 FIRST_PID = 2**30  # more than any process of the system has
 STEP_NS = 100_000  # minimum time of a wait, about as with DDS
 BEGINS_NS = 1_700_000_000_000_000_000  # wall time at the start, ns since 1970

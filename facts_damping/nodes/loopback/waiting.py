@@ -8,7 +8,8 @@ from typing import Any
 from rclpy.impl.implementation_singleton import rclpy_implementation as real
 
 from facts_damping.nodes.loopback.domain import Destroyable
-from facts_damping.nodes.loopback.processes import BEGINS_NS, NEVER, world
+from facts_damping.nodes.loopback.processes import BEGINS_NS, world
+from facts_damping.signals import NEVER
 
 ROS_TIME, STEADY_TIME = 1, 3  # rcl_clock_type_t
 

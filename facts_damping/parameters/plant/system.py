@@ -14,7 +14,7 @@ from facts_damping.parameters.plant.machines import Exciter, Governor, Machine, 
 from facts_damping.parameters.plant.pmus import Measures, Pmu, Signal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     Device = Series | Parallel | Transmission | AtMachine
 else:
@@ -62,12 +62,14 @@ class System(ParameterModel):
         return next(device for device in self.devices if device.name == name)
 
 
-def _unique(field: str, names: Sequence[str]) -> set[str]:
+def _unique(field: str, names: Iterable[str]) -> set[str]:
     """The names as a set; a name that stands twice is an error."""
-    for i, name in enumerate(names):
-        if name in names[:i]:
+    found: set[str] = set()
+    for name in names:
+        if name in found:
             raise ValueError(f"{field}: '{name}' stands twice; allowed: each name once")
-    return set(names)
+        found.add(name)
+    return found
 
 
 def _known(field: str, name: str, allowed: Iterable[str]) -> None:
@@ -85,8 +87,10 @@ def _check_references(system: System) -> None:
             _known(f"{field}: {row.name}.bus", row.bus, buses)
     _unique("infinite_buses", [i.bus for i in system.infinite_buses])
     _unique("machines, infinite_buses", [*{m.bus for m in system.machines}, *(i.bus for i in system.infinite_buses)])
-    for bus in {m.bus for m in system.machines}:
-        here = [m for m in system.machines if m.bus == bus]
+    machines: dict[str, list[Machine]] = {}
+    for m in system.machines:
+        machines.setdefault(m.bus, []).append(m)
+    for bus, here in machines.items():
         if len({m.V for m in here}) > 1:
             given = ", ".join(f"{m.V:g} of {m.name}" for m in here)
             raise ValueError(f"machines.*.V: {given} given at bus {bus}; allowed: one voltage")
@@ -115,7 +119,7 @@ def _check_devices(system: System, buses: set[str]) -> None:
             continue
         if isinstance(device, AtMachine):
             _known(f"devices: {device.name}.machine", device.machine, {m.name for m in system.machines})
-            _check_excited(f"devices: {device.name}.machine", device.machine, system)
+            _check_excited(f"devices: {device.name}.machine", device.machine, {e.machine for e in system.exciters})
             continue
         if not isinstance(device, Series):
             _known(f"devices: {device.name}.bus", device.bus, buses)
@@ -132,9 +136,8 @@ def _check_devices(system: System, buses: set[str]) -> None:
         devices[place] = device.name
 
 
-def _check_excited(field: str, machine: str, system: System) -> None:
+def _check_excited(field: str, machine: str, excited: set[str]) -> None:
     """Raise `ValueError` for a machine without exciter."""
-    excited = {e.machine for e in system.exciters}
     if machine not in excited:
         allowed = ", ".join(sorted(excited)) or "none"
         raise ValueError(f"{field}: '{machine}' given, which has no exciter; allowed: {allowed}")
@@ -146,12 +149,13 @@ def _check_machines(system: System) -> None:
         _unique(field, [row.machine for row in getattr(system, field)])
         for i, row in enumerate(getattr(system, field)):
             _known(f"{field}.{i}.machine", row.machine, machines)
+    excited = {e.machine for e in system.exciters}
     for i, stabiliser in enumerate(system.stabilisers):
         if stabiliser.enabled:
-            _check_excited(f"stabilisers.{i}.machine", stabiliser.machine, system)
-    models = {m.name: m.model for m in system.machines}
+            _check_excited(f"stabilisers.{i}.machine", stabiliser.machine, excited)
+    wound = {m.name for m in system.machines if m.model != "classical"}
     for i, exciter in enumerate(system.exciters):
-        _known(f"exciters.{i}.machine", exciter.machine, {name for name in machines if models[name] != "classical"})
+        _known(f"exciters.{i}.machine", exciter.machine, wound)
     if len({m.area is None for m in system.machines}) > 1:
         raise ValueError("machines.*.area: given for some machines; allowed: for all, or for none")
     slack = [m.name for m in system.machines if m.slack]
@@ -164,13 +168,17 @@ def _check_measurements(system: System, buses: set[str]) -> None:
     machines = {m.name for m in system.machines}
     pmus = _unique("pmus", [s.name for s in system.pmus])
     joined: list[Line | Transformer] = [*system.lines, *system.transformers]
-    branches = {row.name: {row.from_bus, row.to_bus} for row in joined}
-    branches |= {d.name: set(d.ends) for d in system.devices if isinstance(d, Series)}
+    branches = [(row.name, (row.from_bus, row.to_bus)) for row in joined]
+    branches += [(d.name, d.ends) for d in system.devices if isinstance(d, Series)]
+    at: dict[str | None, set[str]] = {}
+    for name, ends in branches:
+        for bus in ends:
+            at.setdefault(bus, set()).add(name)
+    places = machines | buses
     for pmu in system.pmus:
-        _known(f"pmus: {pmu.name}", pmu.machine or pmu.bus or "", machines | buses)
+        _known(f"pmus: {pmu.name}", pmu.machine or pmu.bus or "", places)
         for branch in pmu.branches:
-            allowed = {name for name, ends in branches.items() if pmu.bus in ends}
-            _known(f"pmus: {pmu.name}.branches", branch, allowed)
+            _known(f"pmus: {pmu.name}.branches", branch, at.get(pmu.bus, set()))
     for name, signal in system.signals.items():
         for pmu_name in signal.weights:
             _known(f"signals: {name}.weights", pmu_name, pmus)

@@ -58,6 +58,7 @@ class DeviceKind(NamedTuple):
     losses: Callable[[Any, float], float] | None = None
     consumed_power: Callable[[Any, Sequence[float], float], list[complex]] | None = None
     other_end: OtherEnd | None = None
+    integrals: Sequence[str] = ()  # states that are integrals and act on nothing near rest
 
 
 KINDS = {
@@ -86,7 +87,9 @@ KINDS = {
     "load_modulation": DeviceKind(
         load_modulation.LOAD_MODULATION, [], load_modulation.start, load_modulation.characteristic, _at_rest
     ),
-    "bess": DeviceKind(bess.BESS, bess.STATE_NAMES, bess.start, bess.characteristic, bess.derivatives),
+    "bess": DeviceKind(
+        bess.BESS, bess.STATE_NAMES, bess.start, bess.characteristic, bess.derivatives, integrals=bess.STATE_NAMES
+    ),
     "tcsc": DeviceKind(tcsc.TCSC, tcsc.STATE_NAMES, tcsc.start, tcsc.characteristic, tcsc.derivatives, tcsc.truth),
     "exciter_input": DeviceKind(
         exciter_input.EXCITER_INPUT, [], exciter_input.start, exciter_input.characteristic, _at_rest

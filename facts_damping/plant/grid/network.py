@@ -16,9 +16,10 @@ from facts_damping.errors import InputError
 from facts_damping.matrices import parts
 from facts_damping.parameters.plant.devices import Series
 from facts_damping.phasors import line_factors, over, polar, times
+from facts_damping.plant.grid.sparse import Triplets, summed
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -141,14 +142,16 @@ def bus_names(system: System, topology: Topology) -> list[str]:
     return [bus.name for bus in system.buses] + extra
 
 
-def admittance(names: list[str], present: list[Branch]) -> Complex2:
-    """Bus admittance matrix of branches alone, shape (buses, buses), p.u."""
-    index = {name: i for i, name in enumerate(names)}
-    matrix = np.zeros((len(names), len(names)), np.complex128)
+def admittance(
+    index: Mapping[str, int], present: Sequence[Branch], to_ground: Iterable[tuple[str, complex]]
+) -> Triplets:
+    """Bus admittance matrix of branches and shunts, (buses, buses), p.u.; `to_ground`: shunts with their buses."""
+    entries = []
     for branch in present:
-        ends = [index[branch.from_bus], index[branch.to_bus]]
-        matrix[np.ix_(ends, ends)] += branch.admittance
-    return matrix
+        ends = index[branch.from_bus], index[branch.to_bus]
+        entries += [(ends[i], ends[j], branch.admittance[i, j]) for i in range(2) for j in range(2)]
+    entries += [(index[bus], index[bus], value) for bus, value in to_ground]
+    return summed(len(index), entries)
 
 
 def shunts(system: System, topology: Topology, voltage: Mapping[str, float]) -> dict[str, complex]:
@@ -190,10 +193,8 @@ def check_islands(system: System, topology: Topology, when: str) -> dict[str, in
     """Number of the island of each bus. Raises `InputError` if an island has no source."""
     names = bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
-    links = np.eye(len(names))
-    for a, b in [(b.from_bus, b.to_bus) for b in branches(system, topology)] + [d.ends for d in series_devices(system)]:
-        links[index[a], index[b]] = 1
-    label: dict[str, int] = dict(zip(names, parts(links != 0).tolist(), strict=True))
+    ends = [(b.from_bus, b.to_bus) for b in branches(system, topology)] + [d.ends for d in series_devices(system)]
+    label = dict(zip(names, parts(len(names), ((index[a], index[b]) for a, b in ends)), strict=True))
     sources = [m.bus for m in system.machines if m.name not in topology.machines_out]
     fed = {label[bus] for bus in (*sources, *(i.bus for i in system.infinite_buses))}
     for island in sorted(set(label.values()) - fed):

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.errors import InputError
-from facts_damping.matrices import product
 from facts_damping.parameters.plant.devices import Parallel, Transmission
 from facts_damping.phasors import magnitudes, over, polar, times
 from facts_damping.plant.converters.devices import consumed_power, losses_of
 from facts_damping.plant.grid import load as loads
 from facts_damping.plant.grid import network
-from facts_damping.plant.grid.sparse import DENSE, as_needed, filled, joined, solve_network
+from facts_damping.plant.grid.sparse import DENSE, filled, joined, solve_network
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,10 +24,12 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.grid import InfiniteBus
     from facts_damping.parameters.plant.machines import Machine
     from facts_damping.parameters.plant.system import System
+    from facts_damping.plant.grid.sparse import Triplets
 
 TOLERANCE = 1e-9  # p.u., largest power mismatch
 LOSS_TOLERANCE = 1e-13  # p.u., of the resistance equivalent to a device's losses
 MAX_ITERATIONS = 30
+FARTHEST = 10.0  # p.u., voltage at which an iteration has diverged
 STRAY = 1e-9  # p.u., admittance of fictitious branches for the starting angles
 
 
@@ -47,9 +48,15 @@ class PowerFlow:
     currents: dict[str, float]
     residual: float
 
+    @property
+    def by_bus(self) -> dict[str, complex]:
+        """Voltage of each bus, p.u."""
+        return dict(zip(self.names, self.voltage.tolist(), strict=True))
+
     def magnitudes(self, buses: Sequence[str]) -> list[float]:
         """Voltage magnitudes of some buses, p.u."""
-        return [float(magnitudes(self.voltage[self.names.index(bus)])) for bus in buses]
+        voltage = self.by_bus
+        return [float(magnitudes(voltage[bus])) for bus in buses]
 
     def buses(self, base_power: float) -> list[dict[str, Any]]:
         """A row per bus: name, voltage (p.u., deg), generation minus loads and devices (MW, Mvar)."""
@@ -126,11 +133,9 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     index = {name: i for i, name in enumerate(names)}
     series = {d.name: network.at_rest(d, losses[d.name]) for d in network.series_devices(system)}
     present = network.branches(system, network.Topology())
-    matrix = network.admittance(
-        names, present + [network.device_section(d, series[d.name]) for d in network.series_devices(system)]
-    )
-    for shunt in system.shunts:
-        matrix[index[shunt.bus], index[shunt.bus]] += complex(shunt.P, shunt.Q) / system.base_power
+    present += [network.device_section(d, series[d.name]) for d in network.series_devices(system)]
+    shunts = ((shunt.bus, complex(shunt.P, shunt.Q) / system.base_power) for shunt in system.shunts)
+    matrix = network.admittance(index, present, shunts)
     scheduled = np.zeros(len(names), np.complex128)
     magnitude, angle = np.ones(len(names)), np.zeros(len(names))
     for machine in system.machines:
@@ -164,9 +169,12 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
             f"{MAX_ITERATIONS} iterations; allowed: {TOLERANCE:g}"
         )
     drawn = demand(system, names, magnitudes(voltage))[0] + of_devices
-    net = times(voltage, np.conj(product(matrix, voltage))) + drawn
+    net = times(voltage, np.conj(_currents(matrix, voltage))) + drawn
+    here: dict[int, list[Any]] = {}
+    for source in held:
+        here.setdefault(index[source.bus], []).append(source)
     generation = {
-        name: fraction for i in kept for name, fraction in _shared(held, names[i], complex(net[i]), system.base_power)
+        name: fraction for i in kept for name, fraction in _shared(here[i], complex(net[i]), system.base_power)
     }
     injection = -drawn
     for i in kept:
@@ -178,11 +186,15 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     return PowerFlow(names, voltage, injection, generation, currents, residual)
 
 
-def _shared(
-    held: Sequence[Machine | InfiniteBus], bus: str, net: complex, base_power: float
-) -> list[tuple[str, complex]]:
+def _currents(matrix: Triplets, voltage: Complex1) -> Complex1:
+    """Currents into all buses, p.u.: the admittance matrix times the voltages, row by row."""
+    total = np.zeros_like(voltage)
+    np.add.at(total, matrix.row, times(matrix.value, voltage[matrix.column]))
+    return total
+
+
+def _shared(here: Sequence[Any], net: complex, base_power: float) -> list[tuple[str, complex]]:
     """Powers of the sources at a bus: parallel machines have their own P, the slack the rest; Q is by ratings."""
-    here: list[Any] = [source for source in held if source.bus == bus]
     if len(here) == 1:
         return [(here[0].name, net)]
     rating = sum(m.rating for m in here)
@@ -210,24 +222,26 @@ def _balanced(active: Float1) -> Float1:
     return active - generated * excess
 
 
-def _initial_angles(matrix: Complex2, angle: Float1, free: Int1, active: Float1) -> Float1:
+def _initial_angles(matrix: Triplets, angle: Float1, free: Int1, active: Float1) -> Float1:
     """Angles, rad, of a linear power flow: `active` p.u. into each bus, at branches with the magnitudes of `matrix`.
 
     Without it they are interpolated between the given angles. A fictitious branch to angle zero at each bus covers
     those without a connection to a given angle.
     """
-    weight = magnitudes(matrix)
-    np.fill_diagonal(weight, 0.0)
-    laplacian = np.diag(weight.sum(axis=1) + STRAY) - weight
-    given = np.setdiff1d(np.arange(len(angle)), free)
-    own = as_needed(laplacian[np.ix_(free, free)], len(angle))
+    n, beside = len(angle), matrix.row != matrix.column
+    i, j, value = (one[beside] for one in matrix)
+    size = magnitudes(value)
+    weight = filled(n, (i, j), size)
+    laplacian = filled(n, (np.arange(n),) * 2, weight.sum(axis=1) + STRAY) - weight
+    drawn, given = np.zeros(n), np.isin(j, free, invert=True)
+    np.add.at(drawn, i[given], size[given] * angle[j[given]])
     found: Float1 = angle.copy()
-    found[free] = solve_network(own, product(weight[np.ix_(free, given)], angle[given]) + active[free])
+    found[free] = solve_network(laplacian[free][:, free], (drawn + active)[free])
     return found
 
 
 def _newton(
-    matrix: Complex2,
+    matrix: Triplets,
     scheduled: Complex1,
     demand: Callable[[Float1], Complex2],
     start: tuple[Float1, Float1],
@@ -240,12 +254,12 @@ def _newton(
     residual = float("inf")
     enough = TOLERANCE / (1000 if len(angle) <= DENSE else 10)  # round-off grows with the number of buses
     for _ in range(MAX_ITERATIONS):
-        current = product(matrix, voltage)
+        current = _currents(matrix, voltage)
         drawn, drawn_by_magnitude = demand(magnitude)
         mismatch = times(voltage, np.conj(current)) + drawn - scheduled
         equations = np.concatenate([mismatch.real[free_angle], mismatch.imag[free_magnitude]])
         residual = float(np.max(np.abs(equations), initial=0.0))
-        if residual < enough or not np.isfinite(residual):
+        if residual < enough or not np.isfinite(residual) or np.abs(magnitude).max(initial=0.0) > FARTHEST:
             break
         jacobian = _jacobian(matrix, voltage, current, drawn_by_magnitude, free_angle, free_magnitude)
         try:
@@ -259,7 +273,7 @@ def _newton(
 
 
 def _jacobian(
-    matrix: Complex2,
+    matrix: Triplets,
     voltage: Complex1,
     current: Complex1,
     drawn_by_magnitude: Complex1,
@@ -270,8 +284,8 @@ def _jacobian(
     unit = over(voltage, magnitudes(voltage))
     own = times(np.conj(current), unit) + drawn_by_magnitude
     n, at = len(voltage), (np.arange(len(voltage)),) * 2
-    i, j = np.nonzero(matrix)
-    there, apart = matrix[i, j], 1j * voltage
+    i, j, there = matrix
+    apart = 1j * voltage
     by_angle = filled(n, (i, j), times(apart[i], np.conj(-times(there, voltage[j]))))
     by_angle = by_angle + filled(n, at, times(apart, np.conj(current)))
     by_magnitude = filled(n, (i, j), times(voltage[i], np.conj(times(there, unit[j])))) + filled(n, at, own)

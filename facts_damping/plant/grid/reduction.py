@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import InputError
-from facts_damping.matrices import parts, product
+from facts_damping.matrices import parts
 from facts_damping.phasors import over, times
 from facts_damping.plant.grid import network
-from facts_damping.plant.grid.sparse import ComplexEntries, as_needed, factors, solve_network
+from facts_damping.plant.grid.sparse import ComplexEntries, Triplets, factors, filled, solve_network, summed
 from facts_damping.plant.grid.sparse_network import SparseNetwork, own_responses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from numpy.typing import NDArray
+    from collections.abc import Iterator, Sequence
 
     from facts_damping.compiling.structs import Bool1, Complex1, Complex2, Int1
     from facts_damping.parameters.plant.devices import Series
@@ -43,16 +41,14 @@ class _Equations(NamedTuple):
     present: list[network.Branch]
     norton: Complex1  # (machines,), admittances, 0 if out of service
     matrix: Any  # (live, live), p.u., sparse if the network is large
-    sources: Complex2  # (live, inputs)
-    live: list[int]
-    fixed: Complex2  # (buses, inputs): voltages of the others for unit inputs
+    sources: Triplets  # (live, inputs)
+    inputs: int
+    live: Int1
+    fixed: dict[int, int]  # input that is the voltage of an infinite bus
 
 
-class _Outputs(NamedTuple):
-    """What outputs follow from: of a stage, the voltage of a bus as a row."""
-
-    equations: _Equations
-    voltage: Callable[[str], Complex1]
+# A part of an output: factors of voltages (by their bus) and inputs (from the number of buses on), and their divisor.
+Part = tuple[list[tuple[complex, int]], complex]
 
 
 def reduce_network(
@@ -64,10 +60,20 @@ def reduce_network(
     `model.Plant`. Raises `InputError` if the network equations are singular.
     """
     net = _equations(system, places, norton, topology, voltage)
-    found = net.fixed
+    buses = len(net.at)
+    sources, found = (np.zeros((n, net.inputs), np.complex128) for n in (len(net.live), buses + net.inputs))
+    sources[net.sources.row, net.sources.column] = net.sources.value
     with _singular(system):
-        found[net.live] = solve_network(net.matrix, net.sources)
-    return np.array(list(_rows(system, places, _Outputs(net, lambda bus: found[net.at[bus]]))))
+        found[net.live] = solve_network(net.matrix, sources)
+    for bus, column in net.fixed.items():
+        found[bus, column] = 1.0
+    found[buses:] = np.eye(net.inputs)
+    outputs = list(_outputs(system, places, net))
+    made = np.zeros((len(outputs), net.inputs), np.complex128)
+    for o, added in enumerate(outputs):
+        for terms, divisor in added:
+            made[o] += over(sum(times(factor, found[at]) for factor, at in terms), divisor)
+    return made
 
 
 def sparse_network(
@@ -77,36 +83,34 @@ def sparse_network(
     net = _equations(system, places, norton, topology, voltage)
     with _singular(system):
         found = factors(net.matrix, complex)
-    inputs = net.sources.shape[1]
-    behind = dict(zip((net.live[i] for i in found.order), range(inputs, inputs + len(net.live)), strict=True))
-
-    def unit(bus: str) -> Complex1:
-        row = np.zeros(inputs + len(net.live), np.complex128)
-        if (column := behind.get(net.at[bus])) is None:
-            row[:inputs] = net.fixed[net.at[bus]]
-        else:
-            row[column] = 1.0
-        return row
-
+    inputs, buses, live = net.inputs, len(net.at), len(net.live)
+    column = dict(zip(net.live[found.order].tolist(), range(inputs, inputs + live), strict=True)) | net.fixed
+    column |= {buses + i: i for i in range(inputs)}
     upper = found.upper.value.copy()
     upper[found.upper.begin[1:] - 1] = over(1.0, upper[found.upper.begin[1:] - 1])
-    fed = [np.flatnonzero(column) for column in net.sources.T]
+    outputs = (
+        (o, column[at], complex(over(factor, divisor)))
+        for o, added in enumerate(_outputs(system, places, net))
+        for terms, divisor in added
+        for factor, at in terms
+        if at in column  # not at a bus with a bolted fault
+    )
     made = SparseNetwork(
         lower=_cut(found.lower),
         upper=_cut(found.upper._replace(value=upper)),
-        inputs=_entries(((found.place[at], net.sources[at, c]) for c, at in enumerate(fed))),
-        outputs=_entries((np.flatnonzero(row), row[row != 0]) for row in _rows(system, places, _Outputs(net, unit))),
+        inputs=_entries(inputs, net.sources.column, found.place[net.sources.row], net.sources.value),
+        outputs=_entries(len(norton) + len(places) + 2 * len(system.pmus), *summed(inputs + live, outputs)),
         own=np.zeros(len(places), np.complex128),
     )
-    own_responses(made, np.zeros(inputs, np.complex128), np.zeros(len(net.live), np.complex128), len(norton))
+    own_responses(made, np.zeros(inputs, np.complex128), np.zeros(live, np.complex128), len(norton))
     return made
 
 
-def _entries(columns: Iterable[tuple[Int1, Complex1]]) -> ComplexEntries:
-    found = list(columns)
-    begin = np.cumsum([0, *(len(at) for at, _ in found)])
-    joined = [np.concatenate([part[i] for part in found]) if found else np.zeros(0) for i in range(2)]
-    return ComplexEntries(begin.astype(np.int64), joined[0].astype(np.int64), joined[1].astype(np.complex128))
+def _entries(columns: int, column: Int1, row: Int1, value: Complex1) -> ComplexEntries:
+    """Entries by columns, in the given order within a column."""
+    order = np.argsort(column, kind="stable")
+    begin = np.searchsorted(column[order], np.arange(columns + 1)).astype(np.int64)
+    return ComplexEntries(begin, row[order].astype(np.int64), value[order])
 
 
 def _cut(entries: ComplexEntries) -> ComplexEntries:
@@ -125,16 +129,55 @@ def _singular(system: System) -> Iterator[None]:
         ) from error
 
 
-def _rows(system: System, places: Sequence[Place], net: _Outputs) -> Iterator[Complex1]:
+def _outputs(system: System, places: Sequence[Place], net: _Equations) -> Iterator[list[Part]]:
     """The outputs: voltages of machines, responses of ports, voltages and currents of PMUs."""
-    for m in system.machines:
-        yield net.voltage(m.bus)
+    first = len(net.at) + len(net.norton) + len(system.infinite_buses)
+    series = {device.name: _series_current(net, device, first + p) for p, device in _in_series(places)}
+    machines = {m.name: g for g, m in enumerate(system.machines)}
+    salient: dict[str | None, list[int]] = {}
+    for p, place in enumerate(places):
+        salient.setdefault(place.machine, []).append(first + p)
+    branches: dict[str, list[int]] = {}
+    for i, branch in enumerate(net.present):
+        branches.setdefault(branch.name, []).append(i)
+
+    def of_machine(name: str) -> list[Part]:
+        g = machines[name]
+        own = [] if net.norton[g] == 0 else [len(net.at) + g, *salient.get(name, [])]
+        return [([*((1.0, at) for at in own), (-net.norton[g], net.at[system.machines[g].bus])], 1.0)]
+
+    def into_branches(pmu: Pmu) -> Iterator[Part]:
+        for i in sorted(i for name in pmu.branches for i in branches.get(name, [])):
+            branch = net.present[i]
+            if pmu.bus not in (branch.from_bus, branch.to_bus):
+                continue  # the far section of a faulted line
+            own = 0 if branch.from_bus == pmu.bus else 1
+            if branch.name in series:
+                terms, divisor = series[branch.name]
+                yield terms, divisor if own == 0 else -divisor
+            else:
+                ends = net.at[branch.from_bus], net.at[branch.to_bus]
+                yield list(zip(branch.admittance[own].tolist(), ends, strict=True)), 1.0
+
+    for bus in (m.bus for m in system.machines):
+        yield [([(1.0, net.at[bus])], 1.0)]
     for place in places:
-        yield _series_current(system, net, places, place.device) if place.device else net.voltage(place.bus)
+        yield [series[place.device.name] if place.device else ([(1.0, net.at[place.bus])], 1.0)]
     for bus in system.pmu_buses().values():
-        yield net.voltage(bus)
+        yield [([(1.0, net.at[bus])], 1.0)]
     for pmu in system.pmus:
-        yield _pmu_current(system, pmu, net, places)
+        yield of_machine(pmu.machine) if pmu.machine is not None else list(into_branches(pmu))
+
+
+def _in_series(places: Sequence[Place]) -> list[tuple[int, Series]]:
+    """Ports of series devices."""
+    return [(p, place.device) for p, place in enumerate(places) if place.device]
+
+
+def _series_current(net: _Equations, device: Series, port: int) -> Part:
+    """The current through a device from its first to its second bus: (V1 - V2 - v) / (rs + j xs)."""
+    first, second = device.ends
+    return [(1.0, net.at[first]), (-1.0, net.at[second]), (-1.0, port)], complex(device.rs, device.xs)
 
 
 def _equations(
@@ -142,81 +185,48 @@ def _equations(
 ) -> _Equations:
     names = network.bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
-    installed = {place.device.name: place.device for place in places if place.device}
+    in_series = _in_series(places)
+    installed = {device.name for _, device in in_series}
     present = network.branches(system, topology)
     present += [
         network.device_section(d, complex(d.rs, d.xs) if d.name in installed else network.at_rest(d))
         for d in network.series_devices(system)
     ]
-    matrix = network.admittance(names, present)
-    for bus, shunt in network.shunts(system, topology, voltage).items():
-        matrix[index[bus], index[bus]] += shunt
-    online = np.array([m.name not in topology.machines_out for m in system.machines])
-    norton = norton * online
-    for g, m in enumerate(system.machines):
-        matrix[index[m.bus], index[m.bus]] += norton[g]
+    norton = norton * np.array([m.name not in topology.machines_out for m in system.machines])
+    at_machines = [(m.bus, norton[g]) for g, m in enumerate(system.machines)]
     machines, infinite = len(norton), len(system.infinite_buses)
-    sources = np.zeros((len(names), machines + infinite + len(places)), np.complex128)
-    for g, m in enumerate(system.machines):
-        sources[index[m.bus], g] = 1.0
-    for p, place in enumerate(places):
-        column = machines + infinite + p
+    dead = network.grounded(topology)
+    fixed = {index[one.bus]: machines + i for i, one in enumerate(system.infinite_buses) if one.bus not in dead}
+    known = np.isin(np.arange(len(names)), [*fixed, *(index[bus] for bus in dead)])
+    shunts = [*network.shunts(system, topology, voltage).items(), *at_machines]
+    matrix = network.admittance(index, present, shunts)
+    stray = [(names[i], STRAY) for i in np.flatnonzero(floating(matrix, known))]
+    if stray:
+        matrix = network.admittance(index, present, [*shunts, *stray])
+    entries = [(index[m.bus], g, 1.0 + 0j) for g, m in enumerate(system.machines)]
+    for p, place in enumerate(places, machines + infinite):
         if place.device is None:
-            sources[index[place.bus], column] = 1.0
+            entries.append((index[place.bus], p, 1.0 + 0j))
         else:
             first, second = place.device.ends
             behind = complex(over(1.0, complex(place.device.rs, place.device.xs)))
-            sources[index[first], column], sources[index[second], column] = behind, -behind
-    dead = network.grounded(topology)
-    fixed = {index[name] for name in (*dead, *(i.bus for i in system.infinite_buses))}
-    matrix[np.diag_indices(len(names))] += floating(matrix, fixed) * STRAY
-    given = np.zeros_like(sources)
-    for i, source in enumerate(system.infinite_buses):
-        if source.bus not in dead:
-            given[index[source.bus], machines + i] = 1.0
-    live, known = [i for i in range(len(names)) if i not in fixed], sorted(fixed)
-    rest = sources[live] - product(matrix[np.ix_(live, known)], given[known])
-    return _Equations(index, present, norton, as_needed(matrix[np.ix_(live, live)], len(names)), rest, live, given)
+            entries += [(index[first], p, behind), (index[second], p, -behind)]
+    entries += [(i, fixed[j], -value) for i, j, value in zip(*matrix, strict=True) if j in fixed]
+    live = np.flatnonzero(~known)
+    place_of = np.cumsum(~known) - 1
+    inner = ~known[matrix.row] & ~known[matrix.column]
+    at = place_of[matrix.row[inner]], place_of[matrix.column[inner]]
+    inputs = machines + infinite + len(places)
+    sources = summed(inputs, ((place_of[i], c, value) for i, c, value in entries if not known[i]))
+    own = filled(len(names), at, matrix.value[inner], len(live))
+    return _Equations(index, present, norton, own, sources, inputs, live, fixed)
 
 
-def floating(matrix: Complex2, fixed: set[int]) -> Bool1:
+def floating(matrix: Triplets, fixed: Bool1) -> Bool1:
     """Buses without a path to a shunt or a bus of fixed voltage, whose voltage is therefore undefined."""
-    label = parts(matrix != 0)
-    shunt = np.abs(matrix.sum(axis=1)) > 1e-9 * np.abs(matrix).max(axis=1)  # rows of lossless parts sum to zero
-    shunt[list(fixed)] = True
-    fed = set(label[shunt])
-    return np.array([part not in fed for part in label])
-
-
-def _series_current(system: System, net: _Outputs, places: Sequence[Place], device: Series) -> Complex1:
-    """Matrix row of the current through a device from its first to its second bus: (V1 - V2 - v) / (rs + j xs)."""
-    first, second = device.ends
-    row: NDArray[np.complex128] = net.voltage(first) - net.voltage(second)
-    own = [place.device.name if place.device else None for place in places].index(device.name)
-    row[len(net.equations.norton) + len(system.infinite_buses) + own] -= 1.0
-    return over(row, complex(device.rs, device.xs))
-
-
-def _pmu_current(system: System, pmu: Pmu, net: _Outputs, places: Sequence[Place]) -> Complex1:
-    """Matrix row of a PMU's current: out of its machine, or from its bus into its branches."""
-    row = np.zeros_like(net.voltage(system.buses[0].name))
-    if pmu.machine is not None:
-        g = [m.name for m in system.machines].index(pmu.machine)
-        if net.equations.norton[g] != 0:
-            row[g] = 1.0
-            for p, place in enumerate(places):
-                row[len(net.equations.norton) + len(system.infinite_buses) + p] = float(place.machine == pmu.machine)
-        row -= times(net.equations.norton[g], net.voltage(system.pmu_buses()[pmu.name]))
-        return row
-    installed = {place.device.name: place.device for place in places if place.device}
-    for branch in net.equations.present:
-        if branch.name not in pmu.branches or pmu.bus not in (branch.from_bus, branch.to_bus):
-            continue  # the far section of a faulted line
-        own = 0 if branch.from_bus == pmu.bus else 1
-        if branch.name in installed:
-            through = _series_current(system, net, places, installed[branch.name])
-            row += through if own == 0 else -through
-            continue
-        ends = np.array([net.voltage(branch.from_bus), net.voltage(branch.to_bus)])
-        row += product(branch.admittance[own], ends)
-    return row
+    sums, largest = np.zeros(len(fixed), complex), np.zeros(len(fixed))
+    np.add.at(sums, matrix.row, matrix.value)
+    np.maximum.at(largest, matrix.row, np.abs(matrix.value))
+    label = np.array(parts(len(fixed), zip(matrix.row, matrix.column, strict=True)), int)
+    fed = label[(np.abs(sums) > 1e-9 * largest) | fixed]  # rows of lossless parts sum to zero
+    return np.isin(label, fed, invert=True)

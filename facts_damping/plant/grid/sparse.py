@@ -20,6 +20,8 @@ from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2, 
 from facts_damping.matrices import size_of_pivot, solve
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
 DENSE = 400  # largest number of buses with dense equations
@@ -48,16 +50,32 @@ class ComplexEntries(Entries):
     value: Complex1  # type: ignore[assignment]
 
 
-def as_needed(matrix: NDArray[Any], buses: int) -> Any:
-    """A matrix of a network, sparse if the network is large."""
-    return matrix if buses <= DENSE else _sparse().csc_array(matrix)
+class Triplets(NamedTuple):
+    """Entries of a matrix by rows, each place once, without zeros."""
+
+    row: Int1
+    column: Int1
+    value: Complex1
 
 
-def filled(buses: int, at: tuple[Int1, Int1], values: NDArray[Any]) -> Any:
-    """A square matrix with values at given rows and columns, sparse if the network is large."""
+def summed(columns: int, entries: Iterable[tuple[int, int, complex]]) -> Triplets:
+    """Triplets from (row, column, value); values at the same place are added in their order."""
+    table = np.array(list(entries), complex).reshape(-1, 3)
+    row, column = table[:, :2].real.astype(np.int64).T
+    places, which = np.unique(row * columns + column, return_inverse=True)
+    total = np.zeros(len(places), complex)
+    np.add.at(total, which, table[:, 2])
+    kept = total != 0
+    row, column = np.divmod(places[kept], columns)
+    return Triplets(row, column, total[kept])
+
+
+def filled(buses: int, at: tuple[Int1, Int1], values: NDArray[Any], size: int | None = None) -> Any:
+    """A square matrix, (buses, buses) or (size, size), with values at rows and columns, sparse for many buses."""
+    n = buses if size is None else size
     if buses > DENSE:
-        return _sparse().csc_array((values, at), (buses, buses))
-    made = np.zeros((buses, buses), values.dtype)
+        return _sparse().csc_array((values, at), (n, n))
+    made = np.zeros((n, n), values.dtype)
     made[at] = values
     return made
 
@@ -104,11 +122,15 @@ def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
     """Solve a x = b for a vector or matrix b, a dense or sparse. Raises `LinAlgError` if a is singular."""
     if isinstance(a, np.ndarray):
         return solve(a, b)
-    kind, n = complex if np.result_type(a.dtype, b, float) == np.complex128 else float, a.shape[0]
-    found = factors(a, kind)
+    return substitute(factors(a, complex if np.result_type(a.dtype, b, float) == np.complex128 else float), b)
+
+
+def substitute(found: Factors, b: NDArray[Any]) -> NDArray[Any]:
+    """Solve L U x = b for a vector or matrix b, in the numbers of the factors."""
+    kind, n = found.lower.value.dtype, len(found.order)
     x = np.zeros((n, b.size // n if n else 0), kind)
     x[found.place] = b.reshape(x.shape)
-    (_substitute_complex if kind is complex else _substitute_real)(found.lower, found.upper, x)
+    (_substitute_complex if kind == np.complex128 else _substitute_real)(found.lower, found.upper, x)
     solution = np.zeros_like(x)
     solution[found.order] = x
     return solution.reshape(b.shape)

@@ -124,7 +124,7 @@ def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
     """
     placed = place(system)
     built = build(placed, [], [])
-    found = linearisation.modes(linearisation.linearise(built)[0], built.state_names, placed)
+    found = linearisation.modes(linearisation.state_matrix(built)[0], built.state_names, placed)
     low, high = BAND_HZ
     swings = [m for m in found if m.swings and low <= m.frequency_hz <= high]
     if not swings:
