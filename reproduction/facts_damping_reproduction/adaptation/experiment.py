@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from facts_damping_reproduction.adaptation.arms import Space
 
 PLAN = Path(__file__).with_name("adaptation.yaml")
+PROFILE = "deployment"
 WHOLE = "whole"  # file of a seed that has all its results
 FIRST_GENERATIONS = 6  # of the choice of the network
 
@@ -156,7 +157,7 @@ def measured(
 
 
 def outcome(case: Case, record: Record, begin: float, after: float) -> dict[str, Any]:
-    """Of a run with its event at `begin`: index, peak, lowest damping ratio of the response, effort; or that it is lost."""
+    """A run with an event at `begin`: index, peak, lowest damping ratio of the response, effort; or that it is lost."""
     if not record.in_synchronism.all():
         return {"lost": True}
     response = swings_of(record, twin(case, record, MIRROR)).judged
