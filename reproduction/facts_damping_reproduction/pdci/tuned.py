@@ -104,7 +104,7 @@ def trained(rows: Sequence[dict[str, Any]]) -> list[float | None]:
     """The index in each training case; None: synchronism is lost."""
     found = list[float | None]()
     for one in cases("training"):
-        record = closed_loop(made(one["set"], rows))
+        record = closed_loop(made({**one["set"], **plan()["quick"]}, rows))
         swings = columns(speed_differences(record))
         whole = record.in_synchronism.all()
         found.append(index(record, BEGIN, plan()["after"]["training"], swings) if whole else None)
