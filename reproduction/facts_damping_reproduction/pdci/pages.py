@@ -150,14 +150,14 @@ def tuned_values(rows: Rows) -> dict[str, Any]:
     decided = {
         what: [row["arm"] for row in own if row["decision"] == what] for row in own for what in [row["decision"]]
     }
-    loops = [row["loops"] // part["search"]["seeds"] // part["search"]["cases"] for row in own]
+    loops, searches = sum(row["loops"] for row in own), part["search"]["seeds"] * len(own)
     told = {
-        "decided": "; ".join(f"{what}: {', '.join(names)}" for what, names in decided.items()),
+        "decided": "; ".join(f"{what}: {', '.join(f'`{name}`' for name in names)}" for what, names in decided.items()),
         "table": "\n".join(tuned_table(rows)),
         "cases": rows[0]["cases"],
         "seeds": part["search"]["seeds"],
         "margin": f"{100 * part['margin']:g} %",
-        "loops": f"{min(loops)} to {max(loops)}",
+        "points": round(loops / searches / part["search"]["cases"]),
     }
     return {"tuned": told}
 
