@@ -128,12 +128,15 @@ def _cells(row: dict[str, Any], none: float) -> list[str]:
 
 
 def tuned_table(rows: Rows) -> list[str]:
-    """Each arm against no control and against the law, with the decision."""
+    """Each arm against no control and against the law, with the decision, and its effort in % of the limit."""
     law, lines = study.plan()["tuned"]["law"], []
     for arm in dict.fromkeys(row["arm"] for row in rows):
         free, own = (_ratio(rows, arm, against) for against in (NONE, law))
-        lines.append([arm, free.text() if free else "-", *((own.text(), own.decision) if own else ("-", "-"))])
-    return table(["controller", "against no control", f"against the {law}", "decision"], lines, 1, markdown=True)
+        effort = next(f"{100 * row['effort']:.0f} %" for row in rows if row["arm"] == arm)
+        lines.append([arm, free.text() if free else "-", *((own.text(), own.decision) if own else ("-", "-")), effort])
+    return table(
+        ["controller", "against no control", f"against the {law}", "decision", "effort"], lines, 1, markdown=True
+    )
 
 
 def _ratio(rows: Rows, arm: str, against: str) -> Ratio | None:

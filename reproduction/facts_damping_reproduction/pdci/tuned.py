@@ -157,11 +157,13 @@ def ratios(found: dict[str, Any]) -> Rows:
 
 
 def _counted(found: dict[str, Any], arm: str) -> dict[str, Any]:
-    """Of an arm: runs that lose synchronism, loops of its searches, and their mean in training."""
-    lost = sum(one["lost"] for (name, _), some in found["rows"].items() if name == arm for one in some)
+    """Of an arm: runs that lose synchronism, mean effort, loops of its searches, and their mean in training."""
+    runs = [one for (name, _), some in found["rows"].items() if name == arm for one in some]
+    effort = float(np.mean([one["effort"] for one in runs if not one["lost"]]))
+    lost = sum(one["lost"] for one in runs)
     own = [one for (name, _), one in found["searches"].items() if name == arm]
     value = float(np.mean([one["value"] for one in own])) if own else None
-    return {"lost": lost, "loops": sum(one["loops"] for one in own), "training": value}
+    return {"lost": lost, "effort": effort, "loops": sum(one["loops"] for one in own), "training": value}
 
 
 def main(arguments: Sequence[str]) -> None:
