@@ -6,11 +6,13 @@ Two devices interact as their relative gain arrays tell (Bristol 1966).
 from __future__ import annotations
 
 import math
+from hashlib import sha256
 from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from facts_damping.caching import shared
 from facts_damping.matrices import eigenvalue_near, product
 from facts_damping.phasors import angles, over, times
 from facts_damping.small_signal import descriptor, linearisation
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
 
 CLEAR_DEG = 60.0  # largest distance from 0 or 180 degrees for a residue with a sign
+_held: dict[tuple[bytes, float], Float2] = {}  # effect of held inputs, by a digest of the model and the time
 
 
 class Residues(NamedTuple):
@@ -69,7 +72,8 @@ class Residues(NamedTuple):
         """
         rows, columns = [self.signals.index(s) for s in signals], [self.devices.index(d) for d in devices]
         A, B, C, D = with_washouts(self.model, rows)
-        _, held = held_for(A, B, frames / self.frame_rate)
+        key = sha256(A.tobytes() + B.tobytes()).digest(), frames / self.frame_rate
+        held = shared(_held, key, lambda: held_for(A, B, frames / self.frame_rate)[1])
         return (product(C, held) + D)[:, columns]
 
     def jacobian(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> Float2:

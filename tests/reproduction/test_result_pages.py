@@ -96,7 +96,8 @@ def numbers(table: str) -> list[dict[str, Any]]:
 
 
 def test_the_page_on_the_pacific_dc_intertie_follows_from_its_tables() -> None:
-    made = pages.page({name: numbers(f"pdci/{name}.csv") for name in ("linear", "ringdown", "events", "failures")})
+    tables = ("linear", "ringdown", "events", "failures", "tuned")
+    made = pages.page({name: numbers(f"pdci/{name}.csv") for name in tables})
     linked = re.sub(r"\]\(([a-z]+\.(?:png|csv))\)", r"](images/pdci/\1)", made)
     assert (DOCS / "pdci.md").read_text(encoding="utf-8") == linked
 

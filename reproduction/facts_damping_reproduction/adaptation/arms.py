@@ -8,12 +8,12 @@ from facts_damping.control.table import Range
 from facts_damping.studies.search.structures import Choice, Structure
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
 HERE = "facts_damping_reproduction.adaptation.policies"
-PROFILE = "deployment"
+DEPLOYMENT = {"system": "two_area", "profile": "deployment"}
 GAINS = {"rate": Range(1e-3, 1.0, logarithmic=True), "leak": Range(0.01, 1.0, logarithmic=True)}
 WEIGHT = {"weight": Range(1e-4, 1e2, logarithmic=True)}
 STILL = {"eta": 0.0, "identifier_eta": 0.0}  # a network that does not learn
@@ -26,18 +26,22 @@ class Space(NamedTuple):
     rows: Callable[[NDArray[Any]], list[dict[str, Any]]]
 
 
-def choice(devices: Sequence[str], name: str, scheme: Any = None) -> Choice:
-    """The search space of a shipped controller in the deployment; delay is not compensated."""
-    return Choice(Structure(name, scheme, tuple(devices), PROFILE), "two_area")
+def choice(
+    devices: Sequence[str], name: str, scheme: Any = None, *, system: str, profile: str, signals: Sequence[str] = ()
+) -> Choice:
+    """The search space of a shipped controller; delay is not compensated."""
+    return Choice(Structure(name, scheme, tuple(devices), profile, tuple(signals)), system)
 
 
-def space(arm: dict[str, Any], network: dict[str, Any], devices: Sequence[str]) -> Space:
-    """The space of an arm that is searched; `network`: name and scheme of that of all arms."""
+def space(
+    arm: dict[str, Any], network: dict[str, Any], devices: Sequence[str], where: Mapping[str, Any] = DEPLOYMENT
+) -> Space:
+    """The space of an arm that is searched; `network`: name and scheme of that of all arms; `where`: for `choice`."""
     if arm["kind"] == "searched":
-        made = choice(devices, arm["name"])
+        made = choice(devices, arm["name"], **where)
         return Space(made.size, lambda at: [made.controller(at).model_dump()])
     if arm["kind"] == "network":
-        made, more = choice(devices, **network), {} if arm["learning"] else STILL
+        made, more = choice(devices, **network, **where), {} if arm["learning"] else STILL
         return Space(made.size, lambda at: [_with(made.controller(at).model_dump(), more)])
     signals = {"devices": list(devices), "signals": ["frequency"]}
     if arm["policy"] == "IdentifiedLQG":
@@ -47,7 +51,7 @@ def space(arm: dict[str, Any], network: dict[str, Any], devices: Sequence[str]) 
                 {**signals, "name": "identified", "policy": f"{HERE}:IdentifiedLQG", "parameters": _values(WEIGHT, at)}
             ],
         )
-    lead = choice(devices, "LLC-tuned")
+    lead = choice(devices, "LLC-tuned", **where)
 
     def adaptive(at: NDArray[Any]) -> list[dict[str, Any]]:
         own = lead.controller(at[: lead.size]).parameters

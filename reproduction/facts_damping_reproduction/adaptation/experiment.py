@@ -30,11 +30,13 @@ from facts_damping_reproduction.adaptation.arms import space
 from facts_damping_reproduction.adaptation.cases import BEGIN, evaluation, training
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
+    from facts_damping.signals import Record
+    from facts_damping_reproduction.adaptation.arms import Space
 
 PLAN = Path(__file__).with_name("adaptation.yaml")
 PROFILE = "deployment"
@@ -100,8 +102,20 @@ def objective(devices: Sequence[str], rows: Sequence[dict[str, Any]], begin: flo
 def search(
     devices: Sequence[str], arm: dict[str, Any], network: dict[str, Any], seed: int, generations: int | None = None
 ) -> Search:
-    """Differential evolution until the best of training no longer moves."""
-    task, where, begin = plan()["search"], space(arm, network, devices), arm.get("begin", BEGIN)
+    """What `evolve` finds for an arm."""
+    begin = arm.get("begin", BEGIN)
+    where = space(arm, network, devices)
+    return evolve(where, lambda rows: objective(devices, rows, begin), plan()["search"], seed, generations)
+
+
+def evolve(
+    where: Space,
+    objective: Callable[[list[dict[str, Any]]], float],
+    task: dict[str, Any],
+    seed: int,
+    generations: int | None = None,
+) -> Search:
+    """Differential evolution until the best of training no longer moves; `task`: the part `search` of a plan."""
     random = np.random.default_rng(seed)
     number = max(task["least"] if where.size > 1 else 8, task["points"] * where.size)
     start = qmc.LatinHypercube(where.size, rng=random).random(number)
@@ -113,7 +127,7 @@ def search(
         return bool(before - curve[-1] < task["better"])
 
     found = differential_evolution(
-        lambda at: objective(devices, where.rows(at), begin),
+        lambda at: objective(where.rows(at)),
         [(0.0, 1.0)] * where.size,
         init=start,
         maxiter=(generations or task["generations"]) - 1,
@@ -139,6 +153,11 @@ def measured(
         record = rerun(case, changes, fresh_loop(case))
     else:
         record = closed_loop(case)
+    return outcome(case, record, begin, after)
+
+
+def outcome(case: Case, record: Record, begin: float, after: float) -> dict[str, Any]:
+    """A run with an event at `begin`: index, peak, lowest damping ratio of the response, effort; or that it is lost."""
     if not record.in_synchronism.all():
         return {"lost": True}
     response = swings_of(record, twin(case, record, MIRROR)).judged
@@ -149,7 +168,7 @@ def measured(
         "index": index(record, begin, after, response),
         "peak": float(np.abs(response[t >= begin]).max()),
         "damping_ratio": min((mode.damping_ratio for mode in fit.modes), default=None) if fit else None,
-        "effort": mean_effort(record) if rows else 0.0,
+        "effort": mean_effort(record) if case.controllers else 0.0,
     }
 
 
@@ -185,13 +204,13 @@ def run(folder: Path, jobs: int, scheduler: str | None, seed: int) -> dict[int, 
 
 
 def _of_seed(folder: Path, seed: int, each: Any) -> dict[str, dict[str, Any]]:
-    kept = folder / f"seed_{seed}"
+    own_folder = folder / f"seed_{seed}"
     found = {
-        name: _of_set(kept / name.replace(" ", "_"), own["devices"], seed, each)
+        name: _of_set(own_folder / name.replace(" ", "_"), own["devices"], seed, each)
         for name, own in plan()["sets"].items()
         if seed in own.get("seeds", [seed])
     }
-    write_whole(kept / WHOLE, "")
+    write_whole(own_folder / WHOLE, "")
     return found
 
 
@@ -205,7 +224,7 @@ def _of_set(folder: Path, devices: Sequence[str], seed: int, each: Any) -> dict[
     network, arms = _chosen(folder.parent, each), arms_of(devices)
     asked = [name for name, arm in arms.items() if arm["kind"] not in ("fixed", "frozen")]
     todo = [(name, 1000 * seed + s) for s in range(plan()["search"]["seeds"]) for name in asked]
-    found = _kept(folder, "search", todo, partial(_search_task, devices, network), each)
+    found = kept(folder, "search", todo, partial(_search_task, devices, network), each)
     searches = {(name, one): result for name, one, result in found}
     task = plan()["evaluation"]
     cases = evaluation(task["cases"], task["begin"], task["after"], seed)
@@ -215,7 +234,7 @@ def _of_set(folder: Path, devices: Sequence[str], seed: int, each: Any) -> dict[
         tasks.append((name, one, result["rows"], False))
         frozen = [other for other, arm in arms.items() if arm.get("of") == name]
         tasks += [(other, one, result["rows"], True) for other in frozen]
-    found = _kept(folder, "evaluation", tasks, partial(_evaluation_task, devices, cases), each)
+    found = kept(folder, "evaluation", tasks, partial(_evaluation_task, devices, cases), each)
     rows = {(name, one): result for name, one, result in found}
     kinds = [one["kind"] for one in cases]
     return {"network": network, "arms": list(arms), "searches": searches, "rows": rows, "kinds": kinds}
@@ -232,7 +251,7 @@ def _chosen(folder: Path, each: Any) -> dict[str, Any]:
     return chosen
 
 
-def _kept(folder: Path, what: str, todo: Sequence[Any], function: Any, each: Any) -> list[tuple[str, int, Any]]:
+def kept(folder: Path, what: str, todo: Sequence[Any], function: Any, each: Any) -> list[tuple[str, int, Any]]:
     """Results of tasks, whose first two parts name them; those in the folder are not computed again."""
     paths = {
         (task[0], task[1]): folder / f"{what}_{task[0].replace(' ', '_').replace(',', '')}_{task[1]}.json"

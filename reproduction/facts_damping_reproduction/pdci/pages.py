@@ -2,7 +2,8 @@
 
     python -m facts_damping_reproduction.pdci.pages results/pdci
 
-writes `pdci.md`, `damping.png` and the CSVs into the folder.
+writes `pdci.md`, `damping.png` and the CSVs into the folder. A `tuned.csv` that is there (`pdci.tuned` writes it, and
+takes longer) becomes part of the page.
 """
 
 from __future__ import annotations
@@ -12,10 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
+from pyarrow import csv
 
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.studies.campaigns.invariants import HARM
+from facts_damping.studies.score.card import NONE
 from facts_damping.terminal import as_csv, save_picture, table, write_whole
+from facts_damping_reproduction.adaptation.decide import Ratio
 from facts_damping_reproduction.pdci import study
 from facts_damping_reproduction.templates import render
 
@@ -83,7 +87,7 @@ def apart(linear: Rows, ringdown: Rows) -> float:
     return max(float(abs(row["damping_ratio"] - own)) for row, own in zip(small, of_linear, strict=True))
 
 
-def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, str]:
+def values(linear: Rows, events: Rows, failures: Rows) -> dict[str, Any]:
     """The numbers of the answers: how much damping, until which delay, what fails how."""
     gain, strongest = study.plan()["gain"], study.plan()["gains"][-1]
     free, law = at(linear, gain=0), at(linear, gain=gain, delay_s=TYPICAL)
@@ -135,11 +139,50 @@ def _cells(row: dict[str, Any], none: float) -> list[str]:
     return [change, row["verdict"]]
 
 
+def tuned_table(rows: Rows) -> list[str]:
+    """Each arm against no control and against the law, with the decision, and its effort in % of the limit."""
+    law, lines = study.plan()["tuned"]["law"], []
+    for arm in dict.fromkeys(row["arm"] for row in rows):
+        free, own = (_ratio(rows, arm, against) for against in (NONE, law))
+        effort = next(f"{100 * row['effort']:.0f} %" for row in rows if row["arm"] == arm)
+        lines.append([arm, free.text() if free else "-", *((own.text(), own.decision) if own else ("-", "-")), effort])
+    return table(
+        ["controller", "against no control", f"against the {law}", "decision", "effort"], lines, 1, markdown=True
+    )
+
+
+def _ratio(rows: Rows, arm: str, against: str) -> Ratio | None:
+    own = [row for row in rows if (row["arm"], row["against"]) == (arm, against)]
+    return Ratio(**{name: own[0][name] for name in Ratio._fields}) if own else None
+
+
+def tuned_values(rows: Rows) -> dict[str, Any]:
+    """What the page says of tuned controllers: the arms by decision, the table, and the plan's numbers."""
+    if not rows:
+        return {"tuned": None}
+    part = study.plan()["tuned"]
+    own = [row for row in rows if row["against"] == part["law"]]
+    decided = {
+        what: [row["arm"] for row in own if row["decision"] == what] for row in own for what in [row["decision"]]
+    }
+    loops, searches = sum(row["loops"] for row in own), part["search"]["seeds"] * len(own)
+    told = {
+        "decided": "; ".join(f"{what}: {', '.join(f'`{name}`' for name in names)}" for what, names in decided.items()),
+        "table": "\n".join(tuned_table(rows)),
+        "cases": rows[0]["cases"],
+        "seeds": part["search"]["seeds"],
+        "margin": f"{100 * part['margin']:g} %",
+        "points": round(loops / searches / part["search"]["cases"]),
+    }
+    return {"tuned": told}
+
+
 def page(found: dict[str, Rows]) -> str:
-    """The page, from the tables by their names."""
+    """The page, from the tables by their names; without the table `tuned` that part is left out."""
     none = at(found["events"], event="brake", gain=0)["ITAE"]
     numbers = values(found["linear"], found["events"], found["failures"])
     numbers |= {"small": f"{SMALL}", "apart": f"{100 * apart(found['linear'], found['ringdown']):.1f}"}
+    numbers |= tuned_values(found.get("tuned", []))
     return render("pdci/pdci.md", failures="\n".join(failure_table(found["failures"], none)), **numbers)
 
 
@@ -149,7 +192,9 @@ def write(folder: Path) -> list[Path]:
     found = {name: compute() for name, compute in made.items()}
     for name, rows in found.items():
         write_whole(folder / f"{name}.csv", as_csv(list(rows[0]), [list(row.values()) for row in rows]))
-    write_whole(folder / "pdci.md", page(found))
+    before = folder / "tuned.csv"
+    tuned = {"tuned": csv.read_csv(before).to_pylist()} if before.exists() else {}
+    write_whole(folder / "pdci.md", page(found | tuned))
     draw(found["linear"], folder / "damping.png")
     return [folder / name for name in ("pdci.md", "damping.png", *(f"{name}.csv" for name in found))]
 
