@@ -78,8 +78,19 @@ WRONG = {
     "down": [{"model": "bernoulli", "loss": 0.2}, {"model": "in_order"}, {"model": "playout", "delay": 0.1}],
 }
 HBSWC = {"name": "HBsWC", "scheme": "indirect", "signals": ["w13"], "parameters": {}}
+ACTUATORS = [
+    {"name": "bess", "kind": "bess", "bus": "B9", "S_rated": 100, "E_rated": 1, "setpoint_max": 0.5, "rate_max": 5},
+    {"name": "shed", "kind": "load_modulation", "bus": "B7", "setpoint_max": 0.5, "rate_max": 5},
+    {"name": "tcsc", "kind": "tcsc", "line": "line_3", "X": 0.01, "X_min": 0.002, "X_max": 0.02}
+    | {"setpoint_max": 0.005, "rate_max": 0.3},
+    {"name": "avr", "kind": "exciter_input", "machine": "G2", "setpoint_max": 0.05, "rate_max": 5},
+]
 RUNS = {
-    "the run's link and an own one": sets({}, {"link": link(0.1)}),
+    "the run's link and an own one, other actuators": [
+        *sets({"devices": ["bess", "shed"]}, {"devices": ["tcsc", "avr"], "link": link(0.1)}),
+        *(f"system.devices.{2 + i}={json.dumps(row)}" for i, row in enumerate(ACTUATORS)),
+        "devices=[bess, shed, tcsc, avr]",
+    ],
     "two own ones, 0 and 123.4 ms, in namespaces": sets(
         {"link": "ideal", "namespace": "tie"}, {"link": link(0.0617, 0.0617), "namespace": "east/substation"}
     ),
@@ -106,7 +117,7 @@ def test_a_graph_with_own_links_is_the_in_process_run_bit_for_bit(tmp_path: Path
     case = load_case(None, run)
     computed = as_in_process(tmp_path, case)
     assert np.unique(computed.delivered["link"]).tolist() == list(range(len(case.links)))
-    assert len(np.unique(computed.applied["device"])) == 2
+    assert len(np.unique(computed.applied["device"])) == len(case.run.devices)
     again = loop.run(load_case(str(tmp_path / "run.yaml")))  # the stored run has all links inline
     assert again.applied.tobytes() == computed.applied.tobytes()
 
