@@ -35,6 +35,7 @@ from tests.nodes.graphs import (
     quiet,
     set_parameter,
 )
+from tests.two_devices import ACTUATORS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -78,13 +79,6 @@ WRONG = {
     "down": [{"model": "bernoulli", "loss": 0.2}, {"model": "in_order"}, {"model": "playout", "delay": 0.1}],
 }
 HBSWC = {"name": "HBsWC", "scheme": "indirect", "signals": ["w13"], "parameters": {}}
-ACTUATORS = [
-    {"name": "bess", "kind": "bess", "bus": "B9", "S_rated": 100, "E_rated": 1, "setpoint_max": 0.5, "rate_max": 5},
-    {"name": "shed", "kind": "load_modulation", "bus": "B7", "setpoint_max": 0.5, "rate_max": 5},
-    {"name": "tcsc", "kind": "tcsc", "line": "line_3", "X": 0.01, "X_min": 0.002, "X_max": 0.02}
-    | {"setpoint_max": 0.005, "rate_max": 0.3},
-    {"name": "avr", "kind": "exciter_input", "machine": "G2", "setpoint_max": 0.05, "rate_max": 5},
-]
 RUNS = {
     "the run's link and an own one, other actuators": [
         *sets({"devices": ["bess", "shed"]}, {"devices": ["tcsc", "avr"], "link": link(0.1)}),
