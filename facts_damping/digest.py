@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 LENGTH = 16  # hexadecimal digits shown and stored
-YOUNGER = ("state",)  # fields that came after the first digests: they count where a value is known
+YOUNGER = {"devices": ["state"]}  # fields that came after the first digests: they count where a value is known
 NAMES = ("pmus", "machine_names", "device_names", "controller_names")  # names of the signals' columns
 
 
@@ -28,7 +28,8 @@ def digest(record: Record) -> str:
     for one in fields(record):
         value = getattr(record, one.name)
         if isinstance(value, np.ndarray):
-            table = canonical(value)
+            left_out = [name for name in YOUNGER.get(one.name, []) if np.isnan(value[name]).all()]
+            table = canonical(drop_fields(value, left_out, usemask=False) if left_out else value)
             hashed.update(repr((one.name, table.dtype.descr, table.shape)).encode())
             hashed.update(table.tobytes())
     return hashed.hexdigest()[:LENGTH]
@@ -36,9 +37,7 @@ def digest(record: Record) -> str:
 
 def canonical(table: NDArray[Any]) -> NDArray[Any]:
     """The numbers in little-endian order with a single NaN, because the bits of NaN depend on the processor."""
-    left_out = [name for name in YOUNGER if name in (table.dtype.names or ()) and np.isnan(table[name]).all()]
-    found = drop_fields(table, left_out, usemask=False) if left_out else table
-    found = found.astype(found.dtype.newbyteorder("<"))
+    found = table.astype(table.dtype.newbyteorder("<"))
     for column in [found[name] for name in found.dtype.names] if found.dtype.names else [found]:
         if column.dtype.kind == "f":
             column[np.isnan(column)] = np.nan
