@@ -142,6 +142,7 @@ DEVICE_TRUTH = np.dtype(
         ("active_voltage", "f8"),  # p.u., in phase with the current, drop positive; NaN: no series device
         ("current", "f8"),  # p.u. of the system base
         ("dc_voltage", "f8"),  # p.u. of the rated DC voltage; NaN: no DC link
+        ("state", "f8"),  # p.u.: charge of a battery, reactance of a TCSC, susceptance of an SVC; NaN: none of these
         ("active_power", "f8"),  # p.u. of the system base, supplied to the network
         ("reactive_power", "f8"),  # p.u. of the system base, supplied to the network
         ("blocked", "f8"),  # 1 = blocked (too little current or voltage, or no solution)

@@ -29,3 +29,13 @@ def decentralised(name: str, scheme: str | None) -> list[str]:
 def _sets(controllers: list[dict[str, object]]) -> list[str]:
     kept = [{key: value for key, value in one.items() if value is not None} for one in controllers]
     return [f"devices={json.dumps(BOTH)}", f"controllers={json.dumps(kept)}"]
+
+
+# Devices of two_area of the kinds that it lacks.
+ACTUATORS = [
+    {"name": "bess", "kind": "bess", "bus": "B9", "S_rated": 100, "E_rated": 1, "setpoint_max": 0.5, "rate_max": 5},
+    {"name": "shed", "kind": "load_modulation", "bus": "B7", "setpoint_max": 0.5, "rate_max": 5},
+    {"name": "tcsc", "kind": "tcsc", "line": "line_3", "X": 0.01, "X_min": 0.002, "X_max": 0.02}
+    | {"setpoint_max": 0.005, "rate_max": 0.3},
+    {"name": "avr", "kind": "exciter_input", "machine": "G2", "setpoint_max": 0.05, "rate_max": 5},
+]

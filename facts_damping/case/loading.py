@@ -154,10 +154,12 @@ def _system(given: str | dict[str, Any], field: str) -> System:
 
 
 def _model(run: Run, system: System) -> System | None:
-    """The system for controller design, if not the plant."""
+    """The system for controller design, if not the plant; devices that only the plant has are known there, too."""
     if run.model is None:
         return None
     model = _system(run.model, "model")
+    known = {d.name for d in model.devices}
+    model = model.model_copy(update={"devices": [*model.devices, *(d for d in system.devices if d.name not in known)]})
     for field, own, other in (
         ("devices", [d.name for d in model.devices], [d.name for d in system.devices]),
         ("pmus", [s.name for s in model.pmus], [s.name for s in system.pmus]),

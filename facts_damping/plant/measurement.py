@@ -45,7 +45,7 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
     flow = response * given.conjugate()
     out.setpoint = state.target[d]
     out.reference = state.reference[d]
-    out.injected_voltage = out.active_voltage = out.dc_voltage = math.nan
+    out.injected_voltage = out.active_voltage = out.dc_voltage = out.state = math.nan
     out.current = magnitude(given)
     out.active_power = flow.real
     out.reactive_power = flow.imag

@@ -39,7 +39,7 @@ def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
         Section("Over time", charts(runs, [stem for stem in TIME if stem not in [one.key for one in first]])),
         Section("Performance indices", charts(runs, ("indices",))),
         Section("Modes", [tables.modes(runs), *modes(runs), *maps(runs)]),
-        Section("Control effort", [*charts(runs, ("injected_voltage",)), tables.effort(runs)]),
+        Section("Control effort", [*charts(runs, ("injected_voltage", "device_state")), tables.effort(runs)]),
         Section("Supervision", [*charts(runs, ("supervision", "monitors")), *tables.supervision(runs)]),
         Section("Links", [tables.links(runs), *charts(runs, ("latency",))]),
         Section("Learning", charts(runs, LEARNT)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -262,25 +263,34 @@ def mode(
     """
     fraction = np.abs(left * right)
     fraction /= fraction.sum()
-    listed = {names[k]: float(fraction[k]) for k in np.argsort(-fraction) if fraction[k] >= NEGLIGIBLE}
+    listed = {names[k]: float(fraction[k]) for k in np.argsort(-fraction)[: int((fraction >= NEGLIGIBLE).sum())]}
     size = abs(eigenvalue)
     ratio = float(-eigenvalue.real / size) if size > 0 else 0.0
-    speeds = {
-        name.removesuffix(".omega"): complex(v) for name, v in zip(names, right, strict=True) if name.endswith(".omega")
-    }
+    angles, turning = _rotors(tuple(names))
+    speeds = {name: complex(right[k]) for name, k in turning.items()}
     maximum = max(speeds.values(), key=abs, default=0j)
     shape = {name: value / maximum if maximum else value for name, value in speeds.items()}  # the largest is one
-    swing = sum(s for name, s in zip(names, fraction, strict=True) if name.endswith((".delta", ".omega")))
-    label = _label(float(swing), shape, system)
+    label = _label(float(fraction[[*angles.values(), *turning.values()]].sum()), shape, system)
     return Eigenmode(eigenvalue, float(eigenvalue.imag / (2 * np.pi)), ratio, listed, label, shape, [])
 
 
-def unlike(one: Eigenmode, other: Eigenmode) -> float:
-    """Difference of two modes: relative change of eigenvalue plus 1 - MAC of the shapes, at most 1."""
-    a, b = (np.fromiter(mode.shape.values(), complex) for mode in (one, other))
-    size = np.vdot(a, a).real * np.vdot(b, b).real
-    alike = abs(np.vdot(a, b)) ** 2 / size if size > 0.0 else 0.0
-    return float(min(1.0, abs(one.eigenvalue - other.eigenvalue) / abs(one.eigenvalue) + 1.0 - alike))
+@cache
+def _rotors(names: tuple[str, ...]) -> tuple[dict[str, int], dict[str, int]]:
+    """Places of rotor angles and speeds among the states, by machine."""
+    ends = (".delta", ".omega")
+    angles, speeds = ({name.removesuffix(end): k for k, name in enumerate(names) if name.endswith(end)} for end in ends)
+    return angles, speeds
+
+
+def unlike(some: Sequence[Eigenmode], others: Sequence[Eigenmode]) -> Float2:
+    """Differences of modes, (some, others): relative change of eigenvalue plus 1 - MAC of the shapes, at most 1."""
+    a, b = (np.array([list(mode.shape.values()) for mode in modes], complex) for modes in (some, others))
+    if not (len(a) and len(b)):
+        return np.ones((len(a), len(b)))
+    own, other = (np.array([mode.eigenvalue for mode in modes]) for modes in (some, others))
+    sizes = np.multiply.outer(*((np.abs(one) ** 2).sum(axis=1) for one in (a, b)))
+    alike = np.abs(a.conj() @ b.T) ** 2 / np.where(sizes > 0.0, sizes, np.inf)
+    return np.asarray(np.minimum(1.0, np.abs(own[:, None] - other) / np.abs(own)[:, None] + 1.0 - alike))
 
 
 def _label(swing: float, shape: dict[str, complex], system: System | None) -> str:

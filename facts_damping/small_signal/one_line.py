@@ -39,6 +39,17 @@ LABELS = 12  # number of labelled flows, the largest
 WIDEST, THINNEST = 5.0, 0.6  # points, widths of branches
 ARROW = 0.16  # length of the fastest machine's arrow, relative to the picture
 SMALL = 0.1  # of the fastest machine's speed: below it no arrow is drawn
+APART = 0.06  # least distance of a flow's label from others and from machines, relative to the picture
+SYMBOLS = {
+    "sssc": "s",
+    "tcsc": "P",
+    "statcom": "D",
+    "svc": "d",
+    "load_modulation": "v",
+    "bess": "h",
+    "exciter_input": "*",
+}
+LINK: dict[str, Any] = {"color": "#CC79A7", "ls": "--", "lw": 1.5}
 LOOPS = (":", "--", "-.", (0, (1, 4)))  # dashes of loops; colours show areas
 AREAS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#8C564B", "#000000")
 
@@ -101,9 +112,10 @@ def draw(
     """Draw the diagram; `mode`: the mode shown by arrows at the machines."""
     at = places(system)
     where = {name: at[bus] for name, bus in system.pmu_buses().items()}  # of the PMUs
-    figure = Figure(figsize=(12.0, 9.0), layout="constrained")
+    width, height = np.ptp(np.array(list(at.values())), axis=0)
+    figure = Figure(figsize=(10.0, 11.0) if height > 1.3 * width else (12.0, 9.0), layout="constrained")
     axes = figure.add_subplot()
-    _branches(axes, at, flows(system, flow, installed))
+    _branches(axes, at, flows(system, flow, installed), [at[m.bus] for m in system.machines])
     _buses(axes, system, at)
     named = _machines(axes, system, at)
     if mode is not None:
@@ -116,7 +128,7 @@ def draw(
         axes.annotate("▲", tuple(place), (-9, 4), textcoords="offset points", fontsize=6, color="#D55E00", zorder=6)
     marks += [_mark("^", "#D55E00", "PMU")] if where else []
     marks += _loops(axes, system, loops, where, at)
-    axes.legend(handles=marks, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False)
+    figure.legend(handles=marks, loc="outside right center", fontsize=9, frameon=False)
     axes.set_aspect("equal")
     axes.margins(0.08)
     axes.set_axis_off()
@@ -124,21 +136,28 @@ def draw(
     if mode is not None:
         ratio = round(mode.damping_ratio, 3) + 0.0  # no -0.000
         title += f"; arrows: speeds in the mode of {mode.frequency_hz:.3f} Hz, damping ratio {ratio:.3f}"
-    axes.set_title(f"{system.name}: {title}", fontsize=11)
+    figure.suptitle(f"{system.name}: {title}", fontsize=11)
     return save_picture(figure, path, dpi=130)
 
 
-def _branches(axes: Axes, at: Places, found: list[tuple[str, str, float]]) -> None:
-    """Draw branches with a width by power and an arrow in its direction; the largest are labelled."""
+def _branches(axes: Axes, at: Places, found: list[tuple[str, str, float]], taken: list[Float1]) -> None:
+    """Draw branches with a width by power and an arrow in its direction; the largest are labelled where there is room.
+
+    `taken`: places of machines.
+    """
     maximum = max((power for *_, power in found), default=1.0) or 1.0
-    for place, (a, b, power) in enumerate(sorted(found, key=lambda one: -one[2])):
+    room, crowded = LABELS, len(at) > NAMED
+    near = APART * np.ptp(np.array(list(at.values())), axis=0).max()
+    for a, b, power in sorted(found, key=lambda one: -one[2]):
         start, end = at[a], at[b]
         width = THINNEST + (WIDEST - THINNEST) * power / maximum
         axes.plot(*np.transpose([start, end]), color="0.75", lw=width, zorder=1, solid_capstyle="round")
         middle, onward = start + 0.5 * (end - start), start + 0.54 * (end - start)
         tip = {"arrowstyle": "-|>", "color": "0.4", "mutation_scale": 6.0 + width}
         axes.annotate("", xy=tuple(onward), xytext=tuple(middle), arrowprops=tip, zorder=2)
-        if place < LABELS and power > 0.0:
+        free = not crowded or all(np.hypot(*(middle - other)) > near for other in taken)
+        if room and power > 0.0 and free:
+            room, taken = room - 1, [*taken, middle]
             axes.annotate(f"{power:.0f}", tuple(middle), fontsize=7, ha="center", va="bottom", zorder=6)
 
 
@@ -185,17 +204,18 @@ def _place(system: System, device: Device, at: Places) -> Float1:
 
 
 def _devices(axes: Axes, system: System, installed: Sequence[str], at: Places) -> list[Any]:
-    """Draw series devices between their buses, others at their bus; installed ones are filled."""
+    """Draw series devices between their buses, links as lines, others at their bus; installed ones are filled."""
     marks = []
     for d in system.devices:
+        there = d.name in installed
+        label = f"{d.name} ({d.kind}{'' if there else ', not installed'})"
         if isinstance(d, Transmission):
-            axes.plot(*np.transpose([at[bus] for bus in d.buses]), "--", color="#CC79A7", lw=1.5, zorder=2)
+            axes.plot(*np.transpose([at[bus] for bus in d.buses]), **LINK, zorder=2)
+            marks.append(Line2D([], [], label=label, **LINK))
             continue
-        face = "#F0E442" if d.name in installed else "white"
-        shape = "s" if isinstance(d, Series) else "D"
-        axes.plot(*_place(system, d, at), shape, ms=10, mfc=face, mec="black", zorder=5)
-        state = "" if d.name in installed else ", not installed"
-        marks.append(_mark(shape, "black", f"{d.name} ({d.kind}{state})", mfc=face))
+        look: dict[str, Any] = {"mfc": "#F0E442" if there else "white", "ms": 12 if d.kind == "exciter_input" else 10}
+        axes.plot(*_place(system, d, at), SYMBOLS[d.kind], mec="black", zorder=5, **look)
+        marks.append(_mark(SYMBOLS[d.kind], "black", label, **look))
     return marks
 
 
@@ -213,4 +233,4 @@ def _loops(axes: Axes, system: System, loops: Sequence[Loop], where: Places, at:
 
 
 def _mark(shape: str, colour: str, name: str, **more: Any) -> Line2D:
-    return Line2D([], [], ls="", marker=shape, mec=colour, label=name, ms=8, **{"mfc": colour, **more})
+    return Line2D([], [], ls="", marker=shape, mec=colour, label=name, **{"mfc": colour, "ms": 8, **more})

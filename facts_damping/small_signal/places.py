@@ -246,9 +246,10 @@ def _tried(system: System, devices: Sequence[str], modes: Sequence[Eigenmode]) -
         named = {
             k: linearisation.mode(values[k], right[:, k], left[:, k], built.state_names, system) for k in near.tolist()
         }
-        best = min(named, key=lambda k: linearisation.unlike(wanted, named[k]), default=None)
-        if best is None or linearisation.unlike(wanted, named[best]) > NEAR:
+        apart = linearisation.unlike([wanted], list(named.values()))[0]
+        if apart.min(initial=1.0) > NEAR:
             continue
+        best = list(named)[np.argmin(apart)]
         v, w = right[:, best], left[:, best]
         v = v / v[speeds][np.argmax(np.abs(v[speeds]))]
         w = w / (w @ v)

@@ -103,6 +103,9 @@ def _grid(case: Case, full: Callable[[str], str]) -> Tab:
     )
 
 
+STATES_OF = {"bess": "charge", "tcsc": "reactance", "svc": "susceptance"}  # what DEVICE_TRUTH has as `state`
+
+
 def _meaning(device: Device) -> str:
     """The quantity of a device's setpoint."""
     return SETPOINTS.get(device.kind, "power added" if isinstance(device, Transmission) else "voltage")
@@ -117,6 +120,7 @@ def _devices(case: Case, full: Callable[[str], str]) -> Tab:
         voltages = ["setpoint", "reference", *(["injected_voltage"] if series else [])]
         for what, fields in (
             (_meaning(device), voltages),
+            *([(STATES_OF[device.kind], ["state"])] if device.kind in STATES_OF else []),
             ("current and power", ["current", "active_power", "reactive_power"]),
         ):
             curves = [Curve(state, f"devices[{i}].{field}_pu", field.replace("_", " ")) for field in fields]

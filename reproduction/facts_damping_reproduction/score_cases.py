@@ -246,7 +246,44 @@ NETS_NYPS = Grid(
     beside=["LLC", "LQG"],
     signals={"devices": ["sssc"], "signals": ["frequency_4_5"]},
 )
-GRIDS = {"two_area": TWO_AREA, "nets_nyps": NETS_NYPS}
+PROPORTIONAL = {"gain": 100, "T1": 0, "T2": 0.1, "T3": 0.1, "T4": 0.1}  # 10 MW/mHz through a low pass of 0.1 s
+MINNIWECC = Grid(
+    description="western North America as a deployment has it, Pacific DC Intertie: grid, events, network, faults vary",
+    run={"system": "minniwecc", "scenario": [], "devices": ["pdci"]},
+    loads={"system.loads.1.P": 5400, "system.loads.2.P": 3600},
+    units={"system.machines.7.P": 2800},
+    wrong={
+        "H north": {f"system.machines.{i}.H": 5 for i in range(3)} | {"system.machines.33.H": 6.5},
+        "H south": {f"system.machines.{i}.H": 6.5 for i in (20, 26, 27)},
+        "ties": {"system.lines.32.x": 0.004175, "system.lines.33.x": 0.004175, "system.lines.35.x": 0.0084},
+        "regulators": {f"system.exciters.{i}.KA": 200 for i in (0, 6, 20, 26, 33)},
+        "loads": {f"system.loads.{i}.kpf": 1.5 for i in (8, 10, 13, 20)},
+    },
+    out={"system.lines.22.x": 10.0},
+    out_line="line_86_87",
+    lines=("line_86_87", "line_24_86_2", "line_83_84", "line_63_97"),
+    steps=("load_73", "G27", "load_16"),
+    drift=(
+        "up to 1000 MW of G21, in the south, made up in the north; northern loads moved by up to 2 %",
+        0.02,
+        {"system.machines.20.P": (10049, 11049)},
+    ),
+    pmus=("NORTH", "SOUTH"),
+    numbers={
+        "nominal": 3,
+        **dict.fromkeys(("drift", "wrong model", "loss", "bad PMU", "device lost", "wrong sign"), 2),
+        "noise": 1,
+    },
+    delayed=(0, 2),
+    controllers={
+        "proportional": [{"name": "LLC", "devices": ["pdci"], "signals": ["hertz"], "parameters": PROPORTIONAL}],
+        **{name: [{"name": name}] for name in ("LQG", "Hinf")},
+        "ANFLeWC indirect": [{"name": "ANFLeWC", "scheme": "indirect"}],
+    },
+    beside=["proportional", "LQG"],
+    signals={"devices": ["pdci"], "signals": ["frequency"]},
+)
+GRIDS = {"two_area": TWO_AREA, "nets_nyps": NETS_NYPS, "minniwecc": MINNIWECC}
 
 
 def main(grid: str, path: str) -> None:

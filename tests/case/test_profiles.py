@@ -144,7 +144,7 @@ def test_a_model_may_be_another_file() -> None:
     [
         (["profile=field"], "profiles: 'field' given; allowed: deployment, thesis"),
         (["profile=[1]"], "--set profile=[1]: [1] given; allowed: deployment, thesis, or a YAML file"),
-        (["model=smib"], "model: devices sssc given; allowed: those of the system, sssc, statcom"),
+        (["model=smib"], "model: pmus G1, TIE given; allowed: those of the system, G1, G2, G3, G4, TIE"),
         ([DEPLOYMENT, "tuning=mine", "controllers.0.name=LLC-tuned"], "'LLC-tuned' given, which is not tuned"),
     ],
 )

@@ -35,6 +35,7 @@ from tests.nodes.graphs import (
     quiet,
     set_parameter,
 )
+from tests.two_devices import ACTUATORS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -79,7 +80,11 @@ WRONG = {
 }
 HBSWC = {"name": "HBsWC", "scheme": "indirect", "signals": ["w13"], "parameters": {}}
 RUNS = {
-    "the run's link and an own one": sets({}, {"link": link(0.1)}),
+    "the run's link and an own one, other actuators": [
+        *sets({"devices": ["bess", "shed"]}, {"devices": ["tcsc", "avr"], "link": link(0.1)}),
+        *(f"system.devices.{2 + i}={json.dumps(row)}" for i, row in enumerate(ACTUATORS)),
+        "devices=[bess, shed, tcsc, avr]",
+    ],
     "two own ones, 0 and 123.4 ms, in namespaces": sets(
         {"link": "ideal", "namespace": "tie"}, {"link": link(0.0617, 0.0617), "namespace": "east/substation"}
     ),
@@ -106,7 +111,7 @@ def test_a_graph_with_own_links_is_the_in_process_run_bit_for_bit(tmp_path: Path
     case = load_case(None, run)
     computed = as_in_process(tmp_path, case)
     assert np.unique(computed.delivered["link"]).tolist() == list(range(len(case.links)))
-    assert len(np.unique(computed.applied["device"])) == 2
+    assert len(np.unique(computed.applied["device"])) == len(case.run.devices)
     again = loop.run(load_case(str(tmp_path / "run.yaml")))  # the stored run has all links inline
     assert again.applied.tobytes() == computed.applied.tobytes()
 

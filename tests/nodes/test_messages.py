@@ -215,14 +215,15 @@ def test_truth_and_inner_state_are_the_messages(case: Case) -> None:
     machines, devices = np.zeros(4, MACHINE_TRUTH), np.zeros(1, DEVICE_TRUTH)
     machines.view(np.float64)[:] = rng.normal(size=24)
     for name in DEVICE_TRUTH.names or ():
-        devices[name] = rng.normal() if name in ("dc_voltage", "current") else 0.0
+        devices[name] = rng.normal() if name in ("dc_voltage", "current", "state") else 0.0
     devices["blocked"], devices["refused_order"] = 1.0, 12.0
     state = deserialize_message(PlantStateMessage(case).fill(7, 1_500_000_001, True, machines, devices), msg.PlantState)
     assert (state.tick, state.in_synchronism, state.header.stamp.nanosec) == (7, True, 500_000_001)
     assert [m.machine for m in state.machines] == ["G1", "G2", "G3", "G4"]
     assert [m.rotor_angle_rad for m in state.machines] == machines["rotor_angle"].tolist()
     assert [m.terminal_voltage_pu for m in state.machines] == machines["terminal_voltage"].tolist()
-    assert state.devices[0].dc_voltage_pu == devices["dc_voltage"][0]
+    found = state.devices[0]
+    assert [found.dc_voltage_pu, found.state_pu] == [devices["dc_voltage"][0], devices["state"][0]]
     assert (state.devices[0].blocked, state.devices[0].released, state.devices[0].refused_order) == (True, False, 12)
     _, control, _, _ = build_control(case)
     control.held.signal[0], control.unlimited[0], control.outputs[0] = 0.25, 3.0, 0.1

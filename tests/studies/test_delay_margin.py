@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from functools import cache, partial
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel
-from facts_damping.small_signal.zero_order_hold import held_for
+from facts_damping.small_signal.zero_order_hold import halvings
 from facts_damping.studies.margins import delay_margin_runs
 from facts_damping.studies.margins.criteria import CRITERIA
 from facts_damping.studies.margins.delay_margin import Margin, first_limit, intervals, margin
@@ -146,7 +146,7 @@ def oscillator(w: float, ratio: float, gain: float, rate: int = 60) -> DelayedLo
         np.zeros(1),
     )
     proportional = Discrete(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[-gain]]), [0], [0])
-    return DelayedLoop(model, [proportional], rate, ["x", "v"], np.zeros((2, 0)), partial(held_for, model.A, model.B))
+    return DelayedLoop(model, [proportional], rate, ["x", "v"], np.zeros((2, 0)), halvings(model.A, model.B, 1 / rate))
 
 
 def spans(loop: DelayedLoop, longest: float) -> list[tuple[float, float]]:

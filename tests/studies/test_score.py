@@ -12,11 +12,12 @@ import pytest
 import facts_damping as fd
 from facts_damping.cli.main import main
 from facts_damping.studies.score.card import LOST, case_of, estimate, logs, ranking, read_set
-from facts_damping.studies.score.measure import Measured
+from facts_damping.studies.score.measure import Measured, measure
 from facts_damping.studies.score.pages import ranking_table, write_ranking
+from tests.two_devices import ACTUATORS
 
 # What was published under a name and a version never changes.
-FROZEN = {"two_area_1.0": "c1e6bc09e5427bda", "nets_nyps_1.0": "64f36fb55048ba28"}
+FROZEN = {"two_area_1.0": "c1e6bc09e5427bda", "nets_nyps_1.0": "64f36fb55048ba28", "minniwecc_1.0": "da153a07dfa67c28"}
 DATA = Path(__file__).parents[1] / "data"
 
 
@@ -84,6 +85,20 @@ def test_the_card_is_the_same_on_any_number_of_cores_and_from_the_command(cases:
     page = (tmp_path / "card.md").read_text()
     assert f"score {one.value:.1f}" in page
     assert one.content["set_digest"] in page
+
+
+def test_devices_that_a_set_adds_are_commanded(cases: str) -> None:
+    """Of every kind that two_area lacks, together; the law of each is designed on the grid with them."""
+    found = read_set(cases)
+    names = [row["name"] for row in ACTUATORS]
+    run = {**found.content.run, "devices": names}
+    fields = {**found.content.set, **{f"system.devices.{2 + i}": row for i, row in enumerate(ACTUATORS)}}
+    found = found._replace(content=found.content.model_copy(update={"run": run, "set": fields}))
+    case = case_of(found, [{"name": "LQG", "devices": [name], "signals": ["frequency"]} for name in names], 0)
+    own, free = (measure(one, 8.0).measure for one in (case, case_of(found, (), 0)))
+    assert own is not None
+    assert free is not None
+    assert own < 0.5 * free
 
 
 @pytest.mark.parametrize("given", ["LLLC", "missing.py:Damper", "two_area_free"])

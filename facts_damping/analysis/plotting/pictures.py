@@ -140,6 +140,11 @@ def _voltages(record: Record) -> list[Panel]:
     ]
 
 
+def _device_states(record: Record) -> list[Panel]:
+    values = record.devices["state"]
+    return [_one(name, values[:, i]) for i, name in enumerate(record.device_names) if np.isfinite(values[:, i]).any()]
+
+
 def _angles(record: Record) -> list[Panel]:
     return [_one(area, np.degrees(values)) for area, values in centres_of_angle(record).items()]
 
@@ -204,6 +209,7 @@ PICTURES = (
     Picture("tie_power", "Active power", "P [p.u.]", partial(_at_buses, POWER), together=True),
     Picture("voltage", "Bus voltage", "V [p.u.]", partial(_at_buses, VOLTAGE), together=True),
     Picture("injected_voltage", "Injected voltage", "v [p.u.]", _voltages, together=False),
+    Picture("device_state", "Charge, reactance or susceptance of devices", "[p.u.]", _device_states, together=False),
     Picture("centre_of_angle", "Centre of angle", "δ [°]", _angles, together=True),
     Picture("indices", "Performance indices", "", _indices, together=False),
     Picture("jacobian", "Identified Jacobian", "∂y/∂u [p.u./p.u.]", _jacobians, together=False),

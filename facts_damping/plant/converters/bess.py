@@ -67,3 +67,9 @@ def derivatives(device: Any, x: Float1, u: float, voltage: float, dx: Float1) ->
     d = device.bess
     P = active(d, x[d.offset], u) * power_fraction(voltage, d.V_min)
     dx[d.offset] = -(P / d.eta_out if P > 0.0 else P * d.eta_in) / d.E
+
+
+@compiled
+def truth(device: Any, x: Float1, _u: float, _voltage: float, _blocked: bool, out: Any) -> None:
+    """Write its charge as the state of DEVICE_TRUTH."""
+    out.state = x[device.bess.offset]

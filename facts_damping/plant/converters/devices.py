@@ -74,7 +74,7 @@ KINDS = {
         statcom.truth,
         consumed_power=statcom.consumed_power,
     ),
-    "svc": DeviceKind(svc.SVC, svc.STATE_NAMES, svc.start, svc.characteristic, svc.derivatives),
+    "svc": DeviceKind(svc.SVC, svc.STATE_NAMES, svc.start, svc.characteristic, svc.derivatives, svc.truth),
     "hvdc": DeviceKind(
         hvdc.HVDC,
         hvdc.STATE_NAMES,
@@ -88,7 +88,13 @@ KINDS = {
         load_modulation.LOAD_MODULATION, [], load_modulation.start, load_modulation.characteristic, _at_rest
     ),
     "bess": DeviceKind(
-        bess.BESS, bess.STATE_NAMES, bess.start, bess.characteristic, bess.derivatives, integrals=bess.STATE_NAMES
+        bess.BESS,
+        bess.STATE_NAMES,
+        bess.start,
+        bess.characteristic,
+        bess.derivatives,
+        bess.truth,
+        integrals=bess.STATE_NAMES,
     ),
     "tcsc": DeviceKind(tcsc.TCSC, tcsc.STATE_NAMES, tcsc.start, tcsc.characteristic, tcsc.derivatives, tcsc.truth),
     "exciter_input": DeviceKind(

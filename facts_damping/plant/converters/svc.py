@@ -43,3 +43,9 @@ def derivatives(device: Any, x: Float1, u: float, voltage: float, dx: Float1) ->
     d = device.svc
     wanted = d.K * (d.Vref + u - voltage)
     dx[d.offset] = (min(max(wanted, d.B_min), d.B_max) - x[d.offset]) / d.T
+
+
+@compiled
+def truth(device: Any, x: Float1, _u: float, _voltage: float, _blocked: bool, out: Any) -> None:
+    """Write its susceptance as the state of DEVICE_TRUTH."""
+    out.state = x[device.svc.offset]

@@ -52,9 +52,10 @@ def derivatives(device: Any, x: Float1, u: float, _magnitude: float, dx: Float1)
 
 @compiled
 def truth(device: Any, x: Float1, _u: float, magnitude: float, blocked: bool, out: Any) -> None:
-    """Write its fields of DEVICE_TRUTH: voltages, and the power that it gives."""
+    """Write its fields of DEVICE_TRUTH: reactance, voltages, and the power that it gives."""
     d = device.tcsc
     capacitive = -d.xs if blocked else x[d.offset]
+    out.state = x[d.offset]
     out.injected_voltage = capacitive * magnitude
     out.active_voltage = 0.0
     out.current = magnitude

@@ -215,6 +215,8 @@ def draw(found: Design, path: Path) -> Path:
         axes[0, m].set_title(
             f"{mode.frequency_hz:.3f} Hz, {mode.label}\ndamping ratio {mode.damping_ratio:.3f}", fontsize=9
         )
+        for axis in axes[:, m]:
+            axis.locator_params(axis="x", nbins=3)
         axes[0, m].set_xlabel("controllability [1/s]", fontsize=8)
         axes[1, m].set_xlabel("observability [-]", fontsize=8)
     figure.suptitle(f"{found.system.name}: places of devices, and speeds, by mode", fontsize=10)

@@ -122,7 +122,7 @@ def tune(
         listed.append(_oscillations(loop, gain, delay, case))
     progress(len(gains), len(gains))
     before = [one for one in listed[0] if one.swings]
-    target = int(np.argmin([linearisation.unlike(mode, one) for one in before]))
+    target = int(np.argmin(linearisation.unlike([mode], before)))
     tracks = [[start, *later] for start, later in zip(before, followed(before, listed[1:]), strict=True)]
     ratios = [_ratio(one) for one in tracks[target]]
     good, limit = _harmless(listed, tracks, target, wanted)

@@ -58,21 +58,19 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
     case = unsupervised(case)
     loop = delayed_loop(case)
     delays = looks(longest, loop.frame_rate)
-    found, listed = [], []
+    worst, lacks, listed = np.zeros(len(delays), complex), np.zeros(len(delays)), []
     for i, delay in enumerate(delays):
         progress(i, len(delays))
-        found.append(eigen(loop, sampled(loop, float(delay))))
-        listed.append(oscillations(loop, found[-1], case))
+        now = eigen(loop, sampled(loop, float(delay)))
+        listed.append(oscillations(loop, now, case))
+        worst[i], lacks[i] = now.values[0].real + 1j * abs(now.values[0].imag), _lacking(now, listed[-1])
     progress(len(delays), len(delays))
-
-    worst = np.array([one.values[0].real + 1j * abs(one.values[0].imag) for one in found])
     stable = intervals(lambda delay: eigen(loop, sampled(loop, delay)).growth, delays, worst.real)
 
     def lacking(delay: float) -> float:
         now = eigen(loop, sampled(loop, delay))
         return _lacking(now, oscillations(loop, now, case))
 
-    lacks = np.array([_lacking(*now) for now in zip(found, listed, strict=True)])
     damped = intervals(lacking, delays, lacks)
     limit = first_limit(stable, longest)
     critical = None if limit is None else _critical(loop, limit, case)
@@ -147,11 +145,17 @@ def intervals(
     growth: Callable[[float], float], delays: NDArray[np.float64], values: NDArray[np.float64]
 ) -> list[tuple[float, float]]:
     """Intervals in which growth (1/s) is at most zero: from `values` at given delays (s), limits by Brent's method."""
-    below = values <= STILL
-    limits = [
-        float(brentq(lambda delay: growth(delay) - STILL, delays[i], delays[i + 1], xtol=EXACT))
-        for i in np.flatnonzero(below[1:] != below[:-1])
-    ]
+    below, known = values <= STILL, dict(zip(delays.tolist(), values.tolist(), strict=True))
+
+    def above(delay: float) -> float:
+        return (known[delay] if delay in known else growth(delay)) - STILL
+
+    def limit(low: float, high: float) -> float:
+        before = high - EXACT  # at whole frames, where signals contain setpoints, growth may jump
+        jumps = (above(before) > 0.0) == (above(low) > 0.0)
+        return high if jumps else float(brentq(above, low, before, xtol=EXACT))
+
+    limits = [limit(*delays[i : i + 2].tolist()) for i in np.flatnonzero(below[1:] != below[:-1])]
     ends = [*([float(delays[0])] if below[0] else []), *limits, *([float(delays[-1])] if below[-1] else [])]
     return list(zip(ends[::2], ends[1::2], strict=True))
 
@@ -198,9 +202,9 @@ def followed(
     now: list[linearisation.Eigenmode | None] = list(first)
     for modes in listed:
         there = [(i, mode) for i, mode in enumerate(now) if mode is not None]
-        cost = np.array([[linearisation.unlike(mode, other) for other in modes] for _, mode in there])
+        cost = linearisation.unlike([mode for _, mode in there], modes)
         now = [None] * len(first)
-        for row, column in zip(*linear_sum_assignment(cost.reshape(len(there), len(modes))), strict=True):
+        for row, column in zip(*linear_sum_assignment(cost), strict=True):
             if cost[row, column] < LOST:
                 now[there[row][0]] = modes[column]
         for column, mode in zip(columns, now, strict=True):

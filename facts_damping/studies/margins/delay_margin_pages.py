@@ -69,7 +69,7 @@ def margin_text(found: Margin, beside: Beside | None) -> Iterator[str]:
     given = ", ".join(f"{c.name} from {c.signals[0]} to {'+'.join(c.devices)}" for c in case.controllers)
     yield f"{case.system.name}: {given}; {case.run.frame_rate} frames/s"
     if max(found.own) - min(found.own) <= 0.0:
-        yield f"delay: from measurement to device, in place of the link's {_ms(found.own[0])}"
+        yield f"delay: from measurement to device, in place of the link's mean of {_ms(found.own[0])}"
     else:
         longer = ", ".join(_ms(delay - min(found.own)) for delay in found.own)
         yield f"delay: from measurement to device, of the shortest link; the links are longer than that by {longer}"

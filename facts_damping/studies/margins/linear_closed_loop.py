@@ -5,15 +5,15 @@ From frame to frame, T apart, with a delay of n frames and a rest `part` < T bet
 
     x(k+1) = Phi(T) x(k) + Phi(T - part) Gamma(part) u(k-n-1) + Gamma(T - part) u(k-n)
 
-with Phi(t) = exp(A t), Gamma(t) = int_0^t exp(A s) ds B. The measurement at t_k is taken with the setpoints in force
-before t_k. Only the sum of the delays of both ways matters, since a controller acts at once on what arrives. The dead
-time of a device is part of its delay; each device has its own n and `part`.
+with Phi(t) = exp(A t), Gamma(t) = int_0^t exp(A s) ds B, so Phi(T - part) Gamma(part) = Gamma(T) - Gamma(T - part).
+The measurement at t_k is taken with the setpoints in force before t_k. Only the sum of the delays of both ways matters,
+since a controller acts at once on what arrives. The dead time of a device is part of its delay; each device has its own
+n and `part`.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache, partial
 from math import factorial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,7 +26,7 @@ from facts_damping.case.supervision import unsupervised
 from facts_damping.control.bank import act
 from facts_damping.control.table import CONTROLLERS, STATE_SPACE, kind_of
 from facts_damping.errors import InputError
-from facts_damping.link.stages import CONSTANT, MODELS, mean_delay
+from facts_damping.link.stages import mean_delay
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.stages import Constant
 from facts_damping.plant.build import build
@@ -35,16 +35,15 @@ from facts_damping.simulation.build import build_control
 from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.lqg import washouts
 from facts_damping.small_signal.sampled_output import remember, samples
-from facts_damping.small_signal.zero_order_hold import held_for, rigid
+from facts_damping.small_signal.zero_order_hold import effect, halvings, rigid
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
     from facts_damping.control.bank import Bank, BankState
 
+    Halvings = list[tuple[NDArray[np.float64], NDArray[np.float64]]]
     Matrices = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
 OTHERS = "(of others a sweep of runs gives the margin)"
@@ -76,7 +75,7 @@ class DelayedLoop(NamedTuple):
     frame_rate: int  # frames/s
     names: list[str]  # of the plant's states, then of the controllers'
     rigid: NDArray[np.float64]  # (plant's states, 0 to 2), orthonormal: common rotor motions without response
-    held: Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]]  # `held_for` of the plant over a time, s
+    halved: Halvings  # of the plant over a frame
 
 
 class Eigen(NamedTuple):
@@ -95,8 +94,8 @@ class Eigen(NamedTuple):
 def delayed_loop(case: Case) -> DelayedLoop:
     """The closed loop of a run about its equilibrium, without supervisors and fallbacks.
 
-    Each link has the excess of its delay over the shortest link's. Raises `InputError` for controllers without a linear
-    model and for links whose delay is not constant.
+    Each link has the excess of its mean delay over the shortest link's; jitter and losses are left out. Raises
+    `InputError` for controllers without a linear model and for links with delays of single channels or times.
     """
     case = unsupervised(case)
     if not case.controllers:
@@ -127,16 +126,13 @@ def delayed_loop(case: Case) -> DelayedLoop:
         controllers.append(Discrete(*matrices, signals, devices, delays[case.used_links[c]] - min(delays), dead_time))
     used = model.C[sorted({signal for c in controllers for signal in c.signals})]
     still = rigid(model.A, used, built.state_names)
-    held = cache(partial(held_for, model.A, model.B))  # many delays leave the same rest of a frame
-    return DelayedLoop(model, controllers, case.run.frame_rate, names, still, held)
+    return DelayedLoop(model, controllers, rate, names, still, halvings(model.A, model.B, 1.0 / rate))
 
 
 def link_delays(case: Case) -> list[float]:
-    """Total delay of each link of a run, both ways, s. Raises `InputError` if it is not constant."""
+    """Mean delay of each link of a run, both ways, s. Raises `InputError` if it is not the same for all channels."""
     stages = [[*link.up, *link.down] for link in case.links]
     for stage in (stage for link in stages for stage in link):
-        if MODELS[stage.model].code != CONSTANT:
-            raise InputError(f"link: a stage of model '{stage.model}' given; allowed: constant delays")
         if (stage.channels, stage.start, stage.duration) != (None, 0.0, None):
             given = "a stage with `channels`, `start` or `duration` given"
             raise InputError(f"link: {given}; allowed: the same delay for all")
@@ -218,7 +214,8 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
         seen += D[:, c.devices] @ _of_frames(buffer, [frames for frames, _ in way])
     if filters is not None:
         seen[used] = filters.taps[:, 0, None] * seen[used] + kept[: len(used)]
-    moved, following = loop.held(period)[0] @ plant, []
+    frame, held = loop.halved[0]
+    moved, following = frame @ plant, []
     buffers, inputs = [], []
     for c, z, buffer, way in zip(loop.controllers, memories, sent, ways, strict=True):
         y = seen[c.signals]
@@ -228,9 +225,8 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
         for rest in sorted({rest for _, rest in way}):
             part, own = rest / NANOSECONDS * period, [i for i, one in enumerate(way) if one[1] == rest]
             columns = [c.devices[i] for i in own]
-            _, before = loop.held(part)
-            onward, after = loop.held(period - part)
-            moved = moved + onward @ before[:, columns] @ old[own] + after[:, columns] @ new[own]
+            after = effect(loop.halved, model.A, model.B, period, period - part)
+            moved = moved + (held - after)[:, columns] @ old[own] + after[:, columns] @ new[own]
             inputs.append((columns, old[own], new[own], part))
         following.append(c.A @ z + c.B @ y)
         buffers.append(given[: -len(c.devices)])
