@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.case import names
-from facts_damping.cockpit.layout import PLANT, replaceable
+from facts_damping.cockpit.layout import PLANT
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, check_known
 from facts_damping.plant.grid.power_flow import solve
@@ -66,7 +66,7 @@ def controls(case: Case, *, launched: bool = False, paced: bool = True) -> dict[
 
 
 def _shown(name: str, label: str, kind: str, **more: Any) -> dict[str, Any]:
-    usual = {"unit": "", "low": None, "high": None, "step": None, "value": None, "fields": []}
+    usual: dict[str, Any] = {"unit": "", "low": None, "high": None, "step": None, "value": None, "fields": []}
     return {"id": name, "group": name.partition("/")[0], "label": label, "kind": kind, **usual, **more}
 
 
@@ -118,7 +118,7 @@ def _linked(case: Case, link: int, _: Any, values: Values) -> Request:
 
 def _grid(case: Case) -> list[Control]:
     system = case.system
-    lines = [row.name for row in (*system.lines, *system.transformers)]
+    lines = [*(row.name for row in system.lines), *(row.name for row in system.transformers)]
     loads = {load.name: load.P for load in system.loads if load.P}
     flow = solve(system, case.run.devices)
     machines = {m.name: flow.generation[m.name].real * system.base_power for m in system.machines}
@@ -182,7 +182,7 @@ def _nodes(case: Case, *, launched: bool) -> list[Control]:
     """Kill and restart, where the launcher does it; arm, for what joined."""
     own = {str(a) for a, c in zip(names.controller_addresses(case), case.controllers, strict=True) if kind_of(c).node}
     found, supervisors = [], {str(one) for one in names.supervisor_addresses(case).values()}
-    for node in replaceable(case):
+    for node in names.replaceable(case):
         if launched and node not in own:
             found += [
                 _button(f"nodes/{node}/{what}", f"{what} {node}", Request(LINE, "", f"{what} {node}"))

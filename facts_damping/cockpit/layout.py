@@ -9,6 +9,7 @@ import numpy as np
 
 from facts_damping.analysis.measures import measure_weights
 from facts_damping.case import names
+from facts_damping.monitor_table import MONITORS
 from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
 from facts_damping.parameters.supervision import watches
 from facts_damping.plant.grid.network import Topology, admittance, at_rest, branches, device_section
@@ -121,24 +122,9 @@ def panel(case: Case, name: str) -> Panel:
         "curves": [{"label": one.label, "unit": one.unit, "group": one.group} for one in curves.all],
         "charts": [chart for chart in charts if chart["curves"]],
         "monitors": monitors,
-        "nodes": nodes(case),
+        "nodes": [PLANT, *names.replaceable(case), RECORDER],
     }
     return Panel(shown, curves.all, modes, system.frequency)
-
-
-def nodes(case: Case) -> list[str]:
-    """Nodes of the case's graph, relative to its namespace."""
-    return [PLANT, *replaceable(case), RECORDER]
-
-
-def replaceable(case: Case) -> list[str]:
-    """Nodes that may be killed and started again while a graph runs."""
-    several = (names.controller_addresses(case), *_served(case))
-    return [*map(str, names.link_addresses(case)), *(str(one) for group in several for one in group)]
-
-
-def _served(case: Case) -> list[list[names.Address]]:
-    return [list(names.identifier_addresses(case).values()), list(names.supervisor_addresses(case).values())]
 
 
 def _chart(title: str, unit: str, curves: Any, limit: float | None = None) -> dict[str, Any]:
@@ -233,8 +219,6 @@ def _monitors(case: Case, curves: _Curves) -> list[dict[str, Any]]:
     """Monitors of each supervisor that have a consequence."""
     if case.supervision is None:
         return []
-    from facts_damping.monitor_table import MONITORS
-
     found, watched, controllers = [], watches(case.supervision), names.controller_names(case)
     for c in names.supervisor_names(case):
         for name, watch in watched.items():
@@ -257,8 +241,8 @@ def _diagram(
 ) -> dict[str, Any]:
     system, at = case.system, places(case.system)
     measured = set(system.pmu_buses().values())
-    kinds = [("line", system.lines), ("transformer", system.transformers)]
-    drawn = [(kind, row) for kind, rows in kinds for row in rows]
+    drawn: list[tuple[str, Any]] = [("line", row) for row in system.lines]
+    drawn += [("transformer", row) for row in system.transformers]
     drawn += [("hvdc", d) for d in system.devices if isinstance(d, Transmission)]
     controllers, links = names.controller_addresses(case), names.link_addresses(case)
     acting = [c for c, one in enumerate(case.controllers) if one.fallback_of is None]

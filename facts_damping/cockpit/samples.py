@@ -89,7 +89,7 @@ def supervision_columns(message: Any) -> Iterator[tuple[str, float]]:
 
 
 def _since(first: Any, later: Any) -> float:
-    return 1e3 * (later.sec - first.sec) + 1e-6 * (later.nanosec - first.nanosec)
+    return float(1e3 * (later.sec - first.sec) + 1e-6 * (later.nanosec - first.nanosec))
 
 
 def latencies(case: Case, record: Record) -> dict[str, NDArray[np.float64]]:
@@ -105,10 +105,10 @@ def latencies(case: Case, record: Record) -> dict[str, NDArray[np.float64]]:
         found[f"latency.{link}"] = _held(ticks, own["tick"][first], value)
     used = {name: case.used_links[c] for c, name in enumerate(controller_names(case))}
     for (c, device), own in group_by(record.applied, "controller", "device"):
-        link = used.get(record.controller_names[c])
-        if link is not None:
+        name = record.controller_names[c]
+        if name in used:
             value = (own["effective_ns"] - own["measured_ns"]) / 1e6
-            found[f"latency.{link}.down.{record.device_names[device]}"] = _held(ticks, own["tick"], value)
+            found[f"latency.{used[name]}.down.{record.device_names[device]}"] = _held(ticks, own["tick"], value)
     return found
 
 

@@ -21,6 +21,7 @@ import socket
 import sys
 import tempfile
 from collections import deque
+from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -175,18 +176,21 @@ class Cockpit:
         try:
             message = parsed(data)
             number = message["id"]
-            control = self.controls.get(message["control"])
-            if control is None:
-                allowed = "those of the layout" if self.controls else "none in a replay"
-                raise InputError(f"control: {message['control'][:40]!r} given; allowed: {allowed}")
+            control = self._control(message["control"], client.pending)
             channel, value = of_controls.checked(control, message.get("value"))
-            if client.pending >= PENDING:
-                raise InputError(f"{PENDING} requests wait for their answers; allowed: one more after an answer")
         except InputError as error:
             self.counts["messages_refused"] += 1
             self._answer(client, number, success=False, message=one_line(error))
             return
         self._carry_out(client, number, control, channel, value)
+
+    def _control(self, name: str, pending: int) -> Control:
+        if name not in self.controls:
+            allowed = "those of the layout" if self.controls else "none in a replay"
+            raise InputError(f"control: {name[:40]!r} given; allowed: {allowed}")
+        if pending >= PENDING:
+            raise InputError(f"{PENDING} requests wait for their answers; allowed: one more after an answer")
+        return self.controls[name]
 
     def _carry_out(self, client: Client, number: Any, control: Control, channel: str, value: Any) -> None:
         place, before = (control.id, channel), dict(self.values)
@@ -306,7 +310,7 @@ def parsed(data: str | bytes | None) -> dict[str, Any]:
     if not isinstance(data, str):
         raise InputError("a binary message given; allowed: text")
     try:
-        message = json.loads(data, parse_constant=_refused)
+        message: Any = json.loads(data, parse_constant=_refused)
     except (ValueError, RecursionError) as error:
         raise InputError(f"a message that is not JSON given: {one_line(error)[:80]}; allowed: JSON") from error
     sound = isinstance(message, dict) and isinstance(message.get("control"), str)
@@ -315,7 +319,7 @@ def parsed(data: str | bytes | None) -> dict[str, Any]:
         raise InputError('a message of another form given; allowed: {"id": number, "control": name, "value": ...}')
     if unknown := message.keys() - {"id", "control", "value"}:
         raise InputError(f"field {min(unknown)[:40]!r} given; allowed: id, control, value")
-    return message
+    return dict(message)
 
 
 def _refused(name: str) -> None:
@@ -332,7 +336,7 @@ def finite(value: Any) -> Any:
 
 
 async def report(recording: str) -> tuple[bytes | None, str]:
-    """The page that `facts-damping analyze RECORDING --report` makes of what is recorded so far, or why there is none."""
+    """The page of `facts-damping analyze RECORDING --report` for what is recorded so far, or why there is none."""
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "report.html"
         command = [
@@ -347,8 +351,9 @@ async def report(recording: str) -> tuple[bytes | None, str]:
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.PIPE,
-            preexec_fn=lambda: os.nice(10),  # noqa: PLW1509 (it calls the kernel alone)
         )
+        with suppress(OSError):  # it may have ended
+            os.setpriority(os.PRIO_PROCESS, process.pid, 10)
         try:
             _, errors = await asyncio.wait_for(process.communicate(), REPORT_S)
         except asyncio.TimeoutError:

@@ -1,6 +1,6 @@
 """cockpit: shows a running graph on a page in a browser, and changes it by the graph's own services.
 
-It publishes nothing. It reads the newest message of each topic twenty times a second, best effort, so it delays no node.
+It publishes nothing. It reads the newest message of each topic twenty times a second, best effort: it delays no node.
 """
 
 from __future__ import annotations
@@ -59,7 +59,11 @@ class Services:
 
     def __init__(self, node: ManagedNode) -> None:
         self._resolve = node.resolve_service_name
-        more = {"use_global_arguments": False, "start_parameter_services": False, "enable_rosout": False}
+        more: dict[str, Any] = {
+            "use_global_arguments": False,
+            "start_parameter_services": False,
+            "enable_rosout": False,
+        }
         self._node = rclpy.create_node(f"{node.get_name()}_client", namespace=node.get_namespace(), **more)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
@@ -136,14 +140,14 @@ class Cockpit:
         self.state, self.states = "running", dict[str, str]()
         self.counts = dict[str, int]()
         self.refused = dict[str, int]()  # messages refused by the graph's nodes
-        self.uses, self.kinds, self.senders = self._uses(node)
+        self.uses, self.kinds, self.senders = self._uses()
         for topic, kind in self.kinds.items():
             take = partial(self.on_message, topic)
             node.create_subscription(kind, topic, take, listening(1000 if topic in EVERY else 1), raw=True)
         self.log, self.spinner, self.services = NodeLog(node), Spinner(node), Services(node)
 
-    def _uses(self, node: ManagedNode) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
-        """By topic: what takes its columns; its message class; the node that publishes it."""
+    def _uses(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
+        """By topic: what takes its columns; message class (of all topics: nodes wait for readers); publishing node."""
         case, kinds = self.case, topics(self.case)
         uses: dict[str, Any] = {FRAMES: samples.frame_columns, PLANT_STATE: samples.state_columns}
         senders = {PLANT_STATE: layout.PLANT}
@@ -155,7 +159,6 @@ class Cockpit:
             uses[f"{address}/setpoints"] = partial(samples.setpoint_columns, "issued")
             senders[f"{address}/setpoints"] = str(address)
         for address in names.identifier_addresses(case).values():
-            uses[f"{address}/estimate"] = lambda _: ()
             senders[f"{address}/estimate"] = str(address)
         for c, address in names.supervisor_addresses(case).items():
             uses[f"{address}/{SUPERVISED}"] = partial(samples.setpoint_columns, "supervised")
@@ -163,7 +166,7 @@ class Cockpit:
             senders[f"{address}/state"] = str(address)
         uses |= {EVENTS: self.on_event, CHANGES: self.on_change, RUN_STATE: self.on_run_state}
         uses |= {DIAGNOSTICS: self.on_diagnostics, REFUSALS: self.on_refusals}
-        return uses, {topic: kinds[topic] for topic in uses}, senders
+        return uses, kinds, senders
 
     def ready(self) -> None:
         """Start the server. Raises `InputError` if host or port cannot be used."""
@@ -181,7 +184,7 @@ class Cockpit:
             self.source_ns = information["source_timestamp"]
         if topic in EVERY:
             self.decode(topic, data)
-        else:
+        elif topic in self.uses:
             self.newest[topic] = data
         if topic in self.senders:
             self.heard[self.senders[topic]] = time.monotonic()
