@@ -123,7 +123,7 @@ def of_record(case: Case, panel: Panel, record: Record) -> NDArray[np.float32]:
     The first column is the time, s. A value is that of the newest tick, so each is one of the recording.
     """
     time_s = record.time_s
-    wanted = np.arange(time_s[0], time_s[-1] + 0.5 / RATE, 1.0 / RATE)
+    wanted = np.arange(time_s[0], time_s[-1] + 1e-6, 1.0 / RATE)
     rows = np.unique(np.searchsorted(record.time_ns, np.round(wanted * NANOSECONDS) + 1) - 1)
     sums, columns = Sums(panel.curves), record.arrays | latencies(case, record)
     nothing = np.full(len(time_s), np.nan)

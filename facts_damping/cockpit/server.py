@@ -14,6 +14,7 @@ import asyncio
 import hmac
 import ipaddress
 import json
+import logging
 import math
 import os
 import secrets
@@ -31,7 +32,7 @@ from facts_damping.errors import InputError, one_line
 from facts_damping.extras import library
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping
+    from collections.abc import Awaitable, Callable, Coroutine, Mapping
 
     from facts_damping.cockpit.controls import Control, Request, Values
 
@@ -241,19 +242,14 @@ class Cockpit:
         if self._status:
             client.put_text(self._status_text())
         self.clients.add(client)
-        tasks = [
-            asyncio.ensure_future(self._send(websocket, client)),
-            asyncio.ensure_future(self._take(websocket, client)),
-        ]
         try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            async with library("anyio", EXTRA).create_task_group() as group:
+                for work in (self._send, self._take):
+                    group.start_soon(_until, work(websocket, client), group.cancel_scope.cancel)
         finally:
             self.clients.discard(client)
             for name in ("frames_left_out", "texts_left_out"):
                 self.counts[name] += getattr(client, name)
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _send(self, websocket: Any, client: Client) -> None:
         while True:
@@ -292,6 +288,15 @@ class Cockpit:
         if page is None:
             return responses.PlainTextResponse(reason, 503)
         return responses.HTMLResponse(page, headers={"content-security-policy": REPORT_POLICY})
+
+
+async def _until(work: Coroutine[Any, Any, None], end: Callable[[], None]) -> None:
+    """Work on a connection until it is lost, or takes too long; then end all work on it."""
+    try:
+        await work
+    except Exception as error:  # noqa: BLE001 (each implementation of WebSockets has its own)
+        logging.getLogger(__name__).debug("connection ended: %r", error)
+    end()
 
 
 def _of_panel(request: Any, rows: Mapping[str, Any], kind: str) -> Any:
