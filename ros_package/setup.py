@@ -12,7 +12,7 @@ ROOT = Path(__file__).parent
 NAME = "facts_damping"
 NODES = (
     *("plant_sim", "wan_link", "controller", "identifier", "supervisor", "recorder", "live_view"),
-    *("c37118_server", "c37118_client"),
+    *("cockpit", "c37118_server", "c37118_client"),
 )
 
 # Wheels of ROS 2 by distribution: what runs, then what builds msg_defs, of which several are needed by others without
@@ -92,6 +92,12 @@ DOCS = [  # for `mkdocs serve`
     "mkdocstrings[python]>=0.29,<2",
 ]
 
+COCKPIT = [  # for the node and the command `cockpit`
+    "starlette>=0.46,<2",
+    "uvicorn>=0.35,<1",  # before, not with websockets' own protocol
+    "websockets>=14,<18",
+]
+
 setup(
     distclass=Platform,
     name=NAME,
@@ -105,6 +111,7 @@ setup(
     package_data={
         "": ["py.typed"],
         NAME: ["templates/*/*.txt"],
+        f"{NAME}.cockpit": ["static/*", "static/*/*"],
         f"{NAME}.compiling": ["objects/*.o"],  # where `make wheel` has put them
         f"{NAME}.nodes": ["fast*.xml"],
         f"{NAME}.report": ["page.*"],
@@ -143,6 +150,7 @@ setup(
         "ros": ros(DEFAULT_ROS),
         **{f"ros-{distribution}": ros(distribution) for distribution in ROS},
         "fmi": ["fmpy==0.3.22"],  # FMUs as controllers; later ones bring CMake and Jupyter along
+        "cockpit": COCKPIT,
         "foxglove": ["foxglove-sdk>=0.30,<1"],  # for the node live_view
         "dask": ["distributed>=2024.1"],  # for `facts-damping sweep --scheduler`; versions are dates
         "gymnasium": ["gymnasium>=1.0,<2"],  # for the environment
@@ -151,6 +159,7 @@ setup(
         "docs": DOCS,
         "test": [
             *DOCS,
+            *COCKPIT,
             "colcon-common-extensions>=0.3,<1",  # tests/test_packaging.py
             "distributed>=2024.1",
             "fmpy==0.3.22",
@@ -173,7 +182,7 @@ setup(
             "synchrophasor==1.0.0a0",  # another program's frames, tests/c37118
             "types-PyYAML>=6,<7",
             "types-networkx>=3.2,<4",
-            "websockets>=14,<18",
+            "httpx>=0.27,<1",  # starlette's test client
         ],
     },
     entry_points={

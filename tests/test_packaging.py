@@ -29,6 +29,7 @@ EXECUTABLES = [
     "facts-damping",
     "identifier",
     "live_view",
+    "cockpit",
     "plant_sim",
     "recorder",
     "supervisor",

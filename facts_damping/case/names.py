@@ -111,6 +111,13 @@ def link_addresses(case: Case) -> list[Address]:
     return [Address(place, "wan_link") for place in places]
 
 
+def replaceable(case: Case) -> list[str]:
+    """Nodes of a graph that another may replace while it runs: links, controllers, identifiers, supervisors."""
+    several = (link_addresses(case), controller_addresses(case))
+    own = (identifier_addresses(case).values(), supervisor_addresses(case).values())
+    return [str(address) for group in (*several, *own) for address in group]
+
+
 def recorded_topic(topic: str) -> str:
     """Topic of the recorded setpoints in a replay."""
     return f"recorded/{topic}"

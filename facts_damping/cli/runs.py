@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     Named = list[tuple[str, Record]]
     Results = list[dict[str, Any]]
 
+HOST = "127.0.0.1"  # of a cockpit
 FREE = "no_control"  # stands for a recording: the same run without control
 
 
@@ -149,8 +150,12 @@ def run(arguments: argparse.Namespace) -> None:
     folder = out_folder(arguments, name)
     if arguments.foxglove is not None:
         say(arguments, f"live view: ws://127.0.0.1:{arguments.foxglove}")
+    cockpit = None
+    if arguments.cockpit is not None:
+        cockpit = graph.Cockpit(HOST, arguments.cockpit, lambda address: say(arguments, f"cockpit: {address}"))
     with Progress(name) as progress:
-        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, arguments.foxglove)
+        views = {"view_port": arguments.foxglove, "cockpit": cockpit}
+        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, **views)
     tell_graph(arguments, name, outcome, folder)
 
 

@@ -101,7 +101,7 @@ def start(domain: int) -> Iterator[Callable[..., Started]]:
 
         def start_one(executable: str, *options: str, cold: bool = False, **parameters: Any) -> Started:
             arguments, given = [*graph.QUIET, *options], {"progress": True, "mode": "lockstep"} | parameters
-            if executable in ("live_view", "c37118_server"):
+            if executable in ("live_view", "cockpit", "c37118_server"):
                 del given["mode"]
             for name, value in given.items():
                 arguments += ["-p", f"{name}:={value}"]

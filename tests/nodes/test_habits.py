@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 BIN = Path(sys.executable).parent
 NODES = (
     *("plant_sim", "wan_link", "controller", "identifier", "supervisor", "recorder", "live_view"),
-    *("c37118_server", "c37118_client"),
+    *("cockpit", "c37118_server", "c37118_client"),
 )
 SOON_S = 30.0  # 2 s on a machine that does nothing else
 INDIRECT = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]

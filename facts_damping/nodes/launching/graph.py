@@ -11,7 +11,7 @@ import time
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.case.names import (
     acting,
@@ -21,6 +21,7 @@ from facts_damping.case.names import (
     identifier_names,
     link_addresses,
     recorded_topic,
+    replaceable,
     setpoint_senders,
     supervisor_addresses,
 )
@@ -35,7 +36,7 @@ from facts_damping.simulation.policies import StepTimes
 from facts_damping.terminal import clean_up_first, write_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
     from multiprocessing.process import BaseProcess
 
     from facts_damping.case.model import Case
@@ -44,7 +45,7 @@ POLL_S = 0.02
 PLANT, STREAMS, REPLAYED = "plant_sim", "c37118_client", "replay_source"
 SOURCES = (PLANT, STREAMS, REPLAYED)  # sources of frames, one per graph; a replayed recording also replaces the links
 RECORDER = "recorder"  # stopped last, to receive all messages of the others
-VIEW = "live_view"  # it only listens
+VIEW, COCKPIT = VIEWS = "live_view", "cockpit"  # they only listen
 RUN_FILE = "run.yaml"  # in the folder of a graph: the run that its nodes read
 START_S = 60.0  # longest wait for a live view to start
 STOP_S = 15.0  # longest wait for a node to stop
@@ -79,6 +80,7 @@ class Process:
     process: BaseProcess | Command
     output: IO[bytes]
     errors: IO[bytes]
+    again: tuple[Any, ...] = ()  # arguments of `start`; empty: a user's own program
     read_bytes: int = 0  # of the output so far
 
     def read(self) -> str:
@@ -155,7 +157,7 @@ def start(
     # Files without names: they vanish with this process, however it ends.
     names = (f"/proc/{os.getpid()}/fd/{file.fileno()}" for file in (output, errors))
     process = forked.start(module, arguments, {**ENVIRONMENT, **(environment or os.environ)}, *names)
-    return Process(name, process, output, errors)
+    return Process(name, process, output, errors, (name, module, parameters, remaps, environment))
 
 
 def start_command(case: Case, c: int, out: Path, environment: Mapping[str, str] | None = None) -> Process:
@@ -224,14 +226,41 @@ def save_weights(case: Case, out: Path) -> None:
             write_whole(out / f"{name}.weights.yaml", dump(weights))
 
 
-def _wait_for_view(view: Process) -> None:
-    """Wait until a live view serves. If it ends later, the graph goes on."""
+def _wait_for_view(view: Process) -> str:
+    """Wait until a live view or a cockpit serves. Returns its address. If it ends later, the graph goes on."""
     deadline = time.monotonic() + START_S
-    while not view.read():
+    while not (address := view.read()):
         if view.process.exitcode is not None or time.monotonic() > deadline:
             end([view], signal.SIGINT)
             raise view.failure()
         time.sleep(POLL_S)
+    return address.strip()
+
+
+class Cockpit(NamedTuple):
+    """A cockpit for a graph: host and port of its server, and what is told its address."""
+
+    host: str
+    port: int
+    tell: Callable[[str], object]
+
+
+def obey(running: dict[str, Process], allowed: Collection[str]) -> None:
+    """Carry out the lines `kill NODE` and `restart NODE` of the cockpit, for nodes that may be replaced.
+
+    A node that has ended starts again with `join`, disarmed; the ended one is kept for its counts. A user's own
+    program, and a node that still runs, are not started.
+    """
+    for order, name in re.findall(r"^(kill|restart) (\S+)$", running[COCKPIT].read(), re.MULTILINE):
+        node = running.get(name) if name in allowed else None
+        if node is None:
+            continue
+        if order == "kill" and node.process.exitcode is None:
+            node.process.kill()
+        elif order == "restart" and node.process.exitcode is not None and node.again:
+            own, module, parameters, remaps, environment = node.again
+            running[f"{name} {len(running)}"] = node
+            running[name] = start(own, module, {**parameters, "join": True}, remaps, environment)
 
 
 @contextmanager
@@ -244,6 +273,7 @@ def graph(
     replayed: Path | str | None = None,
     streams: str | None = None,
     environment: Mapping[str, str] | None = None,
+    cockpit: Cockpit | None = None,
 ) -> Iterator[dict[str, Process]]:
     """Start the nodes of a case; at exit, stop the source first and the recorder last. Arguments: as of `run`.
 
@@ -252,7 +282,8 @@ def graph(
     run_file = out / RUN_FILE
     unsigned = {} if replayed is None else {"security": None}  # a recording has no keys
     run_file.write_text(dump(case.document() | unsigned), encoding="utf-8")
-    common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "view": view_port is not None}
+    common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True}
+    common["view"] = view_port is not None or cockpit is not None
     senders = setpoint_senders(case)
     running: dict[str, Process] = {}
 
@@ -263,6 +294,10 @@ def graph(
         if view_port is not None:
             begin(VIEW, VIEW, {"run": run_file, "port": view_port})
             _wait_for_view(running[VIEW])
+        if cockpit is not None:
+            more = {"launched": mode == "realtime", "recording": out / "recording"}
+            begin(COCKPIT, COCKPIT, {"run": run_file, "host": cockpit.host, "port": cockpit.port, **more})
+            cockpit.tell(_wait_for_view(running[COCKPIT]))
         begin(RECORDER, RECORDER, {**common, "output": out / "recording"})
         controllers = dict(enumerate(controller_addresses(case)))
         for c in [c for c in controllers if kind_of(case.controllers[c]).node]:
@@ -308,13 +343,14 @@ def run(
     streams: str | None = None,
     look: Callable[[int, Mapping[str, Process]], None] | None = None,
     environment: Mapping[str, str] | None = None,
+    cockpit: Cockpit | None = None,
 ) -> Outcome:
     """Run a case as a graph of processes; the recording is `out / "recording"`.
 
     `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that replaces plant and links;
     `streams`: replaces the plant, in real time (parameters.streams.read_streams).
     `look`: called repeatedly while the plant runs, with the newest tick that it has reported and the nodes by name.
-    `environment`: of the nodes; None: that of this process.
+    `environment`: of the nodes; None: that of this process. `cockpit`: a page in a browser; None: without.
     In real time a run that has begun goes on if a link, controller, supervisor or identifier ends.
 
     Raises `RunError` naming the node that ended or is silent, `InputError` if the folder is in use.
@@ -329,7 +365,7 @@ def run(
     new_folder(out)
     began = time.monotonic()
     misses, fallen = 0, dict[str, str]()
-    with graph(case, mode, out, timeout, view_port, replayed, streams, environment) as running:
+    with graph(case, mode, out, timeout, view_port, replayed, streams, environment, cockpit) as running:
         plant = next(running[name] for name in SOURCES if name in running)
         reported_s, newest = time.monotonic() + 60.0, 0  # longer at the start than the nodes' own time-outs
         while plant.process.exitcode is None:
@@ -340,6 +376,8 @@ def run(
                 progress(newest, n)
             if look is not None:
                 look(newest, running)
+            if COCKPIT in running and mode == "realtime":
+                obey(running, replaceable(case))
             _check_others(running, fallen if newest > 1 and mode == "realtime" else None)
             if time.monotonic() - reported_s > timeout + 5.0:
                 raise RunError(f"{plant.name} is silent: no progress within {timeout + 5.0:g} s")
@@ -376,7 +414,7 @@ def _check_others(running: dict[str, Process], fallen: dict[str, str] | None = N
 
     `fallen`: if given, takes the reasons of ended nodes, and the run goes on; except if the recorder has ended.
     """
-    ended = [p for name, p in running.items() if name not in (*SOURCES, VIEW) and p.process.exitcode is not None]
+    ended = [p for name, p in running.items() if name not in (*SOURCES, *VIEWS) and p.process.exitcode is not None]
     if fallen is not None:
         fallen |= {p.name: p.reason() for p in ended if p.name != RECORDER}
         ended = [p for p in ended if p.name == RECORDER]

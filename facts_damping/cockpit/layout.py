@@ -1,0 +1,292 @@
+"""What the page of a cockpit shows of a case: diagram, curves, charts, monitors, nodes."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.analysis.measures import measure_weights
+from facts_damping.case import names
+from facts_damping.monitor_table import MONITORS
+from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
+from facts_damping.parameters.supervision import watches
+from facts_damping.plant.grid.network import Topology, admittance, at_rest, branches, device_section
+from facts_damping.small_signal.one_line import places
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from facts_damping.case.model import Case
+    from facts_damping.parameters.plant.system import Device, System
+
+SMALL = 1e-6  # weights below are left out of a sum
+MEASURES = 4  # most differences of frequencies whose modes are estimated
+PLANT, RECORDER = "plant_sim", "recorder"  # names of nodes that every graph has
+
+
+class Curve(NamedTuple):
+    """A value over time: a sum of columns of a record (`signals.Record.arrays`, `samples.latencies`) by weight."""
+
+    label: str
+    unit: str
+    group: str
+    parts: Mapping[str, float]  # empty: not a sum, but estimated (`Mode.damping`)
+    offset: float = 0.0
+
+
+class Mode(NamedTuple):
+    """A difference of frequencies whose modes are estimated while the run goes on; indices of two curves."""
+
+    label: str
+    signal: int
+    damping: int
+
+
+class Panel(NamedTuple):
+    """What the page shows of one run: `shown` is the panel as the page gets it."""
+
+    shown: dict[str, Any]
+    curves: list[Curve]
+    modes: list[Mode]
+    frequency: float  # Hz, nominal
+
+
+class _Curves:
+    """Curves in order; `add` returns the index."""
+
+    def __init__(self) -> None:
+        self.all: list[Curve] = []
+
+    def add(self, label: str, unit: str, group: str, parts: Mapping[str, float], offset: float = 0.0) -> int:
+        self.all.append(Curve(label, unit, group, parts, offset))
+        return len(self.all) - 1
+
+
+def frequency_weights(system: System) -> dict[str, dict[str, float]]:
+    """Weights of the PMUs' frequencies in the frequency of each bus: {bus: {PMU: weight}}.
+
+    A bus with a PMU has the frequency that it measures. The others follow from these by the frequency divider,
+    `f_u = -B_uu^-1 B_um f_m` with the susceptances of branches at the start; no weights where no path leads to a PMU.
+    Source: F. Milano, A. Ortega, Frequency divider, IEEE Transactions on Power Systems 32, 2017, (17).
+    """
+    at: dict[str, str] = {}
+    for pmu, bus in system.pmu_buses().items():
+        at.setdefault(bus, pmu)
+    buses = [bus.name for bus in system.buses]
+    series = [device_section(d, complex(at_rest(d))) for d in system.devices if isinstance(d, Series)]
+    series = [one for one in series if np.isfinite(one.admittance).all()]
+    matrix = admittance(buses, [*branches(system, Topology()), *series]).imag
+    matrix -= np.diag(matrix.sum(axis=1))  # susceptances between buses alone: shunts hold no frequency
+    known = np.array([bus in at for bus in buses])
+    found = {bus: {at[bus]: 1.0} if bus in at else {} for bus in buses}
+    unknown = np.flatnonzero(~known)
+    if not len(unknown) or not known.any():
+        return found
+    # Least squares: where no path leads to a PMU the matrix is singular, and the weights come out as zero.
+    weights = np.linalg.lstsq(matrix[np.ix_(unknown, unknown)], -matrix[np.ix_(unknown, known)], rcond=None)[0]
+    measured = [at[bus] for bus in buses if bus in at]
+    for row, u in zip(weights, unknown, strict=True):
+        if abs(row.sum() - 1.0) < 1e-3:
+            found[buses[u]] = {p: float(w) for p, w in zip(measured, row, strict=True) if abs(w) > SMALL}
+    return found
+
+
+def panel(case: Case, name: str) -> Panel:
+    """The panel of a case; `name`: its heading."""
+    curves, system = _Curves(), case.system
+    frequencies = {
+        bus: curves.add(bus, "Hz", "frequency", {f"pmu.{pmu}.frequency_hz": w for pmu, w in weights.items()})
+        for bus, weights in frequency_weights(system).items()
+    }
+    angles, powers = _machines(case, curves)
+    setpoints, of_devices = _setpoints(case, curves)
+    latencies, of_links = _latencies(case, curves)
+    flows = _flows(case, curves)
+    modes = _modes(case, curves)
+    monitors = _monitors(case, curves)
+    measured = [frequencies[bus] for bus in dict.fromkeys(system.pmu_buses().values())]
+    charts = [
+        _chart("frequency at PMUs", "Hz", measured),
+        _chart("rotor angle against the centre of inertia", "deg", angles.values()),
+        _chart("active power", "MW", flows),
+        *of_devices,
+        *of_links,
+        _chart("difference of frequencies", "mHz", [one.signal for one in modes]),
+        _chart("damping ratio of its mode", "%", [one.damping for one in modes], 0.0),
+    ]
+    shown = {
+        "name": name,
+        "diagram": _diagram(case, frequencies, angles, powers, setpoints, latencies),
+        "curves": [{"label": one.label, "unit": one.unit, "group": one.group} for one in curves.all],
+        "charts": [chart for chart in charts if chart["curves"]],
+        "monitors": monitors,
+        "nodes": [PLANT, *names.replaceable(case), RECORDER],
+    }
+    return Panel(shown, curves.all, modes, system.frequency)
+
+
+def _chart(title: str, unit: str, curves: Any, limit: float | None = None) -> dict[str, Any]:
+    return {"title": title, "unit": unit, "curves": list(curves), "limit": limit}
+
+
+def _machines(case: Case, curves: _Curves) -> tuple[dict[str, int], dict[str, int]]:
+    """Angles of machines against the centre of inertia (against the infinite bus, if there is one), and powers."""
+    machines, base = case.system.machines, case.system.base_power
+    inertias = {m.name: 0.0 if case.system.infinite_buses else m.rating * m.H for m in machines}
+    total = sum(inertias.values()) or 1.0
+    angles, powers = {}, {}
+    for m in machines:
+        shares = {name: -inertia / total for name, inertia in inertias.items() if inertia or name == m.name}
+        shares[m.name] = shares[m.name] + 1.0
+        parts = {f"machine.{name}.rotor_angle_rad": math.degrees(share) for name, share in shares.items()}
+        angles[m.name] = curves.add(m.name, "deg", "angle", parts)
+        powers[m.name] = curves.add(m.name, "MW", "machine power", {f"machine.{m.name}.electrical_power_pu": base})
+    return angles, powers
+
+
+def _flows(case: Case, curves: _Curves) -> list[int]:
+    """Powers that PMUs measure in branches, or at machines if none measures in a branch."""
+    flows = [pmu.name for pmu in case.system.pmus if pmu.branches]
+    chosen, base = flows or [pmu.name for pmu in case.system.pmus], case.system.base_power
+    return [curves.add(name, "MW", "power", {f"pmu.{name}.active_power_pu": base}) for name in chosen]
+
+
+def _setpoints(case: Case, curves: _Curves) -> tuple[dict[str, int], list[dict[str, Any]]]:
+    """Setpoint in force of each device, and a chart of each: sent, passed on, delivered, applied."""
+    by_name, charts, supervised = {}, [], names.supervisor_names(case)
+    for name in case.run.devices:
+        own = []
+        for c, (node, controller) in enumerate(zip(names.controller_names(case), case.controllers, strict=True)):
+            if name not in controller.devices:
+                continue
+            ways = {"sent": "issued", "passed on": "supervised", "delivered": "applied"}
+            if c not in supervised:
+                del ways["passed on"]
+            if controller.fallback_of is not None:
+                ways = {"sent": "issued"}
+            label = f" by {node}" if sum(name in one.devices for one in case.controllers) > 1 else ""
+            for what, column in ways.items():
+                own.append(curves.add(f"{what}{label}", "p.u.", "setpoint", {f"{column}.{node}.{name}_pu": 1.0}))
+        by_name[name] = curves.add(f"{name} in force", "p.u.", "setpoint", {f"device.{name}.setpoint_pu": 1.0})
+        own.append(curves.add("applied", "p.u.", "setpoint", {f"device.{name}.reference_pu": 1.0}))
+        charts.append(_chart(f"setpoint of {name}", "p.u.", own, case.system.device(name).setpoint_max))
+    return by_name, charts
+
+
+def _latencies(case: Case, curves: _Curves) -> tuple[list[int], list[dict[str, Any]]]:
+    """Largest latency of each link's newest frames, and a chart of each link by channel."""
+    largest, charts = [], []
+    for i, address in enumerate(names.link_addresses(case)):
+        largest.append(curves.add(f"{address}", "ms", "latency", {f"latency.{i}": 1.0}))
+        rows = [(f"{one} to the controllers", f"up.{one}") for one in _pmus(case, i)]
+        rows += [(f"measurement to {one}", f"down.{one}") for one in _devices(case, i)]
+        own = [curves.add(label, "ms", "latency", {f"latency.{i}.{column}": 1.0}) for label, column in rows]
+        charts.append(_chart(f"latency of {address}", "ms", own))
+    return largest, charts
+
+
+def _pmus(case: Case, link: int) -> list[str]:
+    """PMUs whose frames the controllers of a link use; all if it has none."""
+    used = {pmu for c in names.served(case, link) for pmu in controller_pmus(case, c)}
+    return [pmu.name for pmu in case.system.pmus if pmu.name in used or not used]
+
+
+def _devices(case: Case, link: int) -> list[str]:
+    used = {name for c in names.served(case, link) for name in case.controllers[c].devices}
+    return [name for name in case.run.devices if name in used]
+
+
+def controller_pmus(case: Case, c: int) -> list[str]:
+    """PMUs from which the signals of a controller are computed."""
+    used = {pmu for signal in case.controllers[c].signals for pmu in case.system.signals[signal].weights}
+    return [pmu.name for pmu in case.system.pmus if pmu.name in used]
+
+
+def _modes(case: Case, curves: _Curves) -> list[Mode]:
+    """Differences of frequencies between areas, else the local ones, in mHz, and the damping ratio of each in %."""
+    system, found = case.system, []
+    weights = measure_weights({"system": system.model_dump(by_alias=True)})
+    for name in (system.measures.interarea or system.measures.local or list(weights))[:MEASURES]:
+        parts = {f"pmu.{pmu}.frequency_hz": 1e3 * weight for pmu, weight in weights[name].items()}
+        signal = curves.add(name, "mHz", "difference", parts, -system.frequency * sum(parts.values()))
+        found.append(Mode(name, signal, curves.add(name, "%", "damping", {})))
+    return found
+
+
+def _monitors(case: Case, curves: _Curves) -> list[dict[str, Any]]:
+    """Monitors of each supervisor that have a consequence."""
+    if case.supervision is None:
+        return []
+    found, watched, controllers = [], watches(case.supervision), names.controller_names(case)
+    for c in names.supervisor_names(case):
+        for name, watch in watched.items():
+            if watch.follows:
+                row = MONITORS[name]
+                parts = {f"supervision.{controllers[c]}.{name}": 1.0}
+                curve = curves.add(name, row.unit, "monitor", parts)
+                more = {"name": name, "unit": row.unit, "limit": watch.limit, "description": row.description}
+                found.append({**more, "controller": controllers[c], "follows": watch.follows, "curve": curve})
+    return found
+
+
+def _diagram(
+    case: Case,
+    frequencies: Mapping[str, int],
+    angles: Mapping[str, int],
+    powers: Mapping[str, int],
+    setpoints: Mapping[str, int],
+    latencies: list[int],
+) -> dict[str, Any]:
+    system, at = case.system, places(case.system)
+    measured = set(system.pmu_buses().values())
+    drawn: list[tuple[str, Any]] = [("line", row) for row in system.lines]
+    drawn += [("transformer", row) for row in system.transformers]
+    drawn += [("hvdc", d) for d in system.devices if isinstance(d, Transmission)]
+    controllers, links = names.controller_addresses(case), names.link_addresses(case)
+    acting = [c for c, one in enumerate(case.controllers) if one.fallback_of is None]
+    return {
+        "buses": [
+            {
+                "name": bus.name,
+                "x": round(float(at[bus.name][0]), 4),
+                "y": round(float(at[bus.name][1]), 4),
+                "pmu": bus.name in measured,
+                "frequency": frequencies[bus.name],
+            }
+            for bus in system.buses
+        ],
+        "branches": [
+            {"name": row.name, "kind": kind, "from": row.from_bus, "to": row.to_bus, "out": False}
+            for kind, row in drawn
+        ],
+        "machines": [
+            {"name": m.name, "bus": m.bus, "angle": angles[m.name], "power": powers[m.name]} for m in system.machines
+        ],
+        "devices": [_device(system, system.device(name), setpoints[name]) for name in case.run.devices]
+        + [_device(system, d, None) for d in system.devices if isinstance(d, Series) and d.name not in setpoints],
+        "links": [
+            {
+                "name": str(links[case.used_links[c]]),
+                "controller": str(controllers[c]),
+                "pmus": controller_pmus(case, c),
+                "devices": list(case.controllers[c].devices),
+                "latency": latencies[case.used_links[c]],
+            }
+            for c in acting
+        ],
+        "controllers": [{"name": str(controllers[c])} for c in acting],
+    }
+
+
+def _device(system: System, device: Device, setpoint: int | None) -> dict[str, Any]:
+    """A device: between two buses, or at one; `setpoint` None: not installed, drawn as a branch."""
+    found = {"name": device.name, "kind": device.kind, "setpoint": setpoint}
+    if isinstance(device, Series):
+        return found | {"from": device.ends[0], "to": device.ends[1]}
+    if isinstance(device, Transmission):
+        return found | {"from": device.from_bus, "to": device.to_bus}
+    if isinstance(device, AtMachine):
+        return found | {"bus": next(m.bus for m in system.machines if m.name == device.machine)}
+    return found | {"bus": device.bus}

@@ -1,0 +1,192 @@
+"""What a cockpit shows of a case, and what its controls become: texts that the run's own checks accept."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from facts_damping.case import names
+from facts_damping.case.loading import load_case
+from facts_damping.cockpit import controls, layout, samples
+from facts_damping.errors import InputError
+from facts_damping.simulation import loop
+from facts_damping.simulation.changes import with_event, with_link
+
+if TYPE_CHECKING:
+    from facts_damping.case.model import Case
+    from facts_damping.cockpit.controls import Control
+
+RUNS = ("two_area_deployment", "minniwecc", "two_area_decentralised", "best_smib_pdci")
+
+
+@pytest.fixture(scope="module", params=RUNS)
+def case(request: pytest.FixtureRequest) -> Case:
+    return load_case(request.param, ["scenario=[]"])
+
+
+def indices(shown: dict[str, Any]) -> list[int]:
+    """All indices of curves in a panel."""
+    drawn = shown["diagram"]
+    found = [bus["frequency"] for bus in drawn["buses"]] + [link["latency"] for link in drawn["links"]]
+    found += [m[key] for m in drawn["machines"] for key in ("angle", "power")]
+    found += [d["setpoint"] for d in drawn["devices"] if d["setpoint"] is not None]
+    found += [monitor["curve"] for monitor in shown["monitors"]]
+    return [*found, *(i for chart in shown["charts"] for i in chart["curves"])]
+
+
+def test_every_part_of_the_grid_is_shown_with_curves_that_there_are(case: Case) -> None:
+    made = layout.panel(case, "it")
+    shown, drawn, system = made.shown, made.shown["diagram"], case.system
+    json.dumps(shown, allow_nan=False)
+    assert [bus["name"] for bus in drawn["buses"]] == [bus.name for bus in system.buses]
+    assert len({(bus["x"], bus["y"]) for bus in drawn["buses"]}) == len(system.buses)
+    assert {m["name"] for m in drawn["machines"]} == {m.name for m in system.machines}
+    branches = {branch["name"] for branch in drawn["branches"]}
+    assert {line.name for line in system.lines} | {one.name for one in system.transformers} <= branches
+    assert set(case.run.devices) <= {d["name"] for d in drawn["devices"]}
+    assert sorted(set(indices(shown))) == list(range(len(shown["curves"])))
+    assert {chart["unit"] for chart in shown["charts"]} >= {"Hz", "deg", "MW", "p.u.", "ms"}
+    assert bool(shown["monitors"]) == (case.supervision is not None)
+
+
+def test_buses_without_a_pmu_have_a_mean_of_measured_frequencies(case: Case) -> None:
+    """Rows of the divider sum to 1: at equal frequencies all buses have that frequency, also beside the nominal one."""
+    measured = set(case.system.pmu_buses().values())
+    for bus, weights in layout.frequency_weights(case.system).items():
+        assert sum(weights.values()) == pytest.approx(1.0, abs=1e-4), bus
+        assert (len(weights) == 1) or bus not in measured
+
+
+def test_bus_without_a_pmu_lies_between_its_neighbours_by_the_susceptances() -> None:
+    """B10 is between B11 (G3's, with a PMU by its machine at B3) and B9: two lines of 10 and 25 km, B4 in between."""
+    weights = layout.frequency_weights(load_case("two_area_deployment").system)
+    assert weights["B8W"] == {"TIE": 1.0}
+    assert set(weights["B10"]) == {"G3", "G4"}  # the two of its area; the tie's PMU separates the areas
+    assert all(0.0 < weight < 1.0 for weight in weights["B10"].values())
+
+
+def values_of(control: Control) -> list[Any]:
+    """Values at both ends of what a control allows, and as it is shown."""
+    shown = control.shown
+    if shown["kind"] == "slider":
+        some = shown["fields"][0]["choices"]
+        return [shown["high"], *({"value": shown["high"], "channel": some[i]} for i in (0, 1, -1))]
+    if shown["kind"] == "toggle":
+        return [True, False]
+    if shown["kind"] == "button":
+        return [None]
+    choices = {field["name"]: field.get("choices", [field["value"]]) for field in shown["fields"]}
+    return [{}, *({name: some[i % len(some)] for name, some in choices.items()} for i in range(3))]
+
+
+def test_checks_of_the_run_accept_what_every_control_becomes(case: Case) -> None:
+    found = controls.controls(case, launched=True)
+    standing: controls.Values = {}
+    links = [str(address) for address in names.link_addresses(case)]
+    for control in found.values():
+        json.dumps(control.shown, allow_nan=False)
+        for given in values_of(control):
+            channel, value = controls.checked(control, given)
+            if control.keeps:
+                standing[control.id, channel] = value
+            request = control.request(value, standing)
+            node = request.service.rpartition("/")[0]
+            if request.kind == controls.APPLY and node in links:
+                changed = with_link(case, links.index(node), request.content).links[links.index(node)]
+                assert len(changed.up) + len(changed.down) >= len(case.links[links.index(node)].up)
+            elif request.kind == controls.APPLY:
+                now = case
+                if "line_in" in request.content:
+                    now = with_event(case, request.content.replace("line_in", "line_out"), 10**9)
+                with_event(now, request.content, 2 * 10**9)
+            elif request.kind == controls.LINE:
+                assert request.content.split()[1] in names.replaceable(case)
+    groups = {control.shown["group"] for control in found.values()}
+    assert groups == {"link", "grid", "nodes", "run"} | ({"supervisor"} if case.supervision else set())
+
+
+def test_sliders_of_a_link_add_up_and_return_to_the_run_s_own_link() -> None:
+    case = load_case("two_area_deployment")
+    found, standing = controls.controls(case), dict[tuple[str, str], Any]()
+
+    def link(name: str, given: Any) -> Any:
+        control = found[f"link/wan_link/{name}"]
+        channel, value = controls.checked(control, given)
+        standing[control.id, channel] = value
+        return with_link(case, 0, control.request(value, standing).content).links[0]
+
+    own = case.links[0]
+    assert link("delay", 400).up[-1].delay == 0.4
+    up = link("jitter", 50).up
+    assert (up[-1].model, up[-1].low, up[-1].high) == ("uniform", 0.4, 0.45)
+    assert link("loss", {"value": 10, "channel": "sssc"}).down[-1].loss == 0.1
+    cut = link("cut", True)
+    assert [stage.loss for stage in (cut.up[-1], cut.down[-1])] == [1.0, 1.0]
+    for name in ("delay", "jitter"):
+        link(name, 0)
+    link("cut", False)
+    assert link("loss", {"value": 0, "channel": "sssc"}) == own
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "text"),
+    [
+        ("link/wan_link/delay", 501, r"link/wan_link/delay: 501 given; allowed: 0 to 500"),
+        ("link/wan_link/delay", True, r"True given; allowed: 0 to 500"),
+        ("link/wan_link/delay", float("nan"), r"nan given; allowed: 0 to 500"),
+        ("link/wan_link/delay", None, r"None given; allowed: 0 to 500"),
+        ("link/wan_link/loss", {"value": 1, "channel": "G9"}, r"channel: 'G9' given.*allowed: all, G1, G2"),
+        ("link/wan_link/loss", {"value": 1, "much": 1}, r"field 'much' given; allowed: value, channel"),
+        ("link/wan_link/cut", 1, r"cut: 1 given; allowed: true, false"),
+        ("grid/fault", [], r"grid/fault: \[\] given; allowed: \{field: value\}"),
+        ("grid/fault", {"bus": "B99"}, r"grid/fault: bus: 'B99' given.*allowed: B1, B2"),
+        ("grid/fault", {"duration": 1e400}, r"grid/fault: duration: inf given; allowed: 0.01 to 1"),
+        ("run/step", {"ticks": 0}, r"run/step: ticks: 0 given; allowed: 1 to 6000"),
+    ],
+)
+def test_value_that_is_not_allowed_is_named_with_what_is(name: str, given: Any, text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        controls.checked(controls.controls(load_case("two_area_deployment"))[name], given)
+
+
+def test_kill_and_restart_are_there_only_where_a_launcher_reads_them() -> None:
+    case = load_case("two_area_deployment")
+    asked = {launched: set(controls.controls(case, launched=launched)) for launched in (True, False)}
+    more = asked[True] - asked[False]
+    assert more == {f"nodes/{node}/{what}" for node in names.replaceable(case) for what in ("kill", "restart")}
+    assert not any("plant_sim" in one or "recorder" in one for one in asked[True] if one.startswith("nodes/"))
+
+
+def test_damping_is_estimated_from_the_last_seconds_and_after_events_anew() -> None:
+    time_s = np.arange(0.0, 30.0, 1 / samples.RATE)
+    signal = 50.0 * np.exp(-0.05 * 2 * np.pi * 0.5 * time_s) * np.cos(2 * np.pi * 0.5 * time_s)
+    mode = samples.estimate(time_s, signal, -1.0, 60.0)
+    assert mode is not None
+    assert mode["frequency_hz"] == pytest.approx(0.5, abs=0.005)
+    assert mode["damping_ratio"] == pytest.approx(0.05, abs=0.002)
+    assert samples.estimate(time_s, signal, 28.0, 60.0) is None
+    assert samples.estimate(time_s, 0.0 * signal, -1.0, 60.0) is None
+
+
+def test_curves_of_a_record_are_its_columns_at_twenty_a_second() -> None:
+    case = load_case("two_area_deployment", ["duration=4"])
+    record = loop.run(case)
+    made = layout.panel(case, "it")
+    found = samples.of_record(case, made, record)
+    rows = np.searchsorted(record.time_s, found[:, 0] - 1e-6)
+    np.testing.assert_allclose(np.diff(found[:, 0]), 0.05, atol=1e-6)
+    columns = record.arrays | samples.latencies(case, record)
+    checked = 0
+    for i, curve in enumerate(made.curves):
+        if curve.parts:
+            wanted = curve.offset + sum(weight * columns[name][rows] for name, weight in curve.parts.items())
+            wanted = np.asarray(wanted, np.float32)
+            np.testing.assert_allclose(found[:, 1 + i], wanted, rtol=1e-5, atol=1e-4)
+            checked += 1
+    assert checked > 50
+    angles = found[:, [1 + m["angle"] for m in made.shown["diagram"]["machines"]]]
+    inertias = np.array([m.rating * m.H for m in case.system.machines])
+    np.testing.assert_allclose(angles @ inertias / inertias.sum(), 0.0, atol=1e-4)

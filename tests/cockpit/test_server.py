@@ -1,0 +1,320 @@
+"""The server of a cockpit: who may use it, what it refuses, and clients that do not read."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from facts_damping.case.loading import load_case
+from facts_damping.cli.cockpit import content
+from facts_damping.cli.main import main
+from facts_damping.cockpit import controls, server
+from facts_damping.errors import InputError
+from facts_damping.nodes.base.asyncio_thread import AsyncioThread
+from facts_damping.simulation import loop
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from facts_damping.cockpit.controls import Request
+
+ADDRESS = "http://127.0.0.1:8766"
+SOCKET, OWN = "ws://127.0.0.1:8766/socket", {"origin": ADDRESS}
+LAYOUT: dict[str, Any] = {"type": "layout", "title": "it", "mode": "live", "panels": [], "duration": None}
+
+
+class Asked(list[Any]):
+    """Requests that a cockpit carries out, with what gets their answers."""
+
+    def __call__(self, request: Request, answer: Any) -> None:
+        self.append((request, answer))
+
+
+@pytest.fixture(scope="module")
+def table() -> Any:
+    return controls.controls(load_case("two_area_deployment"), launched=True)
+
+
+@pytest.fixture
+def asked() -> Asked:
+    return Asked()
+
+
+@pytest.fixture
+def cockpit(table: Any, asked: Asked) -> server.Cockpit:
+    return server.Cockpit(server.Content(LAYOUT), table, asked)
+
+
+@pytest.fixture
+def client(cockpit: server.Cockpit) -> Iterator[TestClient]:
+    with TestClient(cockpit.app, base_url=ADDRESS) as made:
+        yield made
+
+
+def heard(session: Any, kind: str) -> Any:
+    """The next message of a type."""
+    while True:
+        message = session.receive_json()
+        if message["type"] == kind:
+            return message
+
+
+def test_page_and_its_files_come_from_here_alone(client: TestClient) -> None:
+    page = client.get("/")
+    assert page.status_code == 200
+    assert "default-src 'self'" in page.headers["content-security-policy"]
+    assert page.headers["x-content-type-options"] == "nosniff"
+    assert client.get("/static/../server.py").status_code == 404
+    assert client.get("/static/%2e%2e/server.py").status_code == 404
+    for path in ("/data/it", "/events/it", "/report"):
+        answer = client.get(path)
+        assert (answer.status_code, "allowed:" in answer.text) == (404, True)
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 200),
+        ({"host": "localhost:8766"}, 200),
+        ({"host": "evil.example:8766"}, 403),
+        ({"host": "127.0.0.1:80"}, 403),
+        ({"origin": "http://evil.example"}, 403),
+        ({"origin": "null"}, 403),
+    ],
+)
+def test_other_hosts_and_origins_are_refused(client: TestClient, headers: dict[str, str], status: int) -> None:
+    answer = client.get("/", headers=headers)
+    assert answer.status_code == status
+    assert status == 200 or "given; allowed: " in answer.text
+
+
+@pytest.mark.parametrize("origin", [None, "http://evil.example", "https://127.0.0.1:8766", "http://localhost:8766"])
+def test_socket_needs_the_page_s_own_origin(client: TestClient, origin: str | None) -> None:
+    headers = {} if origin is None else {"origin": origin}
+    with pytest.raises(WebSocketDisconnect), client.websocket_connect(SOCKET, headers=headers):
+        pass
+    with client.websocket_connect(SOCKET, headers=OWN) as session:
+        assert heard(session, "layout")["title"] == "it"
+
+
+def test_server_that_others_reach_asks_for_a_token() -> None:
+    assert server.new_token("127.0.0.1") is server.new_token("localhost") is server.new_token("::1") is None
+    token = server.new_token("0.0.0.0")
+    assert token is not None
+    assert len(token) >= 32
+    app = server.Cockpit(server.Content(LAYOUT), host="192.0.2.7", token=token).app
+    address = "http://192.0.2.7:8766"
+    with TestClient(app, base_url=address, follow_redirects=False) as client:
+        for path in ("/", "/static/index.html", "/?token=", "/?token=other", f"/data/it?token={token}"):
+            assert client.get(path).status_code == 403, path
+        with (
+            pytest.raises(WebSocketDisconnect),
+            client.websocket_connect(f"{address}/socket".replace("http", "ws"), headers={"origin": address}),
+        ):
+            pass
+        answer = client.get(f"/?token={token}")
+        assert (answer.status_code, answer.headers["location"]) == (303, "/")
+        cookie = answer.headers["set-cookie"].lower()
+        assert "httponly" in cookie
+        assert "samesite=strict" in cookie
+        assert client.get("/").status_code == 200
+        with client.websocket_connect(
+            f"{address}/socket".replace("http", "ws"), headers={"origin": address}
+        ) as session:
+            assert heard(session, "layout")
+
+
+MALFORMED = [
+    *("", "{", "[]", "1", "null", '"text"', "{}", '{"id": 1}', '{"id": "1", "control": "run/pause"}'),
+    *('{"id": true, "control": "run/pause"}', '{"id": 1, "control": 7}', '{"id": 1, "control": "run/stop"}'),
+    *('{"id": 1, "control": "run/pause", "more": 1}', '{"id": NaN, "control": "run/pause"}', "[" * 30000),
+    *('{"id": 1e999, "control": "run/pause"}', '{"id": 1, "control": "nodes/plant_sim/kill"}', "\0\ud7ff"),
+    *('{"id": 1, "control": "link/wan_link/delay", "value": 1e9}', '{"id": 1, "control": "__class__"}'),
+    *(
+        '{"id": 1, "control": "grid/fault", "value": {"bus": "../../etc"}}',
+        '{"id": 1, "control": "run/step"' + " " * 500,
+    ),
+]
+
+
+def test_a_thousand_malformed_messages_are_refused_and_counted(
+    client: TestClient, cockpit: server.Cockpit, asked: Asked
+) -> None:
+    with client.websocket_connect(SOCKET, headers=OWN) as session:
+        heard(session, "layout")
+        for i in range(1000):
+            given = MALFORMED[i % (len(MALFORMED) + 1)] if i % (len(MALFORMED) + 1) < len(MALFORMED) else b"\xff\0"
+            (session.send_bytes if isinstance(given, bytes) else session.send_text)(given)
+            answer = heard(session, "answer")
+            assert not answer["success"], given
+            assert "given" in answer["message"]
+            assert "\n" not in answer["message"]
+        session.send_json({"id": 7, "control": "run/pause", "value": None})
+        while not asked:
+            time.sleep(0.001)
+        assert client.portal is not None
+        client.portal.call(asked[0][1], True, "paused")
+        assert heard(session, "answer") == {"type": "answer", "id": 7, "success": True, "message": "paused"}
+    assert cockpit.counts["messages_refused"] == 1000
+    assert [request.service for request, _ in asked] == ["plant_sim/pause"]
+
+
+def test_a_client_has_few_requests_under_way_and_sliders_go_back_when_refused(
+    client: TestClient, cockpit: server.Cockpit, asked: Asked
+) -> None:
+    portal = client.portal
+    assert portal is not None
+    with client.websocket_connect(SOCKET, headers=OWN) as session:
+        for i in range(server.PENDING + 1):
+            session.send_json({"id": i, "control": "link/wan_link/delay", "value": 10.0 * (i + 1)})
+        assert "wait for their answers" in heard(session, "answer")["message"]
+        assert len(asked) == server.PENDING
+        portal.call(cockpit.status, {"run": "running"})
+        assert heard(session, "status")["values"] == {"link/wan_link/delay all": 160.0}
+        for _, answer in asked:
+            portal.call(answer, False, "no")
+        assert not heard(session, "answer")["success"]
+    with client.websocket_connect(SOCKET, headers=OWN) as session:  # a later page
+        rows = {row["id"]: row["value"] for row in heard(session, "layout")["controls"]}
+        assert rows["link/wan_link/delay"] == 150.0  # that before the one that was refused last
+
+
+def test_client_gets_events_and_state_of_before(client: TestClient, cockpit: server.Cockpit) -> None:
+    assert client.portal is not None
+    for i in range(server.KEPT + 50):
+        client.portal.call(cockpit.event, {"type": "event", "t": i, "level": "info", "text": "it"})
+    client.portal.call(cockpit.status, {"run": "paused", "counts": {"deadline_misses": 3}, "modes": [float("nan")]})
+    with client.websocket_connect(SOCKET, headers=OWN) as session:
+        assert heard(session, "layout")
+        assert [session.receive_json()["t"] for _ in range(server.KEPT)] == list(range(50, server.KEPT + 50))
+        status = session.receive_json()
+    assert (status["run"], status["counts"]["deadline_misses"], status["modes"]) == ("paused", 3, [None])
+
+
+def test_client_that_does_not_read_costs_little_and_delays_nobody(
+    table: Any, asked: Asked, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames of 20 kB: 40 MB in all, of which it may keep what fits into the buffers of its connection."""
+    monkeypatch.setattr(server, "SEND_S", 0.5)
+    cockpit = server.Cockpit(server.Content(LAYOUT), table, asked)
+    served = server.Server(cockpit, "127.0.0.1", 0)
+    thread = AsyncioThread()
+    running = thread.begin(served.serve())
+    address = f"ws://127.0.0.1:{served.port}/socket"
+    origin: Any = f"http://127.0.0.1:{served.port}"
+    stalled = socket.create_connection(("127.0.0.1", served.port))
+    stalled.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="  # RFC 6455, 1.3
+    stalled.sendall(
+        f"GET /socket HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nOrigin: {origin}\r\nUpgrade: websocket\r\n"
+        f"Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n{key}\r\n\r\n".encode()
+    )
+    try:
+        with connect(address, origin=origin, max_size=None) as reader:
+            deadline = time.monotonic() + 20.0
+            while len(cockpit.clients) < 2:
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+            slow = max(cockpit.clients, key=lambda one: not one.there.is_set())
+            longest, held = 0.0, 0
+            for i in range(2000):
+                frame = np.full(5000, i, "<f4").tobytes()
+                began = time.monotonic()
+                thread.soon(cockpit.frame, frame)
+                if i % 20 == 0:
+                    thread.soon(cockpit.event, {"type": "event", "t": i, "level": "info", "text": "it"})
+                data = reader.recv(timeout=10.0)
+                while isinstance(data, str):
+                    data = reader.recv(timeout=10.0)
+                assert data == frame  # the newest, at once
+                longest = max(longest, time.monotonic() - began)
+                held = max(held, *(len(one.texts) for one in cockpit.clients))
+            assert longest < 1.0
+            assert held <= server.QUEUE
+            left_out = cockpit.counts["frames_left_out"] + sum(one.frames_left_out for one in cockpit.clients)
+            assert 1500 < left_out <= 2000
+            while len(cockpit.clients) > 1:  # its connection ends
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+            assert slow is not None
+    finally:
+        stalled.close()
+        served.stop()
+        running.result(5.0)
+        thread.close()
+
+
+def test_message_that_is_too_long_ends_its_connection_alone(table: Any, asked: Asked) -> None:
+    served = server.Server(server.Cockpit(server.Content(LAYOUT), table, asked), "127.0.0.1", 0)
+    thread = AsyncioThread()
+    running = thread.begin(served.serve())
+    origin: Any = f"http://127.0.0.1:{served.port}"
+    join = partial(connect, f"ws://127.0.0.1:{served.port}/socket", origin=origin)
+    try:
+        with join() as one, join() as other:
+            one.recv()
+            other.recv()
+            one.send(" " * (server.LONGEST + 1))
+            with pytest.raises(ConnectionClosed, match="1009"):
+                one.recv(timeout=10.0)
+            other.send("x")
+            assert not json.loads(other.recv(timeout=10.0))["success"]
+    finally:
+        served.stop()
+        running.result(5.0)
+        thread.close()
+
+
+def test_replay_gives_what_is_recorded() -> None:
+    records = [loop.run(load_case("two_area_deployment", ["duration=3", f"seed={seed}"])) for seed in (1, 2)]
+    shown = content(["one", "two"], records)
+    first, second = (panel["name"] for panel in shown.layout["panels"])
+    assert (shown.layout["mode"], len(shown.layout["panels"])) == ("replay", 2)
+    with TestClient(server.Cockpit(shown).app, base_url=ADDRESS) as client:
+        for name, record in zip((first, second), records, strict=True):
+            data = np.frombuffer(client.get(f"/data/{name}").content, "<f4")
+            panel = next(one for one in shown.layout["panels"] if one["name"] == name)
+            table = data.reshape(-1, 1 + len(panel["curves"]))
+            g1 = panel["diagram"]["machines"][0]["power"]
+            rows = np.searchsorted(record.time_s, table[:, 0] - 1e-6)
+            wanted = record.arrays["machine.G1.electrical_power_pu"][rows] * 100.0
+            np.testing.assert_array_equal(table[:, 1 + g1], wanted.astype(np.float32))
+            events = client.get(f"/events/{name}").json()
+            assert [event["text"] for event in events if event["level"] == "warn"] == [
+                "fault: line_3",
+                "line out: line_3",
+            ]
+        with client.websocket_connect(SOCKET, headers=OWN) as session:
+            assert heard(session, "layout")["controls"] == []
+            session.send_json({"id": 1, "control": "run/pause"})
+            assert "none in a replay" in heard(session, "answer")["message"]
+
+
+def test_what_is_missing_or_taken_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(InputError, match=rf"host, port: 127.0.0.1, {port} given: .*; allowed: ones that are free"):
+            server.Server(server.Cockpit(server.Content(LAYOUT)), "127.0.0.1", port)
+    assert main(["cockpit", "two_area_small", "two_area_large"]) == 2
+    assert "two_area_large: given beside a run; allowed: beside a recording" in capsys.readouterr().err
+    assert main(["cockpit", str(tmp_path), "--set", "seed=1"]) == 2
+    assert "--set seed=1: given with a recording; allowed: with a run" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    assert main(["cockpit", "two_area_small"]) == 2
+    assert "uvicorn is not installed; allowed: pip install -e '.[cockpit]'" in capsys.readouterr().err
