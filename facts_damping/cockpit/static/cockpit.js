@@ -40,19 +40,21 @@ function build(layout) {
   find("title").textContent = layout.title;
   document.body.dataset.mode = layout.mode;
   document.body.dataset.panels = layout.panels.length;
-  state.panels = layout.panels.map((panel, i) => buildPanel(panel, layout.panels.length > 1, i));
+  state.panels = layout.panels.map((panel, i) => buildPanel(panel, layout.mode, i));
+  const charts = state.panels.flatMap((panel) => panel.charts);
+  for (const chart of charts) chart.twins = charts.filter((one) => one !== chart && one.chart.title === chart.chart.title);
   find("panels").replaceChildren(...state.panels.map((panel) => panel.node));
   state.rows = makeControls(layout.controls, find("groups"), find("toolbar"), send, innerWidth > 700);
   find("controls").hidden = !layout.controls.some((one) => one.group !== "run");
   if (layout.mode === "replay") openReplay(layout);
 }
 
-function buildPanel(panel, several, i) {
+function buildPanel(panel, mode, i) {
   const node = find("panel").content.cloneNode(true).firstElementChild;
   const part = (name) => node.querySelector(`[data-part=${name}]`);
   const view = { ...panel, events: [], rows: [], node, log: part("log"), modes: part("modes"), scale: part("scale"), number: i };
-  part("name").textContent = panel.name;
-  part("name").hidden = !several;
+  part("name").append(panel.name, html("a", { href: `report/${i}`, target: "_blank" }, "report"));
+  part("name").hidden = mode === "live";
   node.setAttribute("aria-label", panel.name);
   view.drawing = makeDiagram(view, part("diagram"), part("readout"));
   view.charts = panel.charts.map((chart) => makeChart(chart, view, part("charts"), look));
@@ -122,7 +124,7 @@ function draw(now) {
 function drawStatus() {
   const { run, counts, modes } = state.status;
   set(find("run"), { text: run, class: `pill ${run}` });
-  set(find("counts"), { text: Object.entries(counts).filter(([, n]) => n).map(([name, n]) => `${name.replaceAll("_", " ")}: ${n}`).join(" · ") });
+  set(find("counts"), { text: Object.entries(counts).filter(([name, n]) => n && name !== "clients").map(([name, n]) => `${name.replaceAll("_", " ")}: ${n}`).join(" · ") });
   if (state.rows) drawStates(state.rows, state.status);
   const text = modes.map((m) => `${m.label}: ${shown(m.frequency_hz)} Hz, damping ratio ${shown(100 * m.damping_ratio)} %`).join("; ");
   for (const panel of state.panels) set(panel.modes, { text });

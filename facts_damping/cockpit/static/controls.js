@@ -25,7 +25,9 @@ export function makeControls(controls, box, toolbar, send, wide) {
       const state = html("span", { class: "state" });
       const output = html("output", { class: "answer" });
       const act = (control) => (value) => send(control.id, value, output);
-      const parts = mine.filter((one) => subject(one) === name).map((one) => KINDS[one.kind](one, act(one)));
+      const shared = new Map(); // fields of sliders, such as their channel
+      const parts = mine.filter((one) => subject(one) === name).map((one) => KINDS[one.kind](one, act(one), shared));
+      parts.unshift(...[...shared.values()].map((one) => one.node));
       const row = name ? html("fieldset", {}, html("legend", {}, name, " ", state), ...parts, output) : html("div", { class: "bare" }, ...parts, output);
       inside.append(row);
       if (name) (rows[name] ??= []).push(state);
@@ -58,17 +60,18 @@ const valid = (input) => input.reportValidity() && Number(input.value);
 function field(of) {
   const input = of.kind === "choice"
     ? html("select", {}, ...of.choices.map((one) => html("option", { selected: one === of.value }, String(one)))) : number(of);
-  const node = html("label", { class: "field" }, html("span", {}, of.name, of.unit ? html("small", {}, ` ${of.unit}`) : ""), input);
+  const node = html("label", { class: "field" }, html("span", {}, of.name, of.unit && of.unit !== of.name ? html("small", {}, ` ${of.unit}`) : ""), input);
   const read = () => (of.kind === "choice" ? of.choices[input.selectedIndex] : Number(input.value));
   return { node, name: of.name, read };
 }
 const gathered = (fields) => Object.fromEntries(fields.map((one) => [one.name, one.read()]));
 
 const KINDS = {
-  slider(control, send) {
+  slider(control, send, shared) {
     const range = html("input", { type: "range", min: String(control.low), max: String(control.high), step: String(control.step), value: String(control.value) });
     const exact = number(control, { "aria-label": `${control.label}, ${control.unit}` });
-    const fields = (control.fields ?? []).map(field);
+    for (const of of control.fields ?? []) if (!shared.has(of.name)) shared.set(of.name, field(of));
+    const fields = (control.fields ?? []).map((of) => shared.get(of.name));
     const now = () => {
       stands[channel()] = sent = range.value;
       send(fields.length ? { value: Number(range.value), ...gathered(fields) } : Number(range.value));
@@ -95,7 +98,7 @@ const KINDS = {
       if (of === channel() && !node.contains(document.activeElement)) range.value = exact.value = sent = stands[of];
     };
     const node = html("div", { class: "slider", "data-control": control.id }, html("label", {}, html("span", {}, label(control)), range), exact,
-      html("small", {}, control.unit), ...fields.map((one) => one.node));
+      html("small", {}, control.unit));
     return Object.assign(node, { take });
   },
   button(control, send) {

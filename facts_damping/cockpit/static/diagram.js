@@ -4,6 +4,7 @@ import { round, set, shown, svg } from "./dom.js";
 
 const MARGIN = 44; // px, around the grid
 const STRIP = 92; // px, for the controllers below it
+const FEW = 40; // buses, up to which all are labelled
 const STRETCH = 2.2; // largest ratio of the two scales
 const SMALLEST = 0.01; // Hz, of the scale of colours
 const FADE = 0.995; // of the largest deviation from one drawing to the next
@@ -51,6 +52,7 @@ export function makeDiagram(panel, box, readout) {
   root.addEventListener("pointermove", (event) => point(view, event));
   root.addEventListener("pointerleave", () => select(view, null));
   root.addEventListener("keydown", (event) => step(view, event));
+  box.classList.toggle("large", buses.length > FEW);
   box.append(root);
   new ResizeObserver(([entry]) => place(view, entry.contentRect.width, entry.contentRect.height)).observe(box);
   return view;
@@ -90,7 +92,7 @@ function place(view, width, height) {
   const { buses, branches, machines, devices, links, controllers } = view.panel.diagram;
   const room = height - (controllers.length ? STRIP : 0);
   const size = Math.min(8, Math.max(3, 0.085 * Math.sqrt((width * room) / buses.length)));
-  const big = Math.max(7, 1.5 * size);
+  const big = Math.max(7.5, 1.7 * size);
   const p = positions(buses, width, room, 4 * size);
   const where = (name) => p[view.index[name]];
   const taken = p.map(([x, y]) => [x - size, y - size, x + size, y + size]);
@@ -131,10 +133,10 @@ function place(view, width, height) {
     const { stub, ring, arrow } = view.machines[i];
     set(stub, { d: `M${where(one.bus)}L${x},${y}` });
     set(ring, { cx: x, cy: y, r: big });
-    set(arrow, { d: `M${-0.5 * big},0H${1.7 * big}M${1.1 * big},${-0.4 * big}L${1.8 * big},0L${1.1 * big},${0.4 * big}`, "stroke-width": big / 5 });
+    set(arrow, { d: `M${-0.7 * big},0H${0.75 * big}M${0.2 * big},${-0.45 * big}L${0.78 * big},0L${0.2 * big},${0.45 * big}`, "stroke-width": big / 5 });
     view.machines[i].at = [x, y];
-    cover([x, y], 1.3 * big);
-    labels.push({ node: view.labels.machines[i], at: [x, y], reach: 1.5 * big });
+    cover([x, y], big);
+    labels.push({ node: view.labels.machines[i], at: [x, y], reach: big + 2 });
   });
   const stands = devices.map((one, i) => {
     const ends = one.from && [where(one.from), where(one.to)];
@@ -162,7 +164,7 @@ function place(view, width, height) {
     set(view.links[i], { d: [...known.map((name) => curve(where(name), x)), ...targets.map((to) => curve(to, out))].join("") });
     labels.push({ node: view.labels.links[i], at: [x - 26, top - 10 - 15 * (mine.indexOf(one) % 3)], reach: 2, wide: "1000 ms" });
   });
-  if (buses.length <= 40) buses.forEach((_, i) => labels.push({ node: view.labels.buses[i], at: p[i], reach: size + 3 }));
+  if (buses.length <= FEW) buses.forEach((_, i) => labels.push({ node: view.labels.buses[i], at: p[i], reach: size + 3 }));
   else for (const node of view.labels.buses) set(node, { visibility: "hidden" });
   arrange(labels, taken, width, height);
   mark(view);

@@ -29,9 +29,9 @@ export function set(node, attributes) {
 export function shown(value, unit = "") {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
-  const digits = unit === "Hz" ? 3 : size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3;
+  const digits = unit === "Hz" ? 3 : size >= 100 || !size ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3;
   const text = value.toFixed(digits).replace(/^-(?=.*[1-9])/, "−").replace("-", "");
-  return unit ? `${text} ${unit}` : text;
+  return unit && unit !== "-" ? `${text} ${unit}` : text;
 }
 
 /** The next of 1, 2, 5, 10, 20, ... that is not below a value. */
