@@ -1,0 +1,125 @@
+// Rolling charts and bars of monitors, drawn from the rows of values of a panel.
+
+import uPlot from "./uplot/uPlot.esm.js";
+import { html, set, shown } from "./dom.js";
+
+export const WINDOW = 30; // s
+const FLAT = 2e-4; // of a value: smallest range of its axis
+const NAMED = 6; // curves that the caption of a chart names
+const FONT = "11px system-ui, sans-serif";
+
+/** Number of rows up to and at a time; rows are in order of time, which is their first value. */
+export function until(rows, time) {
+  let [low, high] = [0, rows.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (rows[middle][0] <= time) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+/** Columns of times and curves from rows of the last seconds before a time; null: not available. */
+export function columns(rows, time, curves) {
+  const shownRows = rows.slice(until(rows, time - WINDOW), until(rows, time));
+  const column = (k) => shownRows.map((row) => (Number.isFinite(row[k]) ? row[k] : null));
+  return [shownRows.map((row) => row[0]), ...curves.map((curve) => column(curve + 2))];
+}
+
+/** Build a chart in a box, with a caption that names its curves and gives their values. */
+export function makeChart(chart, panel, box, look) {
+  const short = (i) => panel.curves[i].label;
+  const named = chart.curves.length > NAMED + 2 ? chart.curves.slice(0, NAMED) : chart.curves;
+  const rest = chart.curves.slice(named.length);
+  const values = named.map(() => html("b", {}, "–"));
+  const items = named.map((i, k) => html("span", { class: "key", title: short(i) },
+    html("i", { class: k >= 8 ? "dashed" : "", style: `--c: var(--c${k % 8})` }), `${short(i)} `, values[k]));
+  if (rest.length) items.push(html("span", { class: "key", title: rest.map(short).join(", ") }, `and ${rest.length} more`));
+  const limit = chart.limit === null ? [] : [html("span", { class: "key limit" }, html("i", { class: "dashed" }), `limit ${chart.limit}`)];
+  const area = html("div", { class: "area", role: "img", "aria-label": `${chart.title}, last ${WINDOW} s` });
+  box.append(html("figure", { class: "chart" },
+    html("figcaption", {}, html("strong", {}, `${chart.title} `, html("small", {}, chart.unit)), ...items, ...limit), area));
+  const view = { chart, panel, values, time: 0, twins: [], extent: [Infinity, -Infinity] };
+  const axis = { stroke: () => look.faint, font: FONT, grid: { stroke: () => look.grid, width: 1 }, ticks: { show: false } };
+  const range = (_, lowest, highest) => {
+    view.extent = [lowest ?? Infinity, highest ?? -Infinity];
+    const all = [view, ...view.twins].map((one) => one.extent); // side by side: the same scale
+    const [low, high] = [Math.min(...all.map(([l]) => l)), Math.max(...all.map(([, h]) => h))];
+    if (low > high) return [0, 1];
+    const half = Math.max(0.55 * (high - low), FLAT * Math.abs(high + low), 1e-4);
+    return [(low + high) / 2 - half, (low + high) / 2 + half];
+  };
+  view.plot = new uPlot({
+    width: 300, height: 100, legend: { show: false }, padding: [6, 8, 0, 0],
+    cursor: { y: false, drag: { x: false, y: false }, points: { show: false }, sync: { key: panel.name } },
+    scales: { x: { time: false, range: () => [view.time - WINDOW, view.time] }, y: { range } },
+    axes: [{ ...axis, size: 20, gap: 2, space: 60 }, { ...axis, size: 50, gap: 4, space: 18 }],
+    series: [{}, ...chart.curves.map((_, k) => ({
+      stroke: () => look.colours[k % 8], width: 1.5, dash: k >= 8 ? [5, 3] : undefined, points: { show: false },
+    }))],
+    hooks: { drawAxes: [(plot) => mark(plot, view, look)] },
+  }, [[], ...chart.curves.map(() => [])], area);
+  new ResizeObserver(([{ contentRect: { width, height } }]) => {
+    if (width > 60 && height > 30) view.plot.setSize({ width: Math.floor(width), height: Math.floor(height) });
+  }).observe(area);
+  return view;
+}
+
+/** Draw the limit, and a line at each event that is no mere information. */
+function mark(plot, view, look) {
+  const { ctx, bbox: { left, top, width, height } } = plot;
+  const line = (colour, x0, y0, x1, y1) => {
+    ctx.strokeStyle = colour;
+    ctx.beginPath();
+    ctx.moveTo(x0, y0);
+    ctx.lineTo(x1, y1);
+    ctx.stroke();
+  };
+  ctx.save();
+  ctx.lineWidth = devicePixelRatio;
+  ctx.setLineDash([4 * devicePixelRatio, 4 * devicePixelRatio]);
+  for (const event of view.panel.events) {
+    if (event.level === "info" || event.t > view.time || event.t < view.time - WINDOW) continue;
+    const x = plot.valToPos(event.t, "x", true);
+    line(event.level === "error" ? look.bad : look.warn, x, top, x, top + height);
+  }
+  const y = view.chart.limit === null ? NaN : plot.valToPos(view.chart.limit, "y", true);
+  if (y >= top && y <= top + height) line(look.bad, left, y, left + width, y);
+  ctx.restore();
+}
+
+/** Draw the last seconds before a time; the caption has the values under the pointer, else the last. */
+export function drawChart(view, rows, time) {
+  const data = columns(rows, time, view.chart.curves);
+  view.time = time;
+  view.plot.setData(data);
+  const place = view.plot.cursor.idx ?? data[0].length - 1;
+  view.values.forEach((node, k) => set(node, { text: shown(data[k + 1][place] ?? NaN, view.chart.unit === "Hz" ? "Hz" : "").replace(" Hz", "") }));
+}
+
+/** Build the bars of the supervisor's monitors. */
+export function makeMonitors(panel, box) {
+  const several = new Set(panel.monitors.map((one) => one.controller)).size > 1;
+  const views = panel.monitors.map((one) => {
+    const bar = html("span", { class: "bar" });
+    const value = html("span", { class: "value" });
+    const meter = html("span", { class: "meter", role: "meter", "aria-label": one.name, "aria-valuemin": "0", "aria-valuemax": String(one.limit) }, bar);
+    const item = html("li", { title: one.description }, html("span", { class: "name" }, several ? `${one.controller}: ${one.name}` : one.name), value, meter);
+    box.append(item);
+    return { one, item, bar, value, meter };
+  });
+  box.parentNode.hidden = !views.length;
+  return views;
+}
+
+/** Draw the bars: the mark at four fifths is the limit; those over it come first. */
+export function drawMonitors(views, row) {
+  for (const { one, item, bar, value, meter } of views) {
+    const now = row[one.curve + 2];
+    const share = Math.abs(now) / one.limit || 0;
+    set(bar, { style: `transform: scaleX(${Math.min(1, 0.8 * share).toFixed(3)})`, class: `bar${share > 1 ? " over" : share > 0.8 ? " near" : ""}` });
+    set(item, { class: share > 1 ? "over" : "" });
+    set(value, { text: `${shown(now)} / ${shown(one.limit, one.unit)}` });
+    set(meter, { "aria-valuenow": String(Number.isFinite(now) ? +now.toPrecision(3) : 0) });
+  }
+}

@@ -1,0 +1,236 @@
+// The page: one state, the socket or the recordings that fill it, and what draws it.
+
+import { WINDOW, drawChart, drawMonitors, makeChart, makeMonitors, until } from "./charts.js";
+import { drawStates, makeControls, takeValues } from "./controls.js";
+import { drawDiagram, makeDiagram } from "./diagram.js";
+import { clock, html, set, shown } from "./dom.js";
+
+const LONGEST = 500; // lines of the event log
+const WAITS = [0.5, 1, 2, 4, 8]; // s, before the socket is opened again
+const find = (id) => document.getElementById(id);
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
+const dark = matchMedia("(prefers-color-scheme: dark)");
+
+const state = {
+  layout: null, text: "", panels: [], time: NaN, lag: NaN, playing: false, speed: 1, charted: 0, asked: 0, answers: new Map(),
+  status: { run: "", nodes: {}, states: {}, modes: [], counts: {}, values: {} }, socket: null, tries: 0, spent: { frames: 0, ms: 0 },
+};
+globalThis.cockpit = state; // to look into from the console, and for tests
+
+// Looks.
+
+const look = {};
+function readLook() {
+  const style = getComputedStyle(document.documentElement);
+  const variable = (name) => style.getPropertyValue(name).trim();
+  Object.assign(look, { faint: variable("--faint"), grid: variable("--line"), bad: variable("--bad"), warn: variable("--warn") });
+  look.colours = [...Array(8).keys()].map((k) => variable(`--c${k}`));
+  const [low, middle, high] = ["--low", "--middle", "--high"].map(variable);
+  look.palette = [...Array(41).keys()].map((k) => `color-mix(in oklab, ${k < 20 ? low : high} ${Math.abs(k - 20) * 5}%, ${middle})`);
+}
+
+// Layout.
+
+function build(layout) {
+  const text = JSON.stringify(layout);
+  for (const panel of state.panels) panel.events.length = 0, panel.log.replaceChildren(); // they come again
+  if (text === state.text) return; // the same as before the connection was lost
+  Object.assign(state, { layout, text, time: layout.mode === "replay" ? 0 : NaN });
+  document.title = `${layout.title} – cockpit`;
+  find("title").textContent = layout.title;
+  document.body.dataset.mode = layout.mode;
+  document.body.dataset.panels = layout.panels.length;
+  state.panels = layout.panels.map((panel, i) => buildPanel(panel, layout.mode, i));
+  const charts = state.panels.flatMap((panel) => panel.charts);
+  for (const chart of charts) chart.twins = charts.filter((one) => one !== chart && one.chart.title === chart.chart.title);
+  find("panels").replaceChildren(...state.panels.map((panel) => panel.node));
+  state.rows = makeControls(layout.controls, find("groups"), find("toolbar"), send, innerWidth > 700);
+  find("controls").hidden = !layout.controls.some((one) => one.group !== "run");
+  if (layout.mode === "replay") openReplay(layout);
+}
+
+function buildPanel(panel, mode, i) {
+  const node = find("panel").content.cloneNode(true).firstElementChild;
+  const part = (name) => node.querySelector(`[data-part=${name}]`);
+  const view = { ...panel, events: [], rows: [], node, log: part("log"), modes: part("modes"), scale: part("scale"), number: i };
+  part("name").append(panel.name, html("a", { href: `report/${i}`, target: "_blank" }, "report"));
+  part("name").hidden = mode === "live";
+  node.setAttribute("aria-label", panel.name);
+  view.drawing = makeDiagram(view, part("diagram"), part("readout"));
+  view.charts = panel.charts.map((chart) => makeChart(chart, view, part("charts"), look));
+  view.monitorBars = makeMonitors(view, part("monitors"));
+  return view;
+}
+
+// Values.
+
+function take(buffer) {
+  const row = new Float32Array(buffer);
+  const [panel] = state.panels;
+  if (!panel || row.length !== panel.curves.length + 2) return;
+  const last = panel.rows.at(-1);
+  if (last && row[0] < last[0]) panel.rows.length = 0; // the run was reset
+  panel.rows.push(row);
+  if (panel.rows[0][0] < row[0] - WINDOW - 5) panel.rows.splice(0, until(panel.rows, row[0] - WINDOW));
+  [state.time, state.lag] = row;
+  redraw();
+}
+
+function note(panel, event) {
+  const time = html(state.layout?.mode === "replay" ? "button" : "span", { class: "time" }, clock(event.t));
+  time.addEventListener("click", () => state.layout.mode === "replay" && go(event.t));
+  const { log } = panel;
+  const atEnd = log.scrollTop + log.clientHeight > log.scrollHeight - 30;
+  panel.events.push(event);
+  log.append(html("li", { class: event.level }, time, html("span", {}, event.level === "info" ? "" : html("strong", {}, `${event.level}: `), event.text)));
+  if (log.children.length > LONGEST) log.firstChild.remove(), panel.events.shift();
+  if (atEnd) log.scrollTop = log.scrollHeight;
+}
+
+// Drawing: once per frame of the screen at most, charts ten times a second at most, nothing while the page is hidden.
+
+let waiting = 0;
+function redraw() {
+  waiting ||= requestAnimationFrame((now) => {
+    waiting = 0;
+    if (!document.hidden && state.layout) draw(now);
+  });
+}
+
+function draw(now) {
+  const start = performance.now();
+  const slow = now - state.charted >= (calm.matches ? 500 : 100);
+  for (const panel of state.panels) {
+    const row = panel.rows[Math.max(0, until(panel.rows, state.time) - 1)];
+    if (!row) continue;
+    drawDiagram(panel.drawing, row, state.status, look.palette, (range, nominal) => {
+      const size = `${shown(range * 1000)} mHz`.replace(".000", "");
+      panel.scale.replaceChildren(html("span", {}, `−${size}`), html("i"), html("span", {}, `+${size}`));
+      panel.scale.title = `Deviation of the frequency from ${nominal} Hz`;
+    });
+    if (!slow) continue;
+    for (const chart of panel.charts) drawChart(chart, panel.rows, state.time);
+    drawMonitors(panel.monitorBars, row);
+  }
+  if (slow) {
+    state.charted = now;
+    set(find("time"), { text: clock(state.time) });
+    set(find("lag"), { text: Number.isFinite(state.lag) && state.layout.mode === "live" ? `lag ${(1000 * state.lag).toFixed(0)} ms` : "" });
+  }
+  state.spent.frames += 1;
+  state.spent.ms += performance.now() - start;
+}
+
+function drawStatus() {
+  const { run, counts, modes } = state.status;
+  set(find("run"), { text: run, class: `pill ${run}` });
+  set(find("counts"), { text: Object.entries(counts).filter(([name, n]) => n && name !== "clients").map(([name, n]) => `${name.replaceAll("_", " ")}: ${n}`).join(" · ") });
+  if (state.rows) drawStates(state.rows, state.status);
+  const text = modes.map((m) => `${m.label}: ${shown(m.frequency_hz)} Hz, damping ratio ${shown(100 * m.damping_ratio)} %`).join("; ");
+  for (const panel of state.panels) set(panel.modes, { text });
+  redraw();
+}
+
+// Socket.
+
+const say = (text, kind) => set(find("connection"), { text, class: `pill ${kind}` });
+
+function connect() {
+  const socket = new WebSocket(new URL("socket", location.href.replace(/^http/, "ws").split(/[?#]/)[0]));
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => {
+    state.tries = 0;
+    say("connected", "good");
+    find("groups").disabled = find("toolbar").disabled = false;
+  };
+  socket.onmessage = ({ data }) => (typeof data === "string" ? hear(JSON.parse(data)) : take(data));
+  socket.onclose = () => {
+    const wait = WAITS[Math.min(state.tries++, WAITS.length - 1)];
+    find("groups").disabled = find("toolbar").disabled = true;
+    say(`connection lost, again in ${wait} s`, "bad");
+    setTimeout(connect, 1000 * wait);
+  };
+  state.socket = socket;
+}
+
+function hear(message) {
+  if (message.type === "layout") build(message);
+  else if (message.type === "event") note(state.panels[message.panel ?? 0], message);
+  else if (message.type === "answer") answer(message);
+  else if (message.type === "status") {
+    Object.assign(state.status, message);
+    takeValues(message.values ?? {});
+    drawStatus();
+  }
+}
+
+function send(control, value, output) {
+  if (state.socket?.readyState !== WebSocket.OPEN) return;
+  const id = ++state.asked;
+  state.answers.set(id, output);
+  set(output, { text: "…", class: "answer" });
+  state.socket.send(JSON.stringify({ id, control, value }));
+}
+
+function answer({ id, success, message }) {
+  const output = state.answers.get(id);
+  if (!output) return;
+  state.answers.delete(id);
+  const page = success && message.startsWith("/") ? html("a", { href: message, target: "_blank" }, "open the report") : null;
+  set(output, { text: page ? "" : message || (success ? "done" : "refused"), class: `answer ${success ? "good" : "bad"}` });
+  if (page) output.append(page);
+}
+
+// Replay.
+
+async function openReplay(layout) {
+  const slider = find("slider");
+  find("replay").hidden = false;
+  slider.max = layout.duration;
+  await Promise.all(state.panels.map(async (panel) => {
+    const [data, events] = await Promise.all([fetch(`data/${panel.number}`).then((r) => r.arrayBuffer()), fetch(`events/${panel.number}`).then((r) => r.json())]);
+    const all = new Float32Array(data);
+    const width = panel.curves.length + 1; // no lag here
+    for (let i = 0; i + width <= all.length; i += width) {
+      const row = new Float32Array(width + 1).fill(NaN);
+      row[0] = all[i];
+      row.set(all.subarray(i + 1, i + width), 2);
+      panel.rows.push(row);
+    }
+    for (const event of events) note(panel, event);
+    panel.log.scrollTop = 0;
+  }));
+  go(0);
+}
+
+function go(time) {
+  state.time = Math.min(Math.max(0, time), state.layout.duration);
+  find("slider").value = state.time;
+  set(find("slider"), { "aria-valuetext": `${state.time.toFixed(1)} s` });
+  redraw();
+}
+
+function play(playing) {
+  state.playing = playing && state.time < state.layout.duration;
+  find("play").textContent = state.playing ? "Pause" : "Play";
+  let last = performance.now();
+  const forward = (now) => {
+    if (!state.playing) return;
+    go(state.time + (state.speed * (now - last)) / 1000);
+    last = now;
+    if (state.time >= state.layout.duration) play(false);
+    else requestAnimationFrame(forward);
+  };
+  if (state.playing) requestAnimationFrame(forward);
+}
+
+find("play").addEventListener("click", () => {
+  if (!state.playing && state.time >= state.layout.duration) go(0);
+  play(!state.playing);
+});
+find("slider").addEventListener("input", (event) => go(Number(event.target.value)));
+find("speed").addEventListener("change", (event) => (state.speed = Number(event.target.value)));
+document.addEventListener("visibilitychange", redraw);
+dark.addEventListener("change", () => (readLook(), redraw()));
+readLook();
+connect();

@@ -1,0 +1,125 @@
+// Controls: native inputs by group and by what they act on; each sends its id and value, and shows the answer beside it.
+
+import { html, set } from "./dom.js";
+
+const GROUPS = { run: "Run", link: "Links", grid: "Grid", supervisor: "Supervisor", nodes: "Nodes" };
+const PAUSE = 120; // ms, between values that a slider sends while it moves
+
+/** What a control acts on, "wan_link" in "link/wan_link/delay"; its label without that name. */
+const subject = (control) => control.id.split("/").slice(1, -1).join("/");
+const label = (control) => (control.label.startsWith(`${subject(control)}: `) ? control.label.slice(subject(control).length + 2) : control.label);
+const action = (control) => (subject(control) || control.group === "run" ? control.id.split("/").at(-1) : control.label);
+
+/** Build all controls; `send(id, value, output)` sends one. Those of the run go to the toolbar. */
+export function makeControls(controls, box, toolbar, send, wide) {
+  const rows = {};
+  box.replaceChildren();
+  toolbar.replaceChildren();
+  for (const [group, title] of Object.entries(GROUPS)) {
+    const mine = controls.filter((one) => one.group === group);
+    if (!mine.length) continue;
+    const inside = html("div", { class: `group ${group}` });
+    if (group === "run") toolbar.append(inside);
+    else box.append(html("details", { open: wide && group !== "nodes" }, html("summary", {}, title), inside));
+    for (const name of new Set(mine.map(subject))) {
+      const state = html("span", { class: "state" });
+      const output = html("output", { class: "answer" });
+      const act = (control) => (value) => send(control.id, value, output);
+      const shared = new Map(); // fields of sliders, such as their channel
+      const parts = mine.filter((one) => subject(one) === name).map((one) => KINDS[one.kind](one, act(one), shared));
+      parts.unshift(...[...shared.values()].map((one) => one.node));
+      const row = name ? html("fieldset", {}, html("legend", {}, name, " ", state), ...parts, output) : html("div", { class: "bare" }, ...parts, output);
+      inside.append(row);
+      if (name) (rows[name] ??= []).push(state);
+    }
+  }
+  return rows;
+}
+
+/** Show values that controls stand at by what any page has sent, by id, or id and channel. */
+export function takeValues(values) {
+  for (const [key, value] of Object.entries(values)) {
+    const [id, channel] = key.split(" ");
+    for (const node of document.querySelectorAll(`[data-control="${CSS.escape(id)}"]`)) node.take?.(value, channel ?? "");
+  }
+}
+
+/** Show the states of nodes and controllers beside their names. */
+export function drawStates(rows, { nodes, states }) {
+  for (const [name, places] of Object.entries(rows)) {
+    const text = nodes[name] === "dead" ? "dead" : states[name] ?? nodes[name] ?? "";
+    for (const place of places) set(place, { text, class: `state ${text.split(" ")[0]}` });
+  }
+}
+
+const number = (of, extra = {}) => html("input", {
+  type: "number", min: String(of.low), max: String(of.high), step: of.step ? String(of.step) : "any", value: String(of.value ?? of.low), required: true, ...extra });
+const valid = (input) => input.reportValidity() && Number(input.value);
+
+/** A field of a form: a number, or a choice. */
+function field(of) {
+  const input = of.kind === "choice"
+    ? html("select", {}, ...of.choices.map((one) => html("option", { selected: one === of.value }, String(one)))) : number(of);
+  const node = html("label", { class: "field" }, html("span", {}, of.name, of.unit && of.unit !== of.name ? html("small", {}, ` ${of.unit}`) : ""), input);
+  const read = () => (of.kind === "choice" ? of.choices[input.selectedIndex] : Number(input.value));
+  return { node, name: of.name, read };
+}
+const gathered = (fields) => Object.fromEntries(fields.map((one) => [one.name, one.read()]));
+
+const KINDS = {
+  slider(control, send, shared) {
+    const range = html("input", { type: "range", min: String(control.low), max: String(control.high), step: String(control.step), value: String(control.value) });
+    const exact = number(control, { "aria-label": `${control.label}, ${control.unit}` });
+    for (const of of control.fields ?? []) if (!shared.has(of.name)) shared.set(of.name, field(of));
+    const fields = (control.fields ?? []).map((of) => shared.get(of.name));
+    const now = () => {
+      stands[channel()] = sent = range.value;
+      send(fields.length ? { value: Number(range.value), ...gathered(fields) } : Number(range.value));
+    };
+    const stands = {}; // at which value, by channel
+    const channel = () => fields.map((one) => one.read()).join();
+    let [timer, sent] = [0, ""];
+    const soon = () => {
+      exact.value = range.value;
+      timer ||= setTimeout(() => {
+        timer = 0;
+        if (range.value !== sent) now();
+      }, PAUSE);
+    };
+    range.addEventListener("input", soon);
+    exact.addEventListener("change", () => {
+      if (valid(exact) === false) return;
+      range.value = exact.value;
+      now();
+    });
+    for (const one of fields) one.node.addEventListener("change", () => (range.value = exact.value = sent = stands[channel()] ?? control.value));
+    const take = (value, of) => {
+      stands[of] = String(value);
+      if (of === channel() && !node.contains(document.activeElement)) range.value = exact.value = sent = stands[of];
+    };
+    const node = html("div", { class: "slider", "data-control": control.id }, html("label", {}, html("span", {}, label(control)), range), exact,
+      html("small", {}, control.unit));
+    return Object.assign(node, { take });
+  },
+  button(control, send) {
+    const node = html("button", { type: "button", title: control.label, "data-control": control.id }, action(control));
+    node.addEventListener("click", () => send(null));
+    return node;
+  },
+  toggle(control, send) {
+    const box = html("input", { type: "checkbox", role: "switch", checked: Boolean(control.value) });
+    box.addEventListener("change", () => send(box.checked));
+    const node = html("label", { class: "toggle", "data-control": control.id }, box, label(control));
+    return Object.assign(node, { take: (value) => (box.checked = value) });
+  },
+  form(control, send) {
+    const fields = (control.fields ?? []).map(field);
+    const node = html("form", { "data-control": control.id }, html("strong", {}, control.label), ...fields.map((one) => one.node),
+      html("button", { title: control.label }, control.group === "run" ? action(control) : "Apply"));
+    node.addEventListener("submit", (event) => {
+      event.preventDefault();
+      send(gathered(fields));
+    });
+    return node;
+  },
+};
