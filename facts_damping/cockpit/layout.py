@@ -77,7 +77,11 @@ def frequency_weights(system: System) -> dict[str, dict[str, float]]:
     buses = [bus.name for bus in system.buses]
     series = [device_section(d, complex(at_rest(d))) for d in system.devices if isinstance(d, Series)]
     series = [one for one in series if np.isfinite(one.admittance).all()]
-    matrix = admittance(buses, [*branches(system, Topology()), *series]).imag
+    row, column, value = admittance(
+        {bus: i for i, bus in enumerate(buses)}, [*branches(system, Topology()), *series], []
+    )
+    matrix = np.zeros((len(buses), len(buses)))
+    matrix[row, column] = value.imag
     matrix -= np.diag(matrix.sum(axis=1))  # susceptances between buses alone: shunts hold no frequency
     known = np.array([bus in at for bus in buses])
     found = {bus: {at[bus]: 1.0} if bus in at else {} for bus in buses}

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 
 from facts_damping.analysis.modes.ringdown import fit_ringdown
 from facts_damping.case.names import controller_names
-from facts_damping.signals import LOST, NANOSECONDS, group_by
+from facts_damping.signals import NANOSECONDS, NEVER, group_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -95,7 +95,7 @@ def _since(first: Any, later: Any) -> float:
 def latencies(case: Case, record: Record) -> dict[str, NDArray[np.float64]]:
     """Latencies in ms at every tick, held from the newest entry: of each link (the largest of a tick), up, down."""
     found: dict[str, NDArray[np.float64]] = {}
-    ticks, rows = record.ticks, record.delivered[record.delivered["arrival_ns"] < LOST]
+    ticks, rows = record.ticks, record.delivered[record.delivered["arrival_ns"] < NEVER]
     for (link, pmu), own in group_by(rows, "link", "pmu"):
         value = (own["arrival_ns"] - own["measured_ns"]) / 1e6
         found[f"latency.{link}.up.{record.pmus[pmu]}"] = _held(ticks, own["tick"], value)
