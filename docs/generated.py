@@ -10,6 +10,7 @@ import inspect
 import re
 import runpy
 import types
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -26,10 +27,12 @@ from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.measurement import Measurement
 from facts_damping.parameters.plant.blocks import MODELS
+from facts_damping.parameters.plant.devices import DeviceModel
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Run, Scenario, Tuned, Weights
 from facts_damping.parameters.security import Keys
+from facts_damping.parameters.stages import Disturbance, StageModel
 from facts_damping.parameters.streams import Streams
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.supervision import Supervision
@@ -56,6 +59,11 @@ FILES: dict[str, type[ParameterModel]] = {
     "Streams": Streams,
     "Linear law": LinearLaw,
 }
+FAMILIES: dict[type[ParameterModel], str] = {  # whose fields are told once for all their kinds
+    StageModel: "Stage",
+    Disturbance: "Disturbance",
+    DeviceModel: "Device",
+}
 TWICE: dict[type[ParameterModel], str] = {measurement.Noise: "Noise of PMUs"}  # models of the same name as another
 BESIDE = {
     "index.md": "README.md",
@@ -73,6 +81,8 @@ commands write is explained in [running](running.md).
 
 Shells complete commands, options and names after `eval "$(register-python-argcomplete facts-damping)"`.
 """
+COMMON = "What the usage of a command names and its table lacks."
+SEVERAL = 3  # commands of an option that is told once
 FIELDS = """# Fields
 
 Every field of the YAML files, with its type (for numbers the unit), default and range. [Running](running.md) explains
@@ -113,17 +123,24 @@ def commands() -> str:
         *(f"| [`{name}`](#{name}) | {one.description} |" for name, one in verbs.items()),
         "",
     ]
+    told = {name: list(_options(one)) for name, one in verbs.items()}
+    many = Counter(row for rows in told.values() for row in rows)
+    common = [row for row, number in many.items() if number >= SEVERAL and row.startswith("| `")]
+    lines += ["## Common options", "", COMMON, "", *_argument_table(common)]
     for name, one in verbs.items():
         usage = " ".join(one.format_usage().removeprefix("usage: ").split())
-        lines += [f"## {name}", "", one.description or "", "", "```text", usage, "```", "", *_options(one)]
+        lines += [f"## {name}", "", one.description or "", "", "```text", usage, "```", ""]
+        lines += _argument_table([row for row in told[name] if row not in common])
         if one.epilog:
             lines += ["Examples:", "", *(f"    {line.strip()}" for line in one.epilog.splitlines()[1:]), ""]
     return "\n".join(lines)
 
 
+def _argument_table(rows: list[str]) -> list[str]:
+    return ["| argument | meaning |", "|---|---|", *rows, ""] if rows else []
+
+
 def _options(command: argparse.ArgumentParser) -> Iterator[str]:
-    yield "| argument | meaning |"
-    yield "|---|---|"
     for action in command._actions:  # noqa: SLF001
         if action.dest != "help":
             names = ", ".join(f"`{name}`" for name in action.option_strings)
@@ -132,7 +149,6 @@ def _options(command: argparse.ArgumentParser) -> Iterator[str]:
             )
             given = f" `{value}`" if value and action.nargs != 0 else ""
             yield f"| {names}{given} | {_cell(action.help or '')} |"
-    yield ""
 
 
 def fields() -> str:
@@ -189,14 +205,27 @@ def _parameters() -> Iterator[str]:
 
 
 def _sentences(model: type[ParameterModel]) -> str:
-    return inspect.cleandoc(model.__doc__ or "")
+    links = " and ".join(f"[{FAMILIES[base]}](#{FAMILIES[base].lower()})" for base in _families(model))
+    return inspect.cleandoc(model.__doc__ or "") + (f"\n\nIt also has the fields of {links}." if links else "")
+
+
+def _families(model: type[ParameterModel]) -> list[type[ParameterModel]]:
+    """The families to which a kind belongs."""
+    return [base for base in FAMILIES if issubclass(model, base) and base is not model]
+
+
+def _told(model: type[ParameterModel], name: str) -> bool:
+    """Whether a field is told with a family of the model."""
+    owner = next(base for base in model.__mro__ if name in inspect.get_annotations(base))
+    return owner in _families(model)
 
 
 def _table(model: type[ParameterModel]) -> Iterator[str]:
     yield "| field | type or unit | default | range | meaning |"
     yield "|---|---|---|---|---|"
     for name, field in model.model_fields.items():
-        if name == "asked":  # in stored runs alone
+        # `asked` is in stored runs alone; what has no meaning yet is told with each kind.
+        if name == "asked" or not field.description or _told(model, name):
             continue
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         limits = [
@@ -248,6 +277,9 @@ def _kind(annotation: Any) -> str:
         return _kind(inside[0])
     if origin is Literal:
         return ", ".join(f"`{value}`" for value in inside)
+    family = next((base for base in FAMILIES if inside and all(_is_kind(one, base) for one in inside)), None)
+    if family is not None:
+        return f"[{FAMILIES[family]}](#{FAMILIES[family].lower()})"
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(map(_kind, inside)))
     if origin is list:
@@ -262,16 +294,20 @@ def _kind(annotation: Any) -> str:
     return getattr(annotation, "__name__", str(annotation))
 
 
+def _is_kind(annotation: Any, base: type[ParameterModel]) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, base)
+
+
 def _title(model: type[ParameterModel]) -> str:
     """What a model is called: the kind of file that it is, or its own name."""
-    return next((title for title, own in FILES.items() if own is model), TWICE.get(model, model.__name__))
+    return next((title for title, own in FILES.items() if own is model), (TWICE | FAMILIES).get(model, model.__name__))
 
 
 def _models(annotation: Any) -> Iterator[type[ParameterModel]]:
     """The models in a type."""
     if isinstance(annotation, type) and issubclass(annotation, ParameterModel):
         if annotation not in FILES.values():
-            yield annotation
+            yield from (*_families(annotation), annotation)
         return
     for one in get_args(annotation):
         yield from _models(one)

@@ -30,7 +30,7 @@ def _label(default: str) -> Any:
 
 
 class StageModel(ParameterModel):
-    """What all stages have: a model, a label, and the entries on which they act."""
+    """A stage of a link: its label, and the entries on which it acts. The sections that follow have its kinds."""
 
     if TYPE_CHECKING:
         model: str
@@ -191,21 +191,21 @@ class Playout(StageModel):
     delay: float = _delay(..., "age at which an entry leaves, from the time of measurement")
 
 
-class _Disturbance(StageModel):
-    """What all stages have that disturb values."""
+class Disturbance(StageModel):
+    """A stage that disturbs values."""
 
     measurement: Channel | None = Field(
         None, description="value of a frame that is disturbed, on the way up only; none: all values"
     )
 
 
-class Freeze(_Disturbance):
+class Freeze(Disturbance):
     """Values stay as they are at `start`."""
 
     model: Literal["freeze"] = _model("freeze")
 
 
-class Replay(_Disturbance):
+class Replay(Disturbance):
     """Values of the time before `start` are repeated, again and again."""
 
     model: Literal["replay"] = _model("replay")
@@ -218,35 +218,35 @@ class Replay(_Disturbance):
         return self
 
 
-class Bias(_Disturbance):
+class Bias(Disturbance):
     """An offset is added to values."""
 
     model: Literal["bias"] = _model("bias")
     bias: float = quantity(..., "p.u. or rad", "offset that is added", ge=-1e3, le=1e3)
 
 
-class Scale(_Disturbance):
+class Scale(Disturbance):
     """Values are multiplied by a factor."""
 
     model: Literal["scale"] = _model("scale")
     factor: float = quantity(..., "-", "factor by which values are multiplied", ge=-1e3, le=1e3)
 
 
-class Ramp(_Disturbance):
+class Ramp(Disturbance):
     """An offset that grows from zero at `start` is added to values."""
 
     model: Literal["ramp"] = _model("ramp")
     rate: float = quantity(..., "p.u./s or rad/s", "rate at which the offset grows", ge=-1e3, le=1e3)
 
 
-class Noise(_Disturbance):
+class Noise(Disturbance):
     """Normal white noise of mean zero is added, drawn for each value of each entry."""
 
     model: Literal["noise"] = _model("noise")
     std: float = quantity(..., "p.u. or rad", "standard deviation of the noise", ge=0, le=1e3)
 
 
-class Flip(_Disturbance):
+class Flip(Disturbance):
     """One bit of a value of an entry is inverted; with [signed messages](operate.md) such an entry is lost."""
 
     model: Literal["flip"] = _model("flip")

@@ -11,7 +11,7 @@ from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 
 class DeviceModel(ParameterModel):
-    """What all kinds of devices have."""
+    """A device that a run can install. The sections that follow have its kinds."""
 
     if TYPE_CHECKING:
         setpoint_max: float
