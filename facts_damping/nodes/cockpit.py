@@ -264,7 +264,7 @@ class Cockpit:
         shown = {"run": self.state, "nodes": nodes, "states": dict(self.states)}
         return shown | {"modes": modes, "counts": dict(self.counts)}
 
-    def pass_on(self) -> None:
+    def carry_out(self) -> None:
         """Carry out what pages ask for."""
         while not self.asked.empty():
             request, answer = self.asked.get()
@@ -288,7 +288,7 @@ class Cockpit:
                     check_wanted()
                     self.spinner.take_all()
                     self.show_newest()
-                    self.pass_on()
+                    self.carry_out()
                     if time.monotonic() >= status_due:
                         status_due += STATUS_S
                         self.thread.soon(self.cockpit.status, self.status())
