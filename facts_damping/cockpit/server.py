@@ -286,7 +286,10 @@ class Cockpit:
         if panel not in known:
             return responses.PlainTextResponse(f"report: {panel[:80]!r} given; allowed: {_names(known)}", 404)
         async with self._reporting:
-            page, reason = await report(known[panel])
+            try:
+                page, reason = await report(known[panel])
+            except InputError as error:  # it is too long
+                page, reason = None, one_line(error)
         if page is None:
             return responses.PlainTextResponse(reason, 503)
         return responses.HTMLResponse(page, headers={"content-security-policy": REPORT_POLICY})

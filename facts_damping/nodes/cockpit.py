@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import Context
 from functools import partial
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -172,7 +173,8 @@ class Cockpit:
         """Start the server. Raises `InputError` if host or port cannot be used."""
         self.server = server.Server(self.cockpit, self.host, self.port)
         self.thread = AsyncioThread()
-        self.serving = self.thread.begin(self.server.serve())
+        # In a context of its own: a message names no files, but the server reads reports.
+        self.serving = Context().run(self.thread.begin, self.server.serve())
 
     def ask(self, request: Request, answer: Callable[[bool, str], None]) -> None:
         """Take a request of a page; called in the server's thread."""
