@@ -45,6 +45,7 @@ PARSED = {
     "bench": "other programs",
     "validate": "tests/validation",
     "reproduce": "tests/reproduction",
+    "cockpit": "serves a page until it is ended: tests/cockpit",
     "pmu-serve": "waits for a client: tests/streaming",
     "pmu-listen": "needs a server: tests/nodes/test_streams.py",
     "--time-domain": "tests/studies/test_linear_margin.py",

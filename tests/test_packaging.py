@@ -25,11 +25,11 @@ FILES = ["package.xml", "setup.py", "setup.cfg", "pyproject.toml", "colcon.pkg"]
 EXECUTABLES = [
     "c37118_client",
     "c37118_server",
+    "cockpit",
     "controller",
     "facts-damping",
     "identifier",
     "live_view",
-    "cockpit",
     "plant_sim",
     "recorder",
     "supervisor",

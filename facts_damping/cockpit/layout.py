@@ -13,7 +13,7 @@ from facts_damping.monitor_table import MONITORS
 from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
 from facts_damping.parameters.supervision import watches
 from facts_damping.plant.grid.network import Topology, admittance, at_rest, branches, device_section
-from facts_damping.small_signal.one_line import places
+from facts_damping.small_signal.bus_places import places
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

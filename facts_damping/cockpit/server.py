@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from facts_damping.cockpit import controls as of_controls
 from facts_damping.errors import InputError, one_line
 from facts_damping.extras import library
+from facts_damping.input_files import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Coroutine, Mapping
@@ -50,6 +51,7 @@ LONGEST = 65536  # bytes of a message from a client
 CLIENTS = 32  # most at once
 PENDING = 16  # most requests of a client that are not answered
 HTTP = 80  # port that a Host header leaves out
+REPORT_BYTES = 100_000_000  # longest report
 REPORT_S = 300.0  # longest time for a report
 
 # Scripts and data come from this server alone. A report has its scripts inside: it runs without this origin's rights.
@@ -137,7 +139,7 @@ class Cockpit:
             routing.WebSocketRoute("/socket", self._socket),
             routing.Mount("/static", static.StaticFiles(directory=STATIC)),
         ]
-        return Guard(applications.Starlette(routes=routes), self._host, self.token)
+        return RequestFilter(applications.Starlette(routes=routes), self._host, self.token)
 
     # What the run tells.
 
@@ -284,7 +286,10 @@ class Cockpit:
         if panel not in known:
             return responses.PlainTextResponse(f"report: {panel[:80]!r} given; allowed: {_names(known)}", 404)
         async with self._reporting:
-            page, reason = await report(known[panel])
+            try:
+                page, reason = await report(known[panel])
+            except InputError as error:  # it is too long
+                page, reason = None, one_line(error)
         if page is None:
             return responses.PlainTextResponse(reason, 503)
         return responses.HTMLResponse(page, headers={"content-security-policy": REPORT_POLICY})
@@ -366,11 +371,11 @@ async def report(recording: str) -> tuple[bytes | None, str]:
             await process.wait()
             return None, f"report: not done within {REPORT_S:g} s"
         if page.is_file():
-            return page.read_bytes(), ""
+            return read_bytes(page, REPORT_BYTES), ""
         return None, errors.decode(errors="replace").strip().rpartition("\n")[2]
 
 
-class Guard:
+class RequestFilter:
     """Refuses requests under another host, from another origin, or without the token."""
 
     def __init__(self, app: Callable[..., Awaitable[None]], host: str, token: str | None) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import Context
 from functools import partial
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -172,7 +173,8 @@ class Cockpit:
         """Start the server. Raises `InputError` if host or port cannot be used."""
         self.server = server.Server(self.cockpit, self.host, self.port)
         self.thread = AsyncioThread()
-        self.serving = self.thread.begin(self.server.serve())
+        # In a context of its own: a message names no files, but the server reads reports.
+        self.serving = Context().run(self.thread.begin, self.server.serve())
 
     def ask(self, request: Request, answer: Callable[[bool, str], None]) -> None:
         """Take a request of a page; called in the server's thread."""
@@ -264,7 +266,7 @@ class Cockpit:
         shown = {"run": self.state, "nodes": nodes, "states": dict(self.states)}
         return shown | {"modes": modes, "counts": dict(self.counts)}
 
-    def pass_on(self) -> None:
+    def carry_out(self) -> None:
         """Carry out what pages ask for."""
         while not self.asked.empty():
             request, answer = self.asked.get()
@@ -288,7 +290,7 @@ class Cockpit:
                     check_wanted()
                     self.spinner.take_all()
                     self.show_newest()
-                    self.pass_on()
+                    self.carry_out()
                     if time.monotonic() >= status_due:
                         status_due += STATUS_S
                         self.thread.soon(self.cockpit.status, self.status())

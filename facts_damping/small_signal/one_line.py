@@ -1,14 +1,9 @@
-"""One-line diagram of a system: flows, machines by area, a mode, devices, PMUs, control loops.
-
-Buses stand at their positions. Where one has none, those connected by a small reactance are drawn close together (T.
-Kamada, S. Kawai, An algorithm for drawing general undirected graphs, Information Processing Letters 31, 1989).
-"""
+"""One-line diagram of a system: flows, machines by area, a mode, devices, PMUs, control loops."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import networkx as nx
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,6 +11,7 @@ from matplotlib.lines import Line2D
 from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
 from facts_damping.plant.converters.devices import losses_of
 from facts_damping.plant.grid.network import Topology, at_rest, branches, device_section
+from facts_damping.small_signal.bus_places import places
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
@@ -23,17 +19,13 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from facts_damping.compiling.structs import Float1
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.plant.grid.power_flow import PowerFlow
+    from facts_damping.small_signal.bus_places import Places
     from facts_damping.small_signal.linearisation import Eigenmode
 
-    Places = dict[str, NDArray[np.float64]]
-
-NEAR, FAR = 0.4, 2.5  # of the median reactance: limits of the drawn branch lengths
-EXACT = 300  # buses, up to which the layout by all distances takes seconds
 NAMED = 40  # buses, up to which all are labelled
 LABELS = 12  # number of labelled flows, the largest
 WIDEST, THINNEST = 5.0, 0.6  # points, widths of branches
@@ -76,29 +68,6 @@ def flows(system: System, flow: PowerFlow, installed: Sequence[str] = ()) -> lis
         buses = (one.from_bus, one.to_bus) if forward else (one.to_bus, one.from_bus)
         found.append((*buses, float(entering.max())))
     return found
-
-
-def places(system: System) -> Places:
-    """Positions of buses by name, within a unit square about the origin."""
-    own = {bus.name: bus.position for bus in system.buses if bus.position is not None}
-    if len(own) == len(system.buses):
-        given_places = np.array(list(own.values()))
-        low, high = given_places.min(axis=0), given_places.max(axis=0)
-        extent = float((high - low).max()) or 1.0
-        return dict(zip(own, (2.0 * given_places - low - high) / extent, strict=True))
-    graph: nx.Graph[str] = nx.Graph()
-    graph.add_nodes_from(bus.name for bus in system.buses)
-    given: list[tuple[str, str, float]] = [(row.from_bus, row.to_bus, abs(row.x) * row.length) for row in system.lines]
-    given += [(t.from_bus, t.to_bus, abs(t.x) * system.base_power / t.rating) for t in system.transformers]
-    given += [(*d.ends, 0.0) for d in system.devices if isinstance(d, Series)]
-    given += [(d.from_bus, d.to_bus, FAR) for d in system.devices if isinstance(d, Transmission)]
-    usual = float(np.median([x for _, _, x in given])) or 1.0
-    for a, b, x in given:
-        distance = float(np.clip(x / usual, NEAR, FAR))
-        graph.add_edge(a, b, distance=distance, weight=1.0 / distance)
-    if len(graph) <= EXACT:
-        return dict(nx.kamada_kawai_layout(graph, weight="distance"))
-    return dict(nx.spring_layout(graph, seed=0, iterations=100))
 
 
 def draw(

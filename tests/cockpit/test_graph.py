@@ -8,6 +8,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.typing import Origin
@@ -84,10 +85,16 @@ def test_what_the_page_asks_for_is_in_the_recording(domain: int, tmp_path: Path)
             ("run/resume", None, lambda page: page.status["run"] == "paused"),
         ]
     )
-    case = load_case("two_area_deployment", ["duration=9", "scenario=[]"])
-    outcome = graph.run(case, "realtime", tmp_path, quiet, LOADED_S, cockpit=graph.Cockpit("127.0.0.1", 0, page.open))
+    case = load_case("two_area_deployment", ["duration=300", "scenario=[]"])
+
+    def done(_done: int, _of: int) -> None:
+        if len(page.answers) == len(page.steps) and page.status["run"] == "running":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        graph.run(case, "realtime", tmp_path, done, LOADED_S, cockpit=graph.Cockpit("127.0.0.1", 0, page.open))
     page.thread.join(PATIENCE_S)
-    record = load(outcome.recording)
+    record = load(tmp_path / "recording")
     assert {number: answer["success"] for number, answer in page.answers.items()} == dict.fromkeys(range(8), True)
     links = [change.value for change in record.changes if change.kind == "link"]
     assert [stage["model"] for stage in links[0]["up"]][-1] == "constant"
@@ -95,9 +102,8 @@ def test_what_the_page_asks_for_is_in_the_recording(domain: int, tmp_path: Path)
     assert links[1]["up"][-1]["loss"] == links[1]["down"][-1]["loss"] == 1.0
     assert [row["node"] for row in record.joined] == [NODE]
     assert record.joined[0]["armed_s"] is not None
-    assert outcome.fallen == [f"{NODE} was killed by SIGKILL"]
     assert [change.kind for change in record.changes if change.role == "plant"] == ["pause", "resume"]
-    assert len(page.frames) > 100
+    assert len(page.frames) > 50
     times = np.array([frame[0] for frame in page.frames])
     rows = np.searchsorted(record.time_s, times - 1e-4)
     power = page.layout["panels"][0]["diagram"]["machines"][0]["power"]
@@ -107,7 +113,7 @@ def test_what_the_page_asks_for_is_in_the_recording(domain: int, tmp_path: Path)
 
 
 def test_lockstep_with_a_cockpit_keeps_its_bits(domain: int, tmp_path: Path) -> None:
-    case = load_case("two_area_deployment", ["duration=4"])
+    case = load_case("two_area_deployment", ["duration=3"])
     page = Page([])
     outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S, cockpit=graph.Cockpit("127.0.0.1", 0, page.open))
     page.thread.join(PATIENCE_S)

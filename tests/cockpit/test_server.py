@@ -302,6 +302,28 @@ def test_replay_gives_what_is_recorded() -> None:
             assert "none in a replay" in heard(session, "answer")["message"]
 
 
+def test_report_is_made_by_the_command_and_has_no_rights_here(
+    table: Any, asked: Asked, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """In place of the command a script: it writes the page, or ends with an error."""
+    script = tmp_path / "python"
+    script.write_text('#!/bin/sh\ncase $4 in bad) echo "facts-damping: no" >&2; exit 2;; esac\necho "of $4" > "$6"\n')
+    script.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(script))
+    shown = server.Content(LAYOUT, recordings={"one": "good", "a/b": "bad"})
+    with TestClient(server.Cockpit(shown, table, asked).app, base_url=ADDRESS) as client:
+        for path in ("/report", "/report/one"):
+            answer = client.get(path)
+            assert (answer.status_code, answer.text) == (200, "of good\n")
+            assert answer.headers["content-security-policy"].startswith("sandbox allow-scripts")
+        answer = client.get("/report/a/b")
+        assert (answer.status_code, answer.text) == (503, "facts-damping: no")
+        assert "allowed: one, a/b" in client.get("/report/two").text
+        with client.websocket_connect(SOCKET, headers=OWN) as session:
+            session.send_json({"id": 1, "control": "run/report", "value": None})
+            assert heard(session, "answer") == {"type": "answer", "id": 1, "success": True, "message": "/report"}
+
+
 def test_what_is_missing_or_taken_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -13,7 +13,7 @@ from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.case.loading import load_system, make_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
-from facts_damping.small_signal import modal_analysis, modal_pictures, one_line
+from facts_damping.small_signal import bus_places, modal_analysis, modal_pictures, one_line
 from facts_damping.small_signal.modal_analysis import MAX_MACHINES, MAX_MODES, MAX_RESIDUES
 from tests.andes_cases import CASES
 
@@ -77,7 +77,7 @@ def test_flows_of_a_diagram_are_those_of_the_power_flow(modal: Modal) -> None:
         balance[end] += power
     assert sum(balance.values()) == pytest.approx(lost, abs=1e-6)
     assert all(left + 1e-9 > -1e-6 and left < lost + 1e-6 for left in balance.values())  # losses, where it arrives
-    at = one_line.places(modal.system)
+    at = bus_places.places(modal.system)
     apart = np.array([at[bus.name] for bus in modal.system.buses])
     gaps = np.linalg.norm(apart[:, None] - apart[None], axis=2)[~np.eye(len(apart), dtype=bool)]
     assert gaps.min() > 0.002 * np.ptp(apart)
