@@ -107,6 +107,7 @@ setup(
         "": ["py.typed"],
         NAME: ["templates/*/*.txt"],
         f"{NAME}.cli": ["commands.yaml"],
+        f"{NAME}.cockpit": ["static/*", "static/*/*"],
         f"{NAME}.compiling": ["objects/*.o"],  # where `make wheel` has put them
         f"{NAME}.nodes": ["fast*.xml"],
         f"{NAME}.report": ["page.*", "sentences.yaml"],

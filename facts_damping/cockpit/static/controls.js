@@ -10,6 +10,9 @@ const subject = (control) => control.id.split("/").slice(1, -1).join("/");
 const label = (control) => (control.label.startsWith(`${subject(control)}: `) ? control.label.slice(subject(control).length + 2) : control.label);
 const action = (control) => (subject(control) || control.group === "run" ? control.id.split("/").at(-1) : control.label);
 
+/** A name that a line may break after "_" and "/". */
+const breakable = (name) => name.split(/(?<=[_/])/).flatMap((part) => [part, html("wbr")]);
+
 /** Build all controls; `send(id, value, output)` sends one. Those of the run go to the toolbar. */
 export function makeControls(controls, box, toolbar, send, wide) {
   const rows = {};
@@ -28,7 +31,7 @@ export function makeControls(controls, box, toolbar, send, wide) {
       const shared = new Map(); // fields of sliders, such as their channel
       const parts = mine.filter((one) => subject(one) === name).map((one) => KINDS[one.kind](one, act(one), shared));
       parts.unshift(...[...shared.values()].map((one) => one.node));
-      const row = name ? html("fieldset", {}, html("legend", {}, name, " ", state), ...parts, output) : html("div", { class: "bare" }, ...parts, output);
+      const row = name ? html("fieldset", {}, html("legend", {}, ...breakable(name), " ", state), ...parts, output) : html("div", { class: "bare" }, ...parts, output);
       inside.append(row);
       if (name) (rows[name] ??= []).push(state);
     }
@@ -76,8 +79,8 @@ const KINDS = {
       stands[channel()] = sent = range.value;
       send(fields.length ? { value: Number(range.value), ...gathered(fields) } : Number(range.value));
     };
-    const stands = {}; // at which value, by channel
     const channel = () => fields.map((one) => one.read()).join();
+    const stands = { [channel()]: control.value }; // at which value, by channel
     let [timer, sent] = [0, ""];
     const soon = () => {
       exact.value = range.value;
@@ -92,7 +95,7 @@ const KINDS = {
       range.value = exact.value;
       now();
     });
-    for (const one of fields) one.node.addEventListener("change", () => (range.value = exact.value = sent = stands[channel()] ?? control.value));
+    for (const one of fields) one.node.addEventListener("change", () => (range.value = exact.value = sent = stands[channel()] ?? control.low));
     const take = (value, of) => {
       stands[of] = String(value);
       if (of === channel() && !node.contains(document.activeElement)) range.value = exact.value = sent = stands[of];

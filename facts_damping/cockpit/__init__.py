@@ -1,0 +1,1 @@
+"""The cockpit: one page in a browser that shows a run and changes it; its node is nodes/cockpit.py."""
