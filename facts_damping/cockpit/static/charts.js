@@ -27,8 +27,8 @@ export function columns(rows, time, curves) {
   return [shownRows.map((row) => row[0]), ...curves.map((curve) => column(curve + 2))];
 }
 
-/** Build a chart in a box, with a caption that names its curves and gives their values. */
-export function makeChart(chart, panel, box, look) {
+/** Build a chart in a box, with a caption that names its curves; `redraw` is called when it comes into sight. */
+export function makeChart(chart, panel, box, look, redraw) {
   const short = (i) => panel.curves[i].label;
   const many = chart.curves.length > NAMED + 2;
   const named = many ? chart.curves.slice(0, NAMED) : chart.curves;
@@ -64,7 +64,10 @@ export function makeChart(chart, panel, box, look) {
   new ResizeObserver(([{ contentRect: { width, height } }]) => {
     if (width > 60 && height > 30) view.plot.setSize({ width: Math.floor(width), height: Math.floor(height) });
   }).observe(area);
-  new IntersectionObserver(([entry]) => (view.seen = entry.isIntersecting)).observe(area);
+  new IntersectionObserver(([entry]) => {
+    Object.assign(view, { seen: entry.isIntersecting, due: 0 });
+    redraw();
+  }, { rootMargin: "100px" }).observe(area);
   return view;
 }
 
@@ -99,7 +102,8 @@ export function drawChart(view, rows, time, now, always) {
   view.time = time;
   view.plot.setData(data);
   const place = view.plot.cursor.idx ?? data[0].length - 1;
-  view.values.forEach((node, k) => set(node, { text: shown(data[k + 1][place] ?? NaN, view.chart.unit === "Hz" ? "Hz" : "").replace(" Hz", "") }));
+  const unit = view.chart.unit === "Hz" ? "Hz" : "";
+  view.values.forEach((node, k) => set(node, { text: shown(data[k + 1][place] ?? NaN, unit).replace(" Hz", "") }));
 }
 
 /** Build the bars of the supervisor's monitors. */
@@ -108,8 +112,10 @@ export function makeMonitors(panel, box) {
   const views = panel.monitors.map((one) => {
     const bar = html("span", { class: "bar" });
     const value = html("span", { class: "value" });
-    const meter = html("span", { class: "meter", role: "meter", "aria-label": one.name, "aria-valuemin": "0", "aria-valuemax": String(one.limit) }, bar);
-    const item = html("li", { title: one.description }, html("span", { class: "name" }, several ? `${one.controller}: ${one.name}` : one.name), value, meter);
+    const name = several ? `${one.controller}: ${one.name}` : one.name;
+    const role = { role: "meter", "aria-label": name, "aria-valuemin": "0", "aria-valuemax": String(one.limit) };
+    const meter = html("span", { class: "meter", ...role }, bar);
+    const item = html("li", { title: one.description }, html("span", { class: "name" }, name), value, meter);
     box.append(item);
     return { one, item, bar, value, meter };
   });
@@ -122,7 +128,8 @@ export function drawMonitors(views, row) {
   for (const { one, item, bar, value, meter } of views) {
     const now = row[one.curve + 2];
     const share = Math.abs(now) / one.limit || 0;
-    set(bar, { style: `transform: scaleX(${Math.min(1, 0.8 * share).toFixed(3)})`, class: `bar${share > 1 ? " over" : share > 0.8 ? " near" : ""}` });
+    const length = Math.min(1, 0.8 * share).toFixed(3);
+    set(bar, { style: `transform: scaleX(${length})`, class: `bar${share > 1 ? " over" : share > 0.8 ? " near" : ""}` });
     set(item, { class: share > 1 ? "over" : "" });
     set(value, { text: `${shown(now)} / ${shown(one.limit, one.unit)}` });
     set(meter, { "aria-valuenow": String(Number.isFinite(now) ? +now.toPrecision(3) : 0) });

@@ -58,7 +58,7 @@ function buildPanel(panel, mode) {
   part("name").hidden = mode === "live";
   node.setAttribute("aria-label", panel.name);
   view.drawing = makeDiagram(view, part("diagram"), part("readout"));
-  view.charts = panel.charts.map((chart) => makeChart(chart, view, part("charts"), look));
+  view.charts = panel.charts.map((chart) => makeChart(chart, view, part("charts"), look, redraw));
   view.monitorBars = makeMonitors(view, part("monitors"));
   return view;
 }
@@ -84,7 +84,8 @@ function note(panel, event) {
   const { log } = panel;
   const atEnd = log.scrollTop + log.clientHeight > log.scrollHeight - 30;
   panel.events.push(event);
-  log.append(html("li", { class: event.level }, time, html("span", {}, event.level === "info" ? "" : html("strong", {}, `${event.level}: `), event.text)));
+  const level = event.level === "info" ? "" : html("strong", {}, `${event.level}: `);
+  log.append(html("li", { class: event.level }, time, html("span", {}, level, event.text)));
   if (log.children.length > LONGEST) log.firstChild.remove(), panel.events.shift();
   if (atEnd) log.scrollTop = log.scrollHeight;
 }
@@ -129,7 +130,8 @@ function draw(now) {
 function drawStatus() {
   const { run, counts, modes } = state.status;
   set(find("run"), { text: run, class: `pill ${run}` });
-  set(find("counts"), { text: Object.entries(counts).filter(([name, n]) => n && name !== "clients").map(([name, n]) => `${name.replaceAll("_", " ")}: ${n}`).join(" · ") });
+  const lost = Object.entries(counts).filter(([name, n]) => n && name !== "clients");
+  set(find("counts"), { text: lost.map(([name, n]) => `${name.replaceAll("_", " ")}: ${n}`).join(" · ") });
   if (state.rows) drawStates(state.rows, state.status);
   const text = modes.map((m) => `${m.label}: ${shown(m.frequency_hz)} Hz, damping ratio ${shown(100 * m.damping_ratio)} %`).join("; ");
   for (const panel of state.panels) set(panel.modes, { text });

@@ -33,7 +33,8 @@ export function makeDiagram(panel, box, readout) {
   }));
   view.devices = devices.map((one) => ({
     joint: svg("path", { class: `branch ${one.from ? one.kind : "stub"}` }),
-    symbol: svg("path", { class: one.setpoint === null ? "device idle" : "device", d: SYMBOLS[one.kind] ?? SYMBOLS.other }, svg("title", {}, `${one.name} (${one.kind})`)),
+    symbol: svg("path", { class: one.setpoint === null ? "device idle" : "device", d: SYMBOLS[one.kind] ?? SYMBOLS.other },
+      svg("title", {}, `${one.name} (${one.kind})`)),
   }));
   view.links = links.map((one) => svg("path", { class: "link" }, svg("title", {}, one.name)));
   view.controllers = controllers.map((one) => layer("controller", svg("rect", { rx: "6", height: "38" }),
@@ -119,12 +120,15 @@ function placeDevices(view, on) {
 /** Place the controllers below the grid, and their links from PMUs and to devices. */
 function placeLinks(view, on, stands) {
   const { devices, links, controllers } = view.panel.diagram;
-  const wide = Math.min(150, on.width / controllers.length - 8);
+  const wide = Math.min(Math.max(120, ...controllers.map((one) => 7.2 * one.name.length + 16)), on.width / controllers.length - 8);
   const top = on.height - 44;
   const middle = (name) => ((controllers.findIndex((one) => one.name === name) + 0.5) * on.width) / controllers.length;
   controllers.forEach((one, i) => {
     set(view.controllers[i], { transform: move(middle(one.name), top) });
     set(view.controllers[i].firstChild, { x: -wide / 2, width: wide });
+    const text = view.controllers[i].children[1];
+    text.dataset.wide ??= text.getComputedTextLength();
+    set(text, { textLength: Math.min(text.dataset.wide, wide - 10), lengthAdjust: "spacingAndGlyphs" });
   });
   links.forEach((one, i) => {
     const mine = links.filter((other) => other.controller === one.controller);
@@ -209,8 +213,9 @@ export function drawDiagram(view, row, status, palette, legend) {
   links.forEach((one, i) => {
     const cut = status.nodes[one.name] === "dead" ? "dead" : status.cut.includes(one.name) ? "cut" : "";
     const latency = row[one.latency + 2];
+    const text = cut || (Number.isFinite(latency) ? `${latency.toFixed(0)} ms` : "–");
     set(view.links[i], { class: cut ? "link cut" : "link" });
-    set(view.labels.links[i], { class: `label of-link${cut ? " cut" : ""}`, text: cut || (Number.isFinite(latency) ? `${latency.toFixed(0)} ms` : "–") });
+    set(view.labels.links[i], { class: `label of-link${cut ? " cut" : ""}`, text });
   });
   controllers.forEach((one, i) => {
     const state = status.nodes[one.name] === "dead" ? "dead" : status.states[one.name] ?? "";
