@@ -5,6 +5,7 @@ import { html, set, shown } from "./dom.js";
 
 export const WINDOW = 30; // s
 const FLAT = 2e-4; // of a value: smallest range of its axis
+const PERIOD = 90; // ms, by which each eight curves of a chart are drawn less often
 const NAMED = 6; // curves that the caption of a chart names
 const FONT = "11px system-ui, sans-serif";
 
@@ -26,20 +27,21 @@ export function columns(rows, time, curves) {
   return [shownRows.map((row) => row[0]), ...curves.map((curve) => column(curve + 2))];
 }
 
-/** Build a chart in a box, with a caption that names its curves and gives their values. */
-export function makeChart(chart, panel, box, look) {
+/** Build a chart in a box, with a caption that names its curves; `redraw` is called when it comes into sight. */
+export function makeChart(chart, panel, box, look, redraw) {
   const short = (i) => panel.curves[i].label;
-  const named = chart.curves.length > NAMED + 2 ? chart.curves.slice(0, NAMED) : chart.curves;
+  const many = chart.curves.length > NAMED + 2;
+  const named = many ? chart.curves.slice(0, NAMED) : chart.curves;
   const rest = chart.curves.slice(named.length);
   const values = named.map(() => html("b", {}, "–"));
   const items = named.map((i, k) => html("span", { class: "key", title: short(i) },
-    html("i", { class: k >= 8 ? "dashed" : "", style: `--c: var(--c${k % 8})` }), `${short(i)} `, values[k]));
+    html("i", { style: `--c: var(--c${k % 8})` }), `${short(i)} `, values[k]));
   if (rest.length) items.push(html("span", { class: "key", title: rest.map(short).join(", ") }, `and ${rest.length} more`));
   const limit = chart.limit === null ? [] : [html("span", { class: "key limit" }, html("i", { class: "dashed" }), `limit ${chart.limit}`)];
   const area = html("div", { class: "area", role: "img", "aria-label": `${chart.title}, last ${WINDOW} s` });
   box.append(html("figure", { class: "chart" },
     html("figcaption", {}, html("strong", {}, `${chart.title} `, html("small", {}, chart.unit)), ...items, ...limit), area));
-  const view = { chart, panel, values, time: 0, twins: [], extent: [Infinity, -Infinity] };
+  const view = { chart, panel, values, time: 0, due: 0, seen: true, twins: [], extent: [Infinity, -Infinity] };
   const axis = { stroke: () => look.faint, font: FONT, grid: { stroke: () => look.grid, width: 1 }, ticks: { show: false } };
   const range = (_, lowest, highest) => {
     view.extent = [lowest ?? Infinity, highest ?? -Infinity];
@@ -55,13 +57,17 @@ export function makeChart(chart, panel, box, look) {
     scales: { x: { time: false, range: () => [view.time - WINDOW, view.time] }, y: { range } },
     axes: [{ ...axis, size: 20, gap: 2, space: 60 }, { ...axis, size: 50, gap: 4, space: 18 }],
     series: [{}, ...chart.curves.map((_, k) => ({
-      stroke: () => look.colours[k % 8], width: 1.5, dash: k >= 8 ? [5, 3] : undefined, points: { show: false },
+      stroke: () => look.colours[k % 8], width: many ? 1 : 1.5, points: { show: false },
     }))],
     hooks: { drawAxes: [(plot) => mark(plot, view, look)] },
   }, [[], ...chart.curves.map(() => [])], area);
   new ResizeObserver(([{ contentRect: { width, height } }]) => {
     if (width > 60 && height > 30) view.plot.setSize({ width: Math.floor(width), height: Math.floor(height) });
   }).observe(area);
+  new IntersectionObserver(([entry]) => {
+    Object.assign(view, { seen: entry.isIntersecting, due: 0 });
+    redraw();
+  }, { rootMargin: "100px" }).observe(area);
   return view;
 }
 
@@ -88,13 +94,16 @@ function mark(plot, view, look) {
   ctx.restore();
 }
 
-/** Draw the last seconds before a time; the caption has the values under the pointer, else the last. */
-export function drawChart(view, rows, time) {
+/** Draw the last seconds before a time, if it is due; the caption has the values under the pointer, else the last. */
+export function drawChart(view, rows, time, now, always) {
+  if (!view.seen || (now < view.due && !always)) return;
+  view.due = now + PERIOD * Math.floor(view.chart.curves.length / 8);
   const data = columns(rows, time, view.chart.curves);
   view.time = time;
   view.plot.setData(data);
   const place = view.plot.cursor.idx ?? data[0].length - 1;
-  view.values.forEach((node, k) => set(node, { text: shown(data[k + 1][place] ?? NaN, view.chart.unit === "Hz" ? "Hz" : "").replace(" Hz", "") }));
+  const unit = view.chart.unit === "Hz" ? "Hz" : "";
+  view.values.forEach((node, k) => set(node, { text: shown(data[k + 1][place] ?? NaN, unit).replace(" Hz", "") }));
 }
 
 /** Build the bars of the supervisor's monitors. */
@@ -103,8 +112,10 @@ export function makeMonitors(panel, box) {
   const views = panel.monitors.map((one) => {
     const bar = html("span", { class: "bar" });
     const value = html("span", { class: "value" });
-    const meter = html("span", { class: "meter", role: "meter", "aria-label": one.name, "aria-valuemin": "0", "aria-valuemax": String(one.limit) }, bar);
-    const item = html("li", { title: one.description }, html("span", { class: "name" }, several ? `${one.controller}: ${one.name}` : one.name), value, meter);
+    const name = several ? `${one.controller}: ${one.name}` : one.name;
+    const role = { role: "meter", "aria-label": name, "aria-valuemin": "0", "aria-valuemax": String(one.limit) };
+    const meter = html("span", { class: "meter", ...role }, bar);
+    const item = html("li", { title: one.description }, html("span", { class: "name" }, name), value, meter);
     box.append(item);
     return { one, item, bar, value, meter };
   });
@@ -117,7 +128,8 @@ export function drawMonitors(views, row) {
   for (const { one, item, bar, value, meter } of views) {
     const now = row[one.curve + 2];
     const share = Math.abs(now) / one.limit || 0;
-    set(bar, { style: `transform: scaleX(${Math.min(1, 0.8 * share).toFixed(3)})`, class: `bar${share > 1 ? " over" : share > 0.8 ? " near" : ""}` });
+    const length = Math.min(1, 0.8 * share).toFixed(3);
+    set(bar, { style: `transform: scaleX(${length})`, class: `bar${share > 1 ? " over" : share > 0.8 ? " near" : ""}` });
     set(item, { class: share > 1 ? "over" : "" });
     set(value, { text: `${shown(now)} / ${shown(one.limit, one.unit)}` });
     set(meter, { "aria-valuenow": String(Number.isFinite(now) ? +now.toPrecision(3) : 0) });

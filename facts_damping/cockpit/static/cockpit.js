@@ -6,6 +6,7 @@ import { drawDiagram, makeDiagram } from "./diagram.js";
 import { clock, html, set, shown } from "./dom.js";
 
 const LONGEST = 500; // lines of the event log
+const GAP = 1; // s without values, over which charts draw no line
 const WAITS = [0.5, 1, 2, 4, 8]; // s, before the socket is opened again
 const find = (id) => document.getElementById(id);
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -13,7 +14,7 @@ const dark = matchMedia("(prefers-color-scheme: dark)");
 
 const state = {
   layout: null, text: "", panels: [], time: NaN, lag: NaN, playing: false, speed: 1, charted: 0, asked: 0, answers: new Map(),
-  status: { run: "", nodes: {}, states: {}, modes: [], counts: {}, values: {} }, socket: null, tries: 0, spent: { frames: 0, ms: 0 },
+  status: { run: "", nodes: {}, states: {}, modes: [], counts: {}, cut: [] }, socket: null, tries: 0, spent: { frames: 0, ms: 0 },
 };
 globalThis.cockpit = state; // to look into from the console, and for tests
 
@@ -40,7 +41,7 @@ function build(layout) {
   find("title").textContent = layout.title;
   document.body.dataset.mode = layout.mode;
   document.body.dataset.panels = layout.panels.length;
-  state.panels = layout.panels.map((panel, i) => buildPanel(panel, layout.mode, i));
+  state.panels = layout.panels.map((panel) => buildPanel(panel, layout.mode));
   const charts = state.panels.flatMap((panel) => panel.charts);
   for (const chart of charts) chart.twins = charts.filter((one) => one !== chart && one.chart.title === chart.chart.title);
   find("panels").replaceChildren(...state.panels.map((panel) => panel.node));
@@ -49,15 +50,15 @@ function build(layout) {
   if (layout.mode === "replay") openReplay(layout);
 }
 
-function buildPanel(panel, mode, i) {
+function buildPanel(panel, mode) {
   const node = find("panel").content.cloneNode(true).firstElementChild;
   const part = (name) => node.querySelector(`[data-part=${name}]`);
-  const view = { ...panel, events: [], rows: [], node, log: part("log"), modes: part("modes"), scale: part("scale"), number: i };
-  part("name").append(panel.name, html("a", { href: `report/${i}`, target: "_blank" }, "report"));
+  const view = { ...panel, events: [], rows: [], node, log: part("log"), modes: part("modes"), scale: part("scale") };
+  part("name").append(panel.name, html("a", { href: `report/${encodeURIComponent(panel.name)}`, target: "_blank" }, "report"));
   part("name").hidden = mode === "live";
   node.setAttribute("aria-label", panel.name);
   view.drawing = makeDiagram(view, part("diagram"), part("readout"));
-  view.charts = panel.charts.map((chart) => makeChart(chart, view, part("charts"), look));
+  view.charts = panel.charts.map((chart) => makeChart(chart, view, part("charts"), look, redraw));
   view.monitorBars = makeMonitors(view, part("monitors"));
   return view;
 }
@@ -70,6 +71,7 @@ function take(buffer) {
   if (!panel || row.length !== panel.curves.length + 2) return;
   const last = panel.rows.at(-1);
   if (last && row[0] < last[0]) panel.rows.length = 0; // the run was reset
+  if (last && row[0] > last[0] + GAP) panel.rows.push(new Float32Array(row.length).fill(NaN).fill(last[0], 0, 1)); // a gap
   panel.rows.push(row);
   if (panel.rows[0][0] < row[0] - WINDOW - 5) panel.rows.splice(0, until(panel.rows, row[0] - WINDOW));
   [state.time, state.lag] = row;
@@ -82,7 +84,8 @@ function note(panel, event) {
   const { log } = panel;
   const atEnd = log.scrollTop + log.clientHeight > log.scrollHeight - 30;
   panel.events.push(event);
-  log.append(html("li", { class: event.level }, time, html("span", {}, event.level === "info" ? "" : html("strong", {}, `${event.level}: `), event.text)));
+  const level = event.level === "info" ? "" : html("strong", {}, `${event.level}: `);
+  log.append(html("li", { class: event.level }, time, html("span", {}, level, event.text)));
   if (log.children.length > LONGEST) log.firstChild.remove(), panel.events.shift();
   if (atEnd) log.scrollTop = log.scrollHeight;
 }
@@ -99,8 +102,11 @@ function redraw() {
 
 function draw(now) {
   const start = performance.now();
-  const slow = now - state.charted >= (calm.matches ? 500 : 100);
+  const still = state.layout.mode === "replay" && !state.playing;
+  const slow = still || now - state.charted >= (calm.matches ? 500 : 100);
+  const peak = Math.max(...state.panels.map((panel) => panel.drawing.peak)); // the same colours side by side
   for (const panel of state.panels) {
+    panel.drawing.peak = peak;
     const row = panel.rows[Math.max(0, until(panel.rows, state.time) - 1)];
     if (!row) continue;
     drawDiagram(panel.drawing, row, state.status, look.palette, (range, nominal) => {
@@ -109,7 +115,7 @@ function draw(now) {
       panel.scale.title = `Deviation of the frequency from ${nominal} Hz`;
     });
     if (!slow) continue;
-    for (const chart of panel.charts) drawChart(chart, panel.rows, state.time);
+    for (const chart of panel.charts) drawChart(chart, panel.rows, state.time, now, still);
     drawMonitors(panel.monitorBars, row);
   }
   if (slow) {
@@ -124,7 +130,8 @@ function draw(now) {
 function drawStatus() {
   const { run, counts, modes } = state.status;
   set(find("run"), { text: run, class: `pill ${run}` });
-  set(find("counts"), { text: Object.entries(counts).filter(([name, n]) => n && name !== "clients").map(([name, n]) => `${name.replaceAll("_", " ")}: ${n}`).join(" · ") });
+  const lost = Object.entries(counts).filter(([name, n]) => n && name !== "clients");
+  set(find("counts"), { text: lost.map(([name, n]) => `${name.replaceAll("_", " ")}: ${n}`).join(" · ") });
   if (state.rows) drawStates(state.rows, state.status);
   const text = modes.map((m) => `${m.label}: ${shown(m.frequency_hz)} Hz, damping ratio ${shown(100 * m.damping_ratio)} %`).join("; ");
   for (const panel of state.panels) set(panel.modes, { text });
@@ -147,6 +154,8 @@ function connect() {
   socket.onclose = () => {
     const wait = WAITS[Math.min(state.tries++, WAITS.length - 1)];
     find("groups").disabled = find("toolbar").disabled = true;
+    state.status.run = "";
+    drawStatus();
     say(`connection lost, again in ${wait} s`, "bad");
     setTimeout(connect, 1000 * wait);
   };
@@ -188,7 +197,8 @@ async function openReplay(layout) {
   find("replay").hidden = false;
   slider.max = layout.duration;
   await Promise.all(state.panels.map(async (panel) => {
-    const [data, events] = await Promise.all([fetch(`data/${panel.number}`).then((r) => r.arrayBuffer()), fetch(`events/${panel.number}`).then((r) => r.json())]);
+    const name = encodeURIComponent(panel.name);
+    const [data, events] = await Promise.all([fetch(`data/${name}`).then((r) => r.arrayBuffer()), fetch(`events/${name}`).then((r) => r.json())]);
     const all = new Float32Array(data);
     const width = panel.curves.length + 1; // no lag here
     for (let i = 0; i + width <= all.length; i += width) {

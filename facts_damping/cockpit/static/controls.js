@@ -7,8 +7,12 @@ const PAUSE = 120; // ms, between values that a slider sends while it moves
 
 /** What a control acts on, "wan_link" in "link/wan_link/delay"; its label without that name. */
 const subject = (control) => control.id.split("/").slice(1, -1).join("/");
-const label = (control) => (control.label.startsWith(`${subject(control)}: `) ? control.label.slice(subject(control).length + 2) : control.label);
+const label = ({ label, ...control }) => (label.startsWith(`${subject(control)}: `) ? label.slice(subject(control).length + 2) : label);
+/** The word on its button: "arm" in "supervisor/controller/arm". */
 const action = (control) => (subject(control) || control.group === "run" ? control.id.split("/").at(-1) : control.label);
+
+/** A name that a line may break after "_" and "/". */
+const breakable = (name) => name.split(/(?<=[_/])/).flatMap((part) => [part, html("wbr")]);
 
 /** Build all controls; `send(id, value, output)` sends one. Those of the run go to the toolbar. */
 export function makeControls(controls, box, toolbar, send, wide) {
@@ -28,7 +32,8 @@ export function makeControls(controls, box, toolbar, send, wide) {
       const shared = new Map(); // fields of sliders, such as their channel
       const parts = mine.filter((one) => subject(one) === name).map((one) => KINDS[one.kind](one, act(one), shared));
       parts.unshift(...[...shared.values()].map((one) => one.node));
-      const row = name ? html("fieldset", {}, html("legend", {}, name, " ", state), ...parts, output) : html("div", { class: "bare" }, ...parts, output);
+      const legend = html("legend", {}, ...breakable(name), " ", state);
+      const row = name ? html("fieldset", {}, legend, ...parts, output) : html("div", { class: "bare" }, ...parts, output);
       inside.append(row);
       if (name) (rows[name] ??= []).push(state);
     }
@@ -52,8 +57,9 @@ export function drawStates(rows, { nodes, states }) {
   }
 }
 
-const number = (of, extra = {}) => html("input", {
-  type: "number", min: String(of.low), max: String(of.high), step: of.step ? String(of.step) : "any", value: String(of.value ?? of.low), required: true, ...extra });
+/** Text attributes of an input for the values of a control or a field. */
+const bounds = (of, type, step) => ({ type, min: String(of.low), max: String(of.high), step, value: String(of.value ?? of.low) });
+const number = (of, extra = {}) => html("input", { ...bounds(of, "number", "any"), required: true, ...extra });
 const valid = (input) => input.reportValidity() && Number(input.value);
 
 /** A field of a form: a number, or a choice. */
@@ -68,7 +74,7 @@ const gathered = (fields) => Object.fromEntries(fields.map((one) => [one.name, o
 
 const KINDS = {
   slider(control, send, shared) {
-    const range = html("input", { type: "range", min: String(control.low), max: String(control.high), step: String(control.step), value: String(control.value) });
+    const range = html("input", bounds(control, "range", String(control.step)));
     const exact = number(control, { "aria-label": `${control.label}, ${control.unit}` });
     for (const of of control.fields ?? []) if (!shared.has(of.name)) shared.set(of.name, field(of));
     const fields = (control.fields ?? []).map((of) => shared.get(of.name));
@@ -76,8 +82,8 @@ const KINDS = {
       stands[channel()] = sent = range.value;
       send(fields.length ? { value: Number(range.value), ...gathered(fields) } : Number(range.value));
     };
-    const stands = {}; // at which value, by channel
     const channel = () => fields.map((one) => one.read()).join();
+    const stands = { [channel()]: control.value }; // at which value, by channel
     let [timer, sent] = [0, ""];
     const soon = () => {
       exact.value = range.value;
@@ -92,7 +98,7 @@ const KINDS = {
       range.value = exact.value;
       now();
     });
-    for (const one of fields) one.node.addEventListener("change", () => (range.value = exact.value = sent = stands[channel()] ?? control.value));
+    for (const one of fields) one.node.addEventListener("change", () => (range.value = exact.value = sent = stands[channel()] ?? control.low));
     const take = (value, of) => {
       stands[of] = String(value);
       if (of === channel() && !node.contains(document.activeElement)) range.value = exact.value = sent = stands[of];

@@ -1,11 +1,10 @@
 // One-line diagram: built once, placed when its size changes, and drawn from a row of values.
 
-import { round, set, shown, svg } from "./dom.js";
+import { ceiling, set, shown, svg } from "./dom.js";
+import { arrange, beside, positions, route } from "./places.js";
 
-const MARGIN = 44; // px, around the grid
 const STRIP = 92; // px, for the controllers below it
 const FEW = 40; // buses, up to which all are labelled
-const STRETCH = 2.2; // largest ratio of the two scales
 const SMALLEST = 0.01; // Hz, of the scale of colours
 const FADE = 0.995; // of the largest deviation from one drawing to the next
 const SYMBOLS = {
@@ -13,7 +12,8 @@ const SYMBOLS = {
   hvdc: "M-1,-1L1,1V-1L-1,1Z", other: "M-1.2,0L-.6,-1H.6L1.2,0L.6,1H-.6Z",
 };
 const layer = (name, ...children) => svg("g", { class: name }, ...children);
-const at = (x, y) => `translate(${x.toFixed(1)} ${y.toFixed(1)})`;
+const around = ([x, y], reach) => [x - reach, y - reach, x + reach, y + reach];
+const move = (x, y) => `translate(${x.toFixed(1)} ${y.toFixed(1)})`;
 
 /** Build the nodes of a diagram; `readout` gets in words what the bus under the pointer or the arrow keys has. */
 export function makeDiagram(panel, box, readout) {
@@ -33,7 +33,8 @@ export function makeDiagram(panel, box, readout) {
   }));
   view.devices = devices.map((one) => ({
     joint: svg("path", { class: `branch ${one.from ? one.kind : "stub"}` }),
-    symbol: svg("path", { class: one.setpoint === null ? "device idle" : "device", d: SYMBOLS[one.kind] ?? SYMBOLS.other }, svg("title", {}, `${one.name} (${one.kind})`)),
+    symbol: svg("path", { class: one.setpoint === null ? "device idle" : "device", d: SYMBOLS[one.kind] ?? SYMBOLS.other },
+      svg("title", {}, `${one.name} (${one.kind})`)),
   }));
   view.links = links.map((one) => svg("path", { class: "link" }, svg("title", {}, one.name)));
   view.controllers = controllers.map((one) => layer("controller", svg("rect", { rx: "6", height: "38" }),
@@ -58,133 +59,87 @@ export function makeDiagram(panel, box, readout) {
   return view;
 }
 
-/** Positions in px: turned so that a long grid lies along the longer side, stretched, and pushed apart where too near. */
-function positions(buses, width, height, near) {
-  const mean = (of) => buses.reduce((sum, bus) => sum + of(bus), 0) / buses.length;
-  const [mx, my] = [mean((b) => b.x), mean((b) => b.y)];
-  const [xx, yy, xy] = [(b) => (b.x - mx) ** 2, (b) => (b.y - my) ** 2, (b) => (b.x - mx) * (b.y - my)].map(mean);
-  const long = (xx + yy) / 2 + Math.hypot((xx - yy) / 2, xy) > 6 * ((xx + yy) / 2 - Math.hypot((xx - yy) / 2, xy));
-  const turn = long ? -0.5 * Math.atan2(2 * xy, xx - yy) + (height > 1.3 * width ? Math.PI / 2 : 0) : 0;
-  const [c, s] = [Math.cos(turn), Math.sin(turn)];
-  const places = buses.map((b) => [c * (b.x - mx) - s * (b.y - my), -(s * (b.x - mx) + c * (b.y - my))]);
-  const limits = [0, 1].map((k) => [Math.min(...places.map((p) => p[k])), Math.max(...places.map((p) => p[k]))]);
-  const space = [width, height];
-  const full = limits.map(([low, high], k) => (space[k] - 2 * MARGIN) / (high - low || 1));
-  const scale = full.map((one) => Math.max(1e-3, Math.min(one, STRETCH * Math.min(...full))));
-  for (const p of places) for (const k of [0, 1]) p[k] = space[k] / 2 + scale[k] * (p[k] - (limits[k][0] + limits[k][1]) / 2);
-  for (let round = 0; round < 30; round++) {
-    for (let i = 0; i < places.length; i++) {
-      for (let j = 0; j < i; j++) {
-        const [dx, dy] = [places[i][0] - places[j][0] || 0.1, places[i][1] - places[j][1]];
-        const distance = Math.hypot(dx, dy);
-        if (distance >= near) continue;
-        const push = (near - distance) / distance / 3;
-        places[i][0] += push * dx, places[i][1] += push * dy, places[j][0] -= push * dx, places[j][1] -= push * dy;
-      }
-    }
-  }
-  return places;
-}
-
 /** Place all nodes in an area of a width and height, px. */
 function place(view, width, height) {
   if (width < 50 || height < 50) return;
-  const { buses, branches, machines, devices, links, controllers } = view.panel.diagram;
+  const { buses, branches, devices, controllers } = view.panel.diagram;
   const room = height - (controllers.length ? STRIP : 0);
   const size = Math.min(8, Math.max(3, 0.085 * Math.sqrt((width * room) / buses.length)));
-  const big = Math.max(7.5, 1.7 * size);
   const p = positions(buses, width, room, 4 * size);
   const where = (name) => p[view.index[name]];
-  const taken = p.map(([x, y]) => [x - size, y - size, x + size, y + size]);
-  const labels = [];
+  const busy = {}; // directions at a bus in which something lies
+  for (const { from, to } of [...branches, ...devices]) {
+    if (!from) continue;
+    const [[x0, y0], [x1, y1]] = [where(from), where(to)];
+    (busy[from] ??= []).push(Math.atan2(y1 - y0, x1 - x0));
+    (busy[to] ??= []).push(Math.atan2(y0 - y1, x0 - x1));
+  }
+  const on = { where, size, width, height, labels: [], taken: p.map((at) => around(at, size)), thick: Math.max(1.2, size / 3.5) };
+  on.beside = (bus, length) => beside(where(bus), length, (busy[bus] ??= []), p, width);
+  on.route = (one) => route(one, [...branches, ...devices], where, size);
   view.places = p;
   set(view.root, { viewBox: `0 0 ${width} ${height}` });
-  const line = (one) => {
-    const [from, to] = [one.from, one.to].sort();
-    const beside = [...branches, ...devices].filter((b) => b.from && [b.from, b.to].sort().join() === `${from},${to}`);
-    const [[x0, y0], [x1, y1]] = [where(from), where(to)];
-    const shift = ((beside.indexOf(one) - (beside.length - 1) / 2) * size) / (Math.hypot(x1 - x0, y1 - y0) || 1);
-    const via = (share) => [x0 + share * (x1 - x0) - shift * (y1 - y0), y0 + share * (y1 - y0) + shift * (x1 - x0)];
-    return `M${x0},${y0}L${via(0.15)}L${via(0.85)}L${x1},${y1}`;
-  };
-  const thick = Math.max(1.2, size / 3.5);
-  branches.forEach((one, i) => set(view.branches[i], { d: line(one), "stroke-width": thick }));
+  branches.forEach((one, i) => set(view.branches[i], { d: on.route(one), "stroke-width": on.thick }));
   view.buses.forEach((node, i) => set(node, { cx: p[i][0], cy: p[i][1], r: size }));
-  for (const [bus, node] of view.pmus) set(node, { transform: at(where(bus.name)[0] - size - 3, where(bus.name)[1] - size - 1) });
-  // Away from the neighbours of a bus, where there is most room.
-  const used = {};
-  const free = (name, length) => {
-    const [x, y] = where(name);
-    const ends = [...branches, ...devices].flatMap((b) => (b.from === name ? [b.to] : b.to === name ? [b.from] : []));
-    const busy = [...ends.map((end) => Math.atan2(where(end)[1] - y, where(end)[0] - x)), ...(used[name] ?? [])];
-    const apart = (a) => Math.min(7, ...busy.map((b) => Math.abs(Math.atan2(Math.sin(a - b), Math.cos(a - b)))));
-    const clear = (a) => {
-      const [s, t] = [x + length * Math.cos(a), y + length * Math.sin(a)];
-      return Math.min(30, s - 10, t - 10, width - s - 10, ...p.map(([u, v]) => Math.hypot(s - u, t - v)));
-    };
-    const score = (a) => Math.min(apart(a), 1.6) * 20 + clear(a);
-    const best = [...Array(16).keys()].map((k) => (k * Math.PI) / 8).reduce((a, b) => (score(b) > score(a) ? b : a));
-    (used[name] ??= []).push(best);
-    return [x + length * Math.cos(best), y + length * Math.sin(best)];
-  };
-  const cover = ([x, y], reach) => taken.push([x - reach, y - reach, x + reach, y + reach]);
-  machines.forEach((one, i) => {
-    const [x, y] = free(one.bus, 2.2 * size + big);
-    const { stub, ring, arrow } = view.machines[i];
-    set(stub, { d: `M${where(one.bus)}L${x},${y}` });
-    set(ring, { cx: x, cy: y, r: big });
-    set(arrow, { d: `M${-0.7 * big},0H${0.75 * big}M${0.2 * big},${-0.45 * big}L${0.78 * big},0L${0.2 * big},${0.45 * big}`, "stroke-width": big / 5 });
-    view.machines[i].at = [x, y];
-    cover([x, y], big);
-    labels.push({ node: view.labels.machines[i], at: [x, y], reach: big + 2 });
-  });
-  const stands = devices.map((one, i) => {
-    const ends = one.from && [where(one.from), where(one.to)];
-    const [x, y] = ends ? [(ends[0][0] + ends[1][0]) / 2, (ends[0][1] + ends[1][1]) / 2] : free(one.bus, 3 * size + 8);
-    set(view.devices[i].joint, { d: ends ? line(one) : `M${where(one.bus)}L${x},${y}`, "stroke-width": thick });
-    set(view.devices[i].symbol, { transform: `${at(x, y)} scale(7)` });
-    cover([x, y], 9);
-    labels.unshift({ node: view.labels.devices[i], at: [x, y], reach: 12, wide: one.setpoint === null ? "" : " −0.000 p.u." });
-    return [x, y];
-  });
-  const wide = Math.min(150, width / controllers.length - 8);
-  const top = height - 44;
-  const boxes = Object.fromEntries(controllers.map((one, i) => [one.name, ((i + 0.5) * width) / controllers.length]));
-  controllers.forEach((one, i) => {
-    set(view.controllers[i], { transform: at(boxes[one.name], top) });
-    set(view.controllers[i].firstChild, { x: -wide / 2, width: wide });
-  });
-  links.forEach((one, i) => {
-    const mine = links.filter((other) => other.controller === one.controller);
-    const x = boxes[one.controller] + wide * (0.35 * ((mine.indexOf(one) + 0.5) / mine.length) - 0.4);
-    const out = boxes[one.controller] + wide * 0.3;
-    const curve = ([u, v], end) => `M${u},${v}C${u},${v + 0.75 * (top - v)} ${end},${v + 0.55 * (top - v)} ${end},${top}`;
-    const known = one.pmus.filter((name) => name in view.index);
-    const targets = one.devices.map((name) => stands[devices.findIndex((d) => d.name === name)]).filter(Boolean);
-    set(view.links[i], { d: [...known.map((name) => curve(where(name), x)), ...targets.map((to) => curve(to, out))].join("") });
-    labels.push({ node: view.labels.links[i], at: [x - 26, top - 10 - 15 * (mine.indexOf(one) % 3)], reach: 2, wide: "1000 ms" });
-  });
-  if (buses.length <= FEW) buses.forEach((_, i) => labels.push({ node: view.labels.buses[i], at: p[i], reach: size + 3 }));
+  for (const [bus, node] of view.pmus) set(node, { transform: move(where(bus.name)[0] - size - 3, where(bus.name)[1] - size - 1) });
+  placeMachines(view, on);
+  placeLinks(view, on, placeDevices(view, on));
+  if (buses.length <= FEW) buses.forEach((_, i) => on.labels.push({ node: view.labels.buses[i], at: p[i], reach: size + 3 }));
   else for (const node of view.labels.buses) set(node, { visibility: "hidden" });
-  arrange(labels, taken, width, height);
+  arrange(on.labels, on.taken, width, height);
   mark(view);
 }
 
-/** Put each label where it covers nothing; hide those for which there is no such place. */
-function arrange(labels, taken, width, height) {
-  for (const { node, at: [x, y], reach, wide = "" } of labels) {
-    const [w, h] = [(node.dataset.name ??= node.textContent).length * 6.4 + wide.length * 5.8 + 2, 13];
-    const d = 0.7 * reach;
-    const spots = [0, 16].flatMap((more) => {
-      const [far, near] = [reach + more, d + more];
-      return [[x - w / 2, y - far - h], [x - w / 2, y + far], [x + far, y - h / 2], [x - far - w, y - h / 2],
-        [x + near, y - near - h], [x - near - w, y - near - h], [x + near, y + near], [x - near - w, y + near]];
-    }).slice(0, wide ? 16 : 8);
-    const free = spots.find(([u, v]) => u >= 0 && v >= 0 && u + w <= width && v + h <= height
-      && taken.every(([l, t, r, b]) => u >= r || u + w <= l || v >= b || v + h <= t));
-    if (free) taken.push([free[0], free[1], free[0] + w, free[1] + h]);
-    set(node, free ? { x: free[0] + 1, y: free[1] + 10.5, visibility: "visible" } : { visibility: "hidden" });
-  }
+function placeMachines(view, on) {
+  const r = Math.max(7.5, 1.7 * on.size);
+  view.panel.diagram.machines.forEach((one, i) => {
+    const [x, y] = on.beside(one.bus, 2.2 * on.size + r);
+    const { stub, ring, arrow } = view.machines[i];
+    set(stub, { d: `M${on.where(one.bus)}L${x},${y}` });
+    set(ring, { cx: x, cy: y, r });
+    set(arrow, { d: `M${-0.7 * r},0H${0.75 * r}M${0.2 * r},${-0.45 * r}L${0.78 * r},0L${0.2 * r},${0.45 * r}`, "stroke-width": r / 5 });
+    view.machines[i].at = [x, y];
+    on.taken.push(around([x, y], r));
+    on.labels.push({ node: view.labels.machines[i], at: [x, y], reach: r + 2 });
+  });
+}
+
+/** Place the devices; returns where. */
+function placeDevices(view, on) {
+  return view.panel.diagram.devices.map((one, i) => {
+    const ends = one.from && [on.where(one.from), on.where(one.to)];
+    const [x, y] = ends ? [(ends[0][0] + ends[1][0]) / 2, (ends[0][1] + ends[1][1]) / 2] : on.beside(one.bus, 3 * on.size + 8);
+    set(view.devices[i].joint, { d: ends ? on.route(one) : `M${on.where(one.bus)}L${x},${y}`, "stroke-width": on.thick });
+    set(view.devices[i].symbol, { transform: `${move(x, y)} scale(7)` });
+    on.taken.push(around([x, y], 9));
+    on.labels.unshift({ node: view.labels.devices[i], at: [x, y], reach: 12, wide: one.setpoint === null ? "" : " −0.000 p.u." });
+    return [x, y];
+  });
+}
+
+/** Place the controllers below the grid, and their links from PMUs and to devices. */
+function placeLinks(view, on, stands) {
+  const { devices, links, controllers } = view.panel.diagram;
+  const wide = Math.min(Math.max(120, ...controllers.map((one) => 7.2 * one.name.length + 16)), on.width / controllers.length - 8);
+  const top = on.height - 44;
+  const middle = (name) => ((controllers.findIndex((one) => one.name === name) + 0.5) * on.width) / controllers.length;
+  controllers.forEach((one, i) => {
+    set(view.controllers[i], { transform: move(middle(one.name), top) });
+    set(view.controllers[i].firstChild, { x: -wide / 2, width: wide });
+    const text = view.controllers[i].children[1];
+    text.dataset.wide ??= text.getComputedTextLength();
+    set(text, { textLength: Math.min(text.dataset.wide, wide - 10), lengthAdjust: "spacingAndGlyphs" });
+  });
+  links.forEach((one, i) => {
+    const mine = links.filter((other) => other.controller === one.controller);
+    const x = middle(one.controller) + wide * (0.35 * ((mine.indexOf(one) + 0.5) / mine.length) - 0.4);
+    const out = middle(one.controller) + wide * 0.3;
+    const curve = ([u, v], end) => `M${u},${v}C${u},${v + 0.75 * (top - v)} ${end},${v + 0.55 * (top - v)} ${end},${top}`;
+    const known = one.pmus.filter((name) => name in view.index);
+    const targets = one.devices.map((name) => stands[devices.findIndex((d) => d.name === name)]).filter(Boolean);
+    set(view.links[i], { d: [...known.map((name) => curve(on.where(name), x)), ...targets.map((to) => curve(to, out))].join("") });
+    on.labels.push({ node: view.labels.links[i], at: [x - 26, top - 10 - 15 * (mine.indexOf(one) % 3)], reach: 2, wide: "1000 ms" });
+  });
 }
 
 function select(view, i) {
@@ -241,7 +196,7 @@ export function drawDiagram(view, row, status, palette, legend) {
   view.nominal ??= (([one]) => (one === undefined ? null : one > 30 ? 10 * Math.round(one / 10) : 0))(frequencies.filter(Number.isFinite));
   const deviations = frequencies.map((one) => one - view.nominal);
   view.peak = Math.max(SMALLEST, view.peak * FADE, ...deviations.map((one) => Math.abs(one) || 0));
-  const range = round(view.peak);
+  const range = ceiling(view.peak);
   const steps = (palette.length - 1) / 2;
   deviations.forEach((one, i) => {
     const colour = Number.isFinite(one) ? palette[Math.round(steps + (steps * one) / range)] : "var(--card)";
@@ -249,17 +204,18 @@ export function drawDiagram(view, row, status, palette, legend) {
   });
   machines.forEach((one, i) => {
     const degrees = row[one.angle + 2] * (curves[one.angle].unit.startsWith("rad") ? 180 / Math.PI : 1);
-    const { arrow, at: place } = view.machines[i];
-    if (place) set(arrow, { transform: `${at(...place)} rotate(${Number.isFinite(degrees) ? -degrees.toFixed(1) : 0})` });
+    const { arrow, at } = view.machines[i];
+    if (at) set(arrow, { transform: `${move(...at)} rotate(${Number.isFinite(degrees) ? -Math.round(2 * degrees) / 2 : 0})` });
   });
   devices.forEach((one, i) => {
     if (one.setpoint !== null) set(view.labels.devices[i], { text: `${one.name} ${shown(row[one.setpoint + 2], curves[one.setpoint].unit)}` });
   });
   links.forEach((one, i) => {
-    const cut = status.values[`link/${one.name}/cut`] || status.nodes[one.name] === "dead";
+    const cut = status.nodes[one.name] === "dead" ? "dead" : status.cut.includes(one.name) ? "cut" : "";
     const latency = row[one.latency + 2];
+    const text = cut || (Number.isFinite(latency) ? `${latency.toFixed(0)} ms` : "–");
     set(view.links[i], { class: cut ? "link cut" : "link" });
-    set(view.labels.links[i], { class: `label of-link${cut ? " cut" : ""}`, text: cut ? "cut" : Number.isFinite(latency) ? `${latency.toFixed(0)} ms` : "–" });
+    set(view.labels.links[i], { class: `label of-link${cut ? " cut" : ""}`, text });
   });
   controllers.forEach((one, i) => {
     const state = status.nodes[one.name] === "dead" ? "dead" : status.states[one.name] ?? "";

@@ -35,7 +35,7 @@ export function shown(value, unit = "") {
 }
 
 /** The next of 1, 2, 5, 10, 20, ... that is not below a value. */
-export function round(value) {
+export function ceiling(value) {
   const decade = 10 ** Math.floor(Math.log10(value));
   return decade * [1, 2, 5, 10].find((step) => step * decade >= value * 0.999999);
 }
