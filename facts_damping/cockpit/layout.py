@@ -274,7 +274,7 @@ def _diagram(
             {
                 "name": str(links[case.used_links[c]]),
                 "controller": str(controllers[c]),
-                "pmus": controller_pmus(case, c),
+                "buses": sorted({system.pmu_buses()[pmu] for pmu in controller_pmus(case, c)}),  # of its PMUs
                 "devices": list(case.controllers[c].devices),
                 "latency": latencies[case.used_links[c]],
             }

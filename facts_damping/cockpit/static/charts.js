@@ -127,7 +127,7 @@ export function makeMonitors(panel, box) {
 export function drawMonitors(views, row) {
   for (const { one, item, bar, value, meter } of views) {
     const now = row[one.curve + 2];
-    const share = Math.abs(now) / one.limit || 0;
+    const share = Math.max(0, now) / one.limit || 0;
     const length = Math.min(1, 0.8 * share).toFixed(3);
     set(bar, { style: `transform: scaleX(${length})`, class: `bar${share > 1 ? " over" : share > 0.8 ? " near" : ""}` });
     set(item, { class: share > 1 ? "over" : "" });

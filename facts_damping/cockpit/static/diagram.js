@@ -135,7 +135,7 @@ function placeLinks(view, on, stands) {
     const x = middle(one.controller) + wide * (0.35 * ((mine.indexOf(one) + 0.5) / mine.length) - 0.4);
     const out = middle(one.controller) + wide * 0.3;
     const curve = ([u, v], end) => `M${u},${v}C${u},${v + 0.75 * (top - v)} ${end},${v + 0.55 * (top - v)} ${end},${top}`;
-    const known = one.pmus.filter((name) => name in view.index);
+    const known = one.buses.filter((name) => name in view.index);
     const targets = one.devices.map((name) => stands[devices.findIndex((d) => d.name === name)]).filter(Boolean);
     set(view.links[i], { d: [...known.map((name) => curve(on.where(name), x)), ...targets.map((to) => curve(to, out))].join("") });
     on.labels.push({ node: view.labels.links[i], at: [x - 26, top - 10 - 15 * (mine.indexOf(one) % 3)], reach: 2, wide: "1000 ms" });
