@@ -116,9 +116,9 @@ def panel(case: Case, name: str) -> Panel:
         _chart("rotor angle against the centre of inertia", "deg", angles.values()),
         _chart("active power", "MW", flows),
         *of_devices,
-        *of_links,
         _chart("difference of frequencies", "mHz", [one.signal for one in modes]),
         _chart("damping ratio of its mode", "%", [one.damping for one in modes], 0.0),
+        *of_links,
     ]
     shown = {
         "name": name,

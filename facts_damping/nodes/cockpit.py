@@ -218,7 +218,12 @@ class Cockpit:
     def on_event(self, message: Any) -> None:
         """Tell an event of the grid."""
         self.event_s = self.time_s
-        self.tell(self.time_s, words.grid_event(message.kind, message.element, message.value), "warn")
+        stamp = message.header.stamp
+        self.tell(
+            stamp.sec + stamp.nanosec / NANOSECONDS,
+            words.grid_event(message.kind, message.element, message.value),
+            "warn",
+        )
 
     def on_change(self, message: Any) -> None:
         """Tell a change."""
