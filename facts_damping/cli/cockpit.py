@@ -56,7 +56,7 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _replay(arguments: argparse.Namespace) -> None:
     """Serve one or two recordings until interrupted."""
-    from facts_damping.cockpit import server
+    from facts_damping.cockpit import access, server
     from facts_damping.nodes.base.asyncio_thread import AsyncioThread
     from facts_damping.recording.reader import load
 
@@ -69,7 +69,7 @@ def _replay(arguments: argparse.Namespace) -> None:
         for i, path in enumerate(paths):
             progress(i, len(paths))
             records.append(load(path))
-    token = server.new_token(arguments.host)
+    token = access.new_token(arguments.host)
     shown = server.Cockpit(content(paths, records), host=arguments.host, token=token)
     serving = server.Server(shown, arguments.host, arguments.port)
     thread = AsyncioThread()

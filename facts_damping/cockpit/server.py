@@ -1,45 +1,35 @@
 """The web server of a cockpit: page, static files, data, report and socket; who may use it; what each client gets.
 
-Security. The server listens at 127.0.0.1 unless told otherwise; elsewhere it asks for a token, which the address holds
-once and a cookie afterwards. The Host header must be one under which it serves (DNS rebinding), and the Origin of the
-socket the page's own. Nothing that a client sends is more than a value for one of the listed controls.
-
-Slow clients. Each has room for one frame, the newest, and for 256 other messages, the oldest of which are dropped; what
+Who may use it: access.py. Nothing that a client sends is more than a value for one of the listed controls. Each client
+has room for one frame, the newest, and for 256 other messages, the oldest of which are dropped; what
 it does not get is counted. A message that takes longer than 10 s ends its connection. Nothing waits for a client.
 """
 
 from __future__ import annotations
 
 import asyncio
-import hmac
-import ipaddress
 import json
 import logging
 import math
-import os
-import secrets
 import socket
-import sys
-import tempfile
 from collections import deque
-from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.cockpit import controls as of_controls
+from facts_damping.cockpit.access import EXTRA, POLICY, REPORT_POLICY, RequestFilter
+from facts_damping.cockpit.reports import report
 from facts_damping.errors import InputError, one_line
 from facts_damping.extras import library
-from facts_damping.input_files import read_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Coroutine, Mapping
+    from collections.abc import Callable, Coroutine, Mapping
 
     from facts_damping.cockpit.controls import Control, Request, Values
 
     Answer = Callable[[bool, str], None]
 
-EXTRA = "cockpit"
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 (only if `--host` says so)
 HOST, PORT = "127.0.0.1", 8766
 STATIC = Path(__file__).with_name("static")
@@ -50,17 +40,6 @@ SEND_BYTES = 65536  # of a connection's buffer in the kernel
 LONGEST = 65536  # bytes of a message from a client
 CLIENTS = 32  # most at once
 PENDING = 16  # most requests of a client that are not answered
-HTTP = 80  # port that a Host header leaves out
-REPORT_BYTES = 100_000_000  # longest report
-REPORT_S = 300.0  # longest time for a report
-
-# Scripts and data come from this server alone. A report has its scripts inside: it runs without this origin's rights.
-POLICY = (
-    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'; "
-    "base-uri 'none'; form-action 'self'"
-)
-REPORT_POLICY = "sandbox allow-scripts allow-popups"
-HEADERS = {"x-content-type-options": "nosniff", "referrer-policy": "no-referrer", "cache-control": "no-store"}
 
 
 class Content(NamedTuple):
@@ -343,109 +322,6 @@ def finite(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [finite(one) for one in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-async def report(recording: str) -> tuple[bytes | None, str]:
-    """The page of `facts-damping analyze RECORDING --report` for what is recorded so far, or why there is none."""
-    with tempfile.TemporaryDirectory() as folder:
-        page = Path(folder) / "report.html"
-        command = [
-            *(sys.executable, "-m", "facts_damping", "analyze", recording),
-            "--report",
-            str(page),
-            "--out",
-            folder,
-        ]
-        process = await asyncio.create_subprocess_exec(
-            *command,
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.DEVNULL,
-            stderr=asyncio.subprocess.PIPE,
-        )
-        with suppress(OSError):  # it may have ended
-            os.setpriority(os.PRIO_PROCESS, process.pid, 10)
-        try:
-            _, errors = await asyncio.wait_for(process.communicate(), REPORT_S)
-        except asyncio.TimeoutError:
-            process.kill()
-            await process.wait()
-            return None, f"report: not done within {REPORT_S:g} s"
-        if page.is_file():
-            return read_bytes(page, REPORT_BYTES), ""
-        return None, errors.decode(errors="replace").strip().rpartition("\n")[2]
-
-
-class RequestFilter:
-    """Refuses requests under another host, from another origin, or without the token."""
-
-    def __init__(self, app: Callable[..., Awaitable[None]], host: str, token: str | None) -> None:
-        self._app, self._token = app, token
-        self._names = {"127.0.0.1", "localhost"} if is_loopback(host) else {host, socket.gethostname().lower()}
-
-    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        """Serve a request that is allowed."""
-        if scope["type"] not in ("http", "websocket"):
-            await self._app(scope, receive, send)
-            return
-        responses = library("starlette.responses", EXTRA)
-        requests, datastructures = library("starlette.requests", EXTRA), library("starlette.datastructures", EXTRA)
-        headers, cookie = requests.HTTPConnection(scope).headers, f"cockpit_{(scope.get('server') or ('', 0))[1]}"
-        refused = self._refused(scope, headers)
-        if refused:
-            answer = responses.PlainTextResponse(refused, 403)
-        elif self._token is None or self._is_token(requests.HTTPConnection(scope).cookies.get(cookie, "")):
-            await self._app(scope, receive, _with_headers(send, datastructures.MutableHeaders))
-            return
-        elif scope["path"] == "/" and self._is_token(requests.HTTPConnection(scope).query_params.get("token", "")):
-            answer = responses.RedirectResponse("/", 303)
-            answer.set_cookie(cookie, self._token, httponly=True, samesite="strict")
-        else:
-            answer = responses.PlainTextResponse("token: none or another given; allowed: the address as printed", 403)
-        if scope["type"] == "websocket":
-            await receive()  # websocket.connect
-            await send({"type": "websocket.close", "code": 4403})  # before it is accepted: status 403
-            return
-        await answer(scope, receive, _with_headers(send, datastructures.MutableHeaders))
-
-    def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), (self._token or "").encode())
-
-    def _refused(self, scope: Any, headers: Any) -> str:
-        """Why a request is refused by its Host and Origin; empty if it is not."""
-        host = headers.get("host", "").lower()
-        name, port = (scope.get("server") or ("", None))[:2]
-        hosts = [f"[{one}]" if ":" in one else one for one in (*self._names, str(name).lower())]
-        allowed = {f"{one}:{port}" for one in hosts} | (set(hosts) if port == HTTP else set())
-        if host not in allowed or len(headers.getlist("host")) != 1:
-            return f"Host: {host[:80]} given; allowed: {', '.join(sorted(allowed))}"
-        origin, own = headers.get("origin"), f"http://{host}"
-        if origin != own and (origin is not None or scope["type"] == "websocket"):
-            return f"Origin: {(origin or 'none')[:80]} given; allowed: {own}"
-        return ""
-
-
-def _with_headers(send: Any, headers_of: Any) -> Any:
-    async def sending(message: Any) -> None:
-        if message["type"] == "http.response.start":
-            headers = headers_of(scope=message)
-            for name, value in HEADERS.items():
-                headers.setdefault(name, value)
-        await send(message)
-
-    return sending
-
-
-def is_loopback(host: str) -> bool:
-    """Whether an address is that of this computer alone."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
-def new_token(host: str) -> str | None:
-    """A token for a server that others can reach; None: it needs none."""
-    return None if is_loopback(host) else secrets.token_urlsafe(24)
 
 
 def check_libraries() -> None:

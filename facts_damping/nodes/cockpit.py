@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 
 from facts_damping.case import names
 from facts_damping.case.names import SUPERVISED, label
-from facts_damping.cockpit import controls, layout, samples, server, words
+from facts_damping.cockpit import access, controls, layout, samples, server, words
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import AlwaysActive
@@ -130,7 +130,7 @@ class Cockpit:
             shown | {"duration": case.run.duration}, recordings={title: recording} if recording else {}
         )
         asks = controls.controls(case, launched=launched)
-        token = server.new_token(self.host)
+        token = access.new_token(self.host)
         self.cockpit = server.Cockpit(content, asks, self.ask, host=self.host, token=token)
         self.asked: SimpleQueue[tuple[Request, Callable[[bool, str], None]]] = SimpleQueue()
         self.values = samples.Live(self.panel)

@@ -19,7 +19,7 @@ from websockets.sync.client import connect
 from facts_damping.case.loading import load_case
 from facts_damping.cli.cockpit import content
 from facts_damping.cli.main import main
-from facts_damping.cockpit import controls, server
+from facts_damping.cockpit import access, controls, server
 from facts_damping.errors import InputError
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.simulation import loop
@@ -110,8 +110,8 @@ def test_socket_needs_the_page_s_own_origin(client: TestClient, origin: str | No
 
 
 def test_server_that_others_reach_asks_for_a_token() -> None:
-    assert server.new_token("127.0.0.1") is server.new_token("localhost") is server.new_token("::1") is None
-    token = server.new_token("0.0.0.0")
+    assert access.new_token("127.0.0.1") is access.new_token("localhost") is access.new_token("::1") is None
+    token = access.new_token("0.0.0.0")
     assert token is not None
     assert len(token) >= 32
     app = server.Cockpit(server.Content(LAYOUT), host="192.0.2.7", token=token).app
