@@ -32,6 +32,7 @@ from facts_damping.nodes.base.spinner import Spinner, check_wanted
 from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_STATE, REFUSALS, RUN_STATE
 from facts_damping.nodes.recorder import topics
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

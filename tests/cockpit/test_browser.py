@@ -7,10 +7,9 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 
 from facts_damping.monitor_table import STATES
@@ -24,66 +23,123 @@ if TYPE_CHECKING:
 pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*"])
 
 CHROMIUM = shutil.which("chromium")
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium: apt install chromium")
 RUN = [sys.executable, "-m", "facts_damping", "run", "two_area_deployment", "--supervised", "--cockpit", "0"]
-LONG = ["--set", "duration=3600", "--set", "scenario=[]", "--set", "load_noise=null", "--set", "watchdog=null"]
-PATIENCE_MS = 60_000
-SWING = "Difference of frequencies"  # the chart that shows it
+CALM = ("duration=3600", "scenario=[]", "load_noise=null", "watchdog=null")
+PATIENCE_MS = 90_000
+NODE = "controller_0_LLC_tuned"
 WIDTHS = ((1440, "light"), (1024, "dark"), (400, "light"))
+# Largest less smallest value of a curve between two simulated times, from the rows that the page holds.
+RANGE = """([label, group, from, to]) => { const panel = globalThis.cockpit.panels[0];
+  const k = 2 + panel.curves.findIndex((one) => one.label === label && one.group === group);
+  const own = panel.rows.filter((row) => row[0] >= from && row[0] <= to).map((row) => row[k]).filter(Number.isFinite);
+  return Math.max(...own) - Math.min(...own); }"""
 
 
-@pytest.fixture
-def page(domain: int, tmp_path: Path) -> Iterator[Any]:
-    """A page of a graph that runs in lockstep; nothing was asked for outside, and nothing went wrong."""
+class Browser:
+    """A page of a graph, and what went wrong in it."""
+
+    def __init__(self, page: Any, address: str) -> None:
+        self.page, self.address, self.wrong = page, address, list[str]()
+        page.on("pageerror", lambda one: self.wrong.append(str(one)))
+        page.on("console", lambda one: self.wrong.append(one.text) if one.type == "error" else None)
+        page.on("request", lambda one: self.asked(one.url))
+        page.goto(address)
+        page.wait_for_selector("#run:has-text('running')", timeout=PATIENCE_MS)
+
+    def asked(self, url: str) -> None:
+        """Note a request to anywhere else."""
+        if not url.startswith((self.address, self.address.replace("http", "ws"), "data:")):
+            self.wrong.append(url)
+
+    def until(self, condition: str) -> None:
+        """Wait until an expression of the page's state is true."""
+        self.page.wait_for_function(f"(({{status, time}}) => {condition})(globalThis.cockpit)", timeout=PATIENCE_MS)
+
+    @property
+    def time(self) -> float:
+        """Simulated time that is shown, s."""
+        return float(self.page.evaluate("globalThis.cockpit.time"))
+
+    def passes(self, seconds: float) -> tuple[float, float]:
+        """Wait for some simulated time. Returns its begin and end."""
+        begin = self.time
+        self.until(f"time > {begin + seconds}")
+        return begin, begin + seconds
+
+    def press(self, control: str, *keys: str, at: str = "input, select, button") -> None:
+        """Focus a control, and press keys."""
+        found = self.page.locator(f"[data-control='{control}']").locator(
+            f"xpath=self::button | .//*[{control_parts(at)}]"
+        )
+        found.first.focus()
+        for key in keys:
+            self.page.keyboard.press(key) if len(key) > 1 else self.page.keyboard.type(key)
+
+
+def control_parts(at: str) -> str:
+    """Names of elements as a condition of XPath."""
+    return " or ".join(f"self::{one.strip()}" for one in at.split(","))
+
+
+@contextmanager
+def browser(folder: Path, mode: str, *sets: str) -> Iterator[Browser]:
+    """A page of the run as a graph, whose recording is in the folder; nothing may go wrong in it."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 (a hundred megabytes)
 
-    run = subprocess.Popen([*RUN, *LONG, "--out", str(tmp_path / "out")], stdout=subprocess.PIPE, text=True)
-    try:
-        assert run.stdout is not None
-        address = next(found[0] for line in run.stdout if (found := re.search(r"http://\S+", line)))
-        with sync_playwright() as driver:
-            browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
-            made, wrong, asked = browser.new_page(), list[str](), list[str]()
-            made.on("pageerror", lambda one: wrong.append(str(one)))
-            made.on("console", lambda one: wrong.append(one.text) if one.type == "error" else None)
-            made.on("request", lambda one: asked.append(one.url))
-            made.goto(address)
-            made.wait_for_selector("#run:has-text('running')", timeout=PATIENCE_MS)
-            yield made
-            browser.close()
-        assert (wrong, [url for url in asked if not url.startswith(address)]) == ([], [])
-    finally:
-        run.send_signal(signal.SIGINT)
-        run.wait(60)
+    command = [*RUN, "--mode", mode, *(part for one in sets for part in ("--set", one)), "--out", str(folder)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
+        try:
+            assert run.stdout is not None
+            address = next(found[0] for line in run.stdout if (found := re.search(r"http://\S+", line)))
+            with sync_playwright() as driver:
+                started = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+                made = Browser(started.new_page(bypass_csp=True), address)
+                yield made
+                started.close()
+            assert made.wrong == []
+        finally:
+            run.send_signal(signal.SIGINT)
+            run.communicate(timeout=90)
 
 
-def newest(page: Any, curve: str, group: str) -> list[float]:
-    """Values of a curve in the rows that the page holds, newest last."""
-    found: list[float] = page.evaluate(
-        """([label, group]) => { const panel = globalThis.cockpit.panels[0];
-        const k = panel.panel.curves.findIndex((one) => one.label === label && one.group === group);
-        return panel.rows.slice(-200).map((row) => row[k + 2]); }""",
-        [curve, group],
-    )
-    return found
+@needs_browser
+def test_delay_makes_the_swing_grow_until_the_supervisor_trips(domain: int, tmp_path: Path) -> None:
+    """By keyboard alone, in lockstep; the link is cut and mended, too. The recording has all of it."""
+    swings = []
+    with browser(tmp_path, "lockstep", *CALM) as one:
+        for width, scheme in WIDTHS:
+            one.page.set_viewport_size({"width": width, "height": 900})
+            one.page.emulate_media(color_scheme=scheme)
+            assert one.page.evaluate("document.documentElement.scrollWidth") <= width
+        one.page.set_viewport_size({"width": 1440, "height": 900})
+        one.until(f"status.states['{NODE}'] === 'armed'")
+        for delay in (0, 300):
+            one.press("link/wan_link/delay", "Tab", "Control+a", *str(delay), "Enter")
+            one.press("grid/fault", "Tab", "Tab", "Enter")
+            one.passes(4.0)
+            swings.append(one.page.evaluate(RANGE, ["w13", "difference", *one.passes(3.0)]))
+        one.press("link/wan_link/delay", "Tab", "Control+a", *"400", "Enter")
+        one.until(f"status.states['{NODE}'] === 'tripped'")
+        one.press("link/wan_link/cut", "Space")
+        one.until("status.cut.length === 1")
+        one.press("link/wan_link/cut", "Space")
+        one.until("status.cut.length === 0")
+        assert "tripped" in one.page.locator("[data-part='log']").inner_text()
+    assert 0.0 < 2.0 * swings[0] < swings[1]
+    record = load(tmp_path / "recording")
+    delays = [change.value["up"][-1].get("delay") for change in record.changes if change.kind == "link"]
+    assert delays[-4:] == [0.3, 0.4, None, 0.4]
+    assert STATES.index("tripped") in record.supervision["state"]
+    assert sum(event.kind == "fault" for event in record.events) == 2
 
 
-def press(page: Any, control: str, *keys: str) -> None:
-    """Focus a control's input, and press keys."""
-    page.locator(
-        f"[data-control='{control}'] input, button[data-control='{control}'], form[data-control='{control}'] select"
-    ).first.focus()
-    for key in keys:
-        page.keyboard.press(key)
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium: apt install chromium")
-def test_delay_makes_the_swing_grow_until_the_supervisor_trips(page: Any, tmp_path: Path) -> None:
-    for width, scheme in WIDTHS:
-        page.set_viewport_size({"width": width, "height": 900})
-        page.emulate_media(color_scheme=scheme)
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-    page.set_viewport_size({"width": 1440, "height": 900})
-    print(
-        page.evaluate("Object.keys(globalThis.cockpit)"),
-        page.evaluate("Object.keys(globalThis.cockpit.panels?.[0] ?? {})"),
-    )
+@needs_browser
+def test_a_node_is_killed_and_restarted_on_the_page(domain: int, tmp_path: Path) -> None:
+    with browser(tmp_path, "realtime", *CALM) as one:
+        one.page.locator("summary", has_text="Nodes").press("Enter")
+        one.press(f"nodes/{NODE}/kill", "Enter")
+        one.until(f"status.nodes['{NODE}'] === 'dead'")
+        one.press(f"nodes/{NODE}/restart", "Enter")
+        one.until(f"status.nodes['{NODE}'] === 'alive'")
+    assert [row["node"] for row in load(tmp_path / "recording").joined] == [NODE]
