@@ -109,6 +109,7 @@ pages: demo
 	$(BIN)/facts-damping reproduce --out $(PAGES)/reproduction
 	$(BIN)/facts-damping reproduce --profile deployment --out $(PAGES)/deployment
 	sed 's|](what_holds.png)|](images/deployment/what_holds.png)|' $(PAGES)/deployment/what_holds.md > docs/what_holds.md
+	$(BIN)/python -m facts_damping_reproduction.cockpit_picture docs/images/cockpit/live.png
 	$(BIN)/python -m facts_damping_reproduction.pdci.tuned $(PAGES)/pdci
 	$(BIN)/python -m facts_damping_reproduction.pdci.pages $(PAGES)/pdci
 	sed -E 's#\]\(([a-z]+\.(png|csv))\)#](images/pdci/\1)#g' $(PAGES)/pdci/pdci.md > docs/pdci.md
@@ -162,7 +163,7 @@ $(VENV)/.python:
 
 $(VENV)/.package: $(METADATA) $(VENV)/.python
 	$(SAY) "set-up: libraries, wheels of ROS 2 $(ROS), facts_damping"
-	@$(INSTALL) -e ".[ros-$(ROS)]" -e ./reproduction
+	@$(INSTALL) -e ".[ros-$(ROS),cockpit]" -e ./reproduction
 	@touch $@
 
 $(VENV)/.messages: $(MESSAGES) setup.py | $(VENV)/.package

@@ -43,6 +43,7 @@ def run_all(folder: Path) -> None:
     show(f"recordings: {folder}/*/recording")
     report.write(folder / "report.html", named, results)
     show(f"report, for a browser: {_newest(folder)}/report.html")
+    show("watch a run and change it in a browser: .venv/bin/facts-damping cockpit two_area_deployment --supervised")
 
 
 def _newest(folder: Path) -> Path:

@@ -146,7 +146,7 @@ def _grid(case: Case) -> list[Control]:
             lambda value: {
                 "kind": "load_step",
                 "load": value["load"],
-                "change": value["change"] / loads[value["load"]],
+                "change": round(value["change"] / loads[value["load"]], 6),
             },
         )
     if sources:
@@ -158,7 +158,7 @@ def _grid(case: Case) -> list[Control]:
                 "kind": "forced_oscillation",
                 ("machine" if value["source"] in machines else "load"): value["source"],
                 **{name: value[name] for name in ("frequency", "ramp", "duration")},
-                "amplitude": value["amplitude"] / abs(sources[value["source"]]),
+                "amplitude": round(value["amplitude"] / abs(sources[value["source"]]), 6),
             },
         )
     rearm = Request(TRIGGER, f"{PLANT}/rearm")

@@ -54,7 +54,7 @@ export function makeChart(chart, panel, box, look, redraw) {
   view.plot = new uPlot({
     width: 300, height: 100, legend: { show: false }, padding: [6, 8, 0, 0],
     cursor: { y: false, drag: { x: false, y: false }, points: { show: false }, sync: { key: panel.name } },
-    scales: { x: { time: false, range: () => [view.time - WINDOW, view.time] }, y: { range } },
+    scales: { x: { time: false, range: () => [Math.max(view.time, WINDOW) - WINDOW, Math.max(view.time, WINDOW)] }, y: { range } },
     axes: [{ ...axis, size: 20, gap: 2, space: 60 }, { ...axis, size: 50, gap: 4, space: 18 }],
     series: [{}, ...chart.curves.map((_, k) => ({
       stroke: () => look.colours[k % 8], width: many ? 1 : 1.5, points: { show: false },
