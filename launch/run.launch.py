@@ -45,6 +45,8 @@ PREFIX = "env --block-signal=INT"
 RESPAWN_S = 1.0  # before a node that ended is started again
 FIELDS = ("system", "scenario", "link", "frame_rate", "duration", "seed")  # of a run; empty: as the run has it
 
+VIEWS = {"cockpit": "cockpit", "foxglove": "live_view"}  # nodes that only listen, by the argument that gives their port
+
 ARGUMENTS = {
     "run": ("two_area_small", "name under config/runs, or path of a YAML file"),
     "set": ("", "changes to the run: key.path=value, or several in a list, [a=1, b=2]"),
@@ -52,6 +54,7 @@ ARGUMENTS = {
     "mode": ("lockstep", "lockstep, realtime or free"),
     "output": (time.strftime("recording_%Y%m%d_%H%M%S"), "folder of the new recording; none: no recorder"),
     "namespace": ("", "namespace of the whole graph; empty: none"),
+    "cockpit": ("", "port of a page that shows and changes the run, such as 8766; empty: none"),
     "foxglove": ("", "port of a live view for Foxglove, such as 8765; empty: none"),
     "params_file": ("", "YAML file of parameters, a section a node; empty: none"),
     "streams": ("", "in place of the plant, not in lockstep: YAML file of streams, or an address; empty: none"),
@@ -121,7 +124,7 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
     case, namespace = load_case(asked["run"], sets), asked["namespace"].strip("/")
     compile_once()
     run: dict[str, object] = {"run": asked["run"], "set": sets or [""]}
-    common = {"mode": asked["mode"], "recorder": bool(asked["output"]), "view": bool(asked["foxglove"])}
+    common = {"mode": asked["mode"], "recorder": bool(asked["output"]), "view": any(asked[name] for name in VIEWS)}
 
     def node(executable: str, address: Address, **parameters: object) -> Node:
         joins = again and "index" in parameters
@@ -163,8 +166,7 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
     started += [node("supervisor", address, index=i) for i, address in supervisor_addresses(case).items()]
     if asked["output"]:
         started.append(node("recorder", Address("", "recorder"), output=asked["output"]))
-    if asked["foxglove"]:
-        started.append(view(asked["foxglove"], namespace, run))
+    started += [view(name, asked[name], namespace, run) for name in VIEWS if asked[name]]
     failures = [RegisterEventHandler(OnProcessExit(target_action=one, on_exit=ended)) for one in watched]
     end = RegisterEventHandler(OnProcessExit(target_action=plant, on_exit=[Shutdown(reason="the run is over")]))
     if not ordered:
@@ -173,14 +175,14 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
     return [*failures, end, *started, *in_order([*managed[:0:-1], managed[0]])]
 
 
-def view(port: str, namespace: str, run: dict[str, object]) -> Node:
-    """The live view."""
+def view(argument: str, port: str, namespace: str, run: dict[str, object]) -> Node:
+    """A node that shows the run at a port."""
     if not port.isdecimal():
-        raise InputError(f"foxglove:={port} given; allowed: a port, such as 8765")
+        raise InputError(f"{argument}:={port} given; allowed: a port, such as 8765")
     return Node(
         package="facts_damping",
-        executable="live_view",
-        name="live_view",
+        executable=VIEWS[argument],
+        name=VIEWS[argument],
         namespace=namespace or None,
         parameters=[{**run, "port": int(port)}],
         prefix=PREFIX,

@@ -205,9 +205,10 @@ def test_a_node_that_fails_has_the_launch_fail(launched: Any) -> None:
 def test_arguments_change_the_run_of_all_nodes(launched: Any, tmp_path: Path) -> None:
     file = tmp_path / "parameters.yaml"
     given = {"set": "[controllers.0.name=HBsWC, seed=3]", "link": "pdci", "duration": "5", "params_file": str(file)}
-    started = launched("run.launch.py", namespace="/lab", foxglove="8765", output="none", **given)
+    started = launched("run.launch.py", namespace="/lab", foxglove="8765", cockpit="8766", output="none", **given)
     found = nodes(started)
-    assert {node.executable for node in found} == {*("plant_sim", "wan_link", "controller", "identifier", "live_view")}
+    kinds = {"plant_sim", "wan_link", "controller", "identifier", "live_view", "cockpit"}
+    assert {node.executable for node in found} == kinds
     for node in found:
         assert node.namespace == "lab"
         assert node.parameters["set"] == ["link=pdci", "duration=5", "controllers.0.name=HBsWC", "seed=3"]

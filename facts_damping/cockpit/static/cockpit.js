@@ -12,8 +12,9 @@ const find = (id) => document.getElementById(id);
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const dark = matchMedia("(prefers-color-scheme: dark)");
 
+const [DIAGRAM, CHARTS] = [80, 180]; // ms: least time between two drawings, as painting is dear without a GPU
 const state = {
-  layout: null, text: "", panels: [], time: NaN, lag: NaN, playing: false, speed: 1, charted: 0, asked: 0, answers: new Map(),
+  layout: null, text: "", panels: [], time: NaN, lag: NaN, playing: false, speed: 1, drawn: 0, charted: 0, asked: 0, answers: new Map(),
   status: { run: "", nodes: {}, states: {}, modes: [], counts: {}, cut: [] }, socket: null, tries: 0, spent: { frames: 0, ms: 0 },
 };
 globalThis.cockpit = state; // to look into from the console, and for tests
@@ -90,7 +91,7 @@ function note(panel, event) {
   if (atEnd) log.scrollTop = log.scrollHeight;
 }
 
-// Drawing: once per frame of the screen at most, charts ten times a second at most, nothing while the page is hidden.
+// Drawing: ten times a second at most, charts five times, nothing while the page is hidden.
 
 let waiting = 0;
 function redraw() {
@@ -103,7 +104,9 @@ function redraw() {
 function draw(now) {
   const start = performance.now();
   const still = state.layout.mode === "replay" && !state.playing;
-  const slow = still || now - state.charted >= (calm.matches ? 500 : 100);
+  if (!still && now - state.drawn < DIAGRAM) return;
+  state.drawn = now;
+  const slow = still || now - state.charted >= (calm.matches ? 500 : CHARTS);
   const peak = Math.max(...state.panels.map((panel) => panel.drawing.peak)); // the same colours side by side
   for (const panel of state.panels) {
     panel.drawing.peak = peak;
