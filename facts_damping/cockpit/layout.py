@@ -261,10 +261,7 @@ def _diagram(
             }
             for bus in system.buses
         ],
-        "branches": [
-            {"name": row.name, "kind": kind, "from": row.from_bus, "to": row.to_bus, "out": False}
-            for kind, row in drawn
-        ],
+        "branches": [{"name": row.name, "kind": kind, "from": row.from_bus, "to": row.to_bus} for kind, row in drawn],
         "machines": [
             {"name": m.name, "bus": m.bus, "angle": angles[m.name], "power": powers[m.name]} for m in system.machines
         ],

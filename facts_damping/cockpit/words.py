@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 LEVELS = {"tripped": "error", "fallback": "warn", "disarmed": "warn"}  # of a supervisor's state; others: info
+SWITCHES = {"line_out": True, "line_in": False, "reset": False}  # kinds after which a branch, or all, is out or in
 LONGEST = 160  # characters of a value
 
 
-def event(t: float, text: str, level: str = "info") -> dict[str, Any]:
-    """An event as the page gets it."""
-    return {"type": "event", "t": round(float(t), 3), "level": level, "text": text}
+def event(t: float, text: str, level: str = "info", kind: str = "", element: str = "") -> dict[str, Any]:
+    """An event as the page gets it; one that switches a branch has its name (all: empty), and whether it is out."""
+    found = {"type": "event", "t": round(float(t), 3), "level": level, "text": text}
+    return found | ({"branch": element, "out": SWITCHES[kind]} if kind in SWITCHES else {})
 
 
 def grid_event(kind: str, element: str, value: float) -> str:
@@ -50,10 +52,12 @@ def supervisor(controller: str, state: str, cause: str) -> str:
 def of_record(record: Record) -> list[dict[str, Any]]:
     """All events of a record, by time."""
     found = [
-        event(one.time_ns / NANOSECONDS, grid_event(one.kind, one.element, one.value), "warn") for one in record.events
+        event(one.time_ns / NANOSECONDS, grid_event(one.kind, one.element, one.value), "warn", one.kind, one.element)
+        for one in record.events
     ]
     found += [
-        event(one.tick / record.frame_rate, change(one.node, one.kind, one.name, one.value)) for one in record.changes
+        event(one.tick / record.frame_rate, change(one.node, one.kind, one.name, one.value), kind=one.kind)
+        for one in record.changes
     ]
     for (c,), own in group_by(record.supervision, "controller"):
         for row in own[np.flatnonzero(np.diff(own["state"], prepend=-1))]:

@@ -224,6 +224,8 @@ class Cockpit:
             stamp.sec + stamp.nanosec / NANOSECONDS,
             words.grid_event(message.kind, message.element, message.value),
             "warn",
+            message.kind,
+            message.element,
         )
 
     def on_change(self, message: Any) -> None:
@@ -233,7 +235,9 @@ class Cockpit:
         except UNREADABLE:
             value = message.value
         self.tell(
-            message.tick / self.case.run.frame_rate, words.change(message.node, message.kind, message.name, value)
+            message.tick / self.case.run.frame_rate,
+            words.change(message.node, message.kind, message.name, value),
+            kind=message.kind,
         )
 
     def on_run_state(self, message: Any) -> None:
@@ -259,9 +263,9 @@ class Cockpit:
         self.refused[message.node] = sum(entry.count for entry in message.refused)
         self.counts["refused_by_nodes"] = sum(self.refused.values())
 
-    def tell(self, time_s: float, text: str, level: str = "info") -> None:
+    def tell(self, time_s: float, text: str, level: str = "info", kind: str = "", element: str = "") -> None:
         """Show an event in the log of the page."""
-        self.thread.soon(self.cockpit.event, words.event(time_s, text, level))
+        self.thread.soon(self.cockpit.event, words.event(time_s, text, level, kind, element))
 
     def status(self) -> dict[str, Any]:
         """State of the run and its nodes. A node is dead if it was heard, and is silent while the run goes on."""

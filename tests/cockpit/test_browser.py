@@ -119,6 +119,8 @@ def test_delay_makes_the_swing_grow_until_the_supervisor_trips(domain: int, tmp_
             one.press("grid/fault", "Tab", "Tab", "Enter")
             one.passes(4.0)
             swings.append(one.page.evaluate(RANGE, ["w13", "difference", *one.passes(3.0)]))
+        one.press("grid/line", "Tab", "Tab", "Enter")
+        one.page.wait_for_selector(".branch.out", state="attached", timeout=PATIENCE_MS)
         one.press("link/wan_link/delay", "Tab", "Control+a", *"400", "Enter")
         one.until(f"status.states['{NODE}'] === 'tripped'")
         one.press("link/wan_link/cut", "Space")

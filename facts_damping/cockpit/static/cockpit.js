@@ -101,6 +101,18 @@ function redraw() {
   });
 }
 
+/** Names of the branches that are out of service at the time shown; an event without a name puts all into service. */
+function outBranches(panel) {
+  const found = new Set();
+  for (const { t, branch, out } of panel.events) {
+    if (branch === undefined || t > state.time) continue;
+    if (out) found.add(branch);
+    else if (branch) found.delete(branch);
+    else found.clear();
+  }
+  return found;
+}
+
 function draw(now) {
   const start = performance.now();
   const still = state.layout.mode === "replay" && !state.playing;
@@ -112,7 +124,7 @@ function draw(now) {
     panel.drawing.peak = peak;
     const row = panel.rows[Math.max(0, until(panel.rows, state.time) - 1)];
     if (!row) continue;
-    drawDiagram(panel.drawing, row, state.status, look.palette, (range, nominal) => {
+    drawDiagram(panel.drawing, row, outBranches(panel), state.status, look.palette, (range, nominal) => {
       const size = `${shown(range * 1000)} mHz`.replace(".000", "");
       panel.scale.replaceChildren(html("span", {}, `−${size}`), html("i"), html("span", {}, `+${size}`));
       panel.scale.title = `Deviation of the frequency from ${nominal} Hz`;

@@ -189,8 +189,9 @@ function read(view) {
 }
 
 /** Draw a row of values, [t, lag, value of each curve]; `status` has the states, and what is cut or dead. */
-export function drawDiagram(view, row, status, palette, legend) {
-  const { diagram: { buses, machines, devices, links, controllers }, curves } = view.panel;
+export function drawDiagram(view, row, out, status, palette, legend) {
+  const { diagram: { buses, branches, machines, devices, links, controllers }, curves } = view.panel;
+  branches.forEach((one, i) => set(view.branches[i], { class: `branch ${one.kind}${out.has(one.name) ? " out" : ""}` }));
   view.row = row;
   const frequencies = buses.map((bus) => row[bus.frequency + 2]);
   view.nominal ??= (([one]) => (one === undefined ? null : one > 30 ? 10 * Math.round(one / 10) : 0))(frequencies.filter(Number.isFinite));
