@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -39,7 +38,7 @@ def draw(path: str) -> None:
                 page.screenshot(path=path)
                 browser.close()
         finally:
-            run.send_signal(signal.SIGINT)
+            run.terminate()
             run.communicate(timeout=60.0)
 
 
