@@ -16,7 +16,6 @@ import rclpy
 from facts_damping_msgs.msg import RunState
 from facts_damping_msgs.srv import Apply, Step
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
@@ -27,6 +26,7 @@ from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case
+from facts_damping.nodes.base.qos import listening
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner, check_wanted
 from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_STATE, REFUSALS, RUN_STATE
@@ -48,12 +48,6 @@ EVENTS = "plant/events"
 EVERY = (EVENTS, CHANGES, RUN_STATE, DIAGNOSTICS, REFUSALS)  # topics of which every message counts, not the newest
 STATES = {RunState.RUNNING: "running", RunState.PAUSED: "paused", RunState.ENDED: "ended"}
 SERVICES = {controls.TRIGGER: Trigger, controls.APPLY: Apply, controls.STEP: Step}
-
-
-def listening(depth: int) -> QoSProfile:
-    """Best effort, as of a live view: publishers do not wait for such a reader; it keeps the newest messages."""
-    best = QoSReliabilityPolicy.BEST_EFFORT
-    return QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=best, depth=depth)
 
 
 class Services:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
-
 from facts_damping.errors import InputError
 from facts_damping.extras import library
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case
+from facts_damping.nodes.base.qos import listening
 from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
 from facts_damping.nodes.base.topics import PLANT_STATE
@@ -22,8 +21,7 @@ from facts_damping.recording.schemas import schema_text
 if TYPE_CHECKING:
     from facts_damping.nodes.base.managed import ManagedNode
 
-# Best effort: publishers do not wait for such a reader, so a slow view misses messages but delays no node.
-LISTENING = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.BEST_EFFORT, depth=1000)
+LISTENING = listening(1000)
 
 HOST, PORT = "127.0.0.1", 8765
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +25,7 @@ from facts_damping.report.contents import Chart, Maps, ReportedRun, ReportTable
 from facts_damping.report.tables import ranked
 from facts_damping.signals import DEVICE_TRUTH
 from tests.analysis.conftest import make_record
+from tests.chromium import CHROMIUM, START, needs_browser
 from tests.passed import inputs
 
 if TYPE_CHECKING:
@@ -34,14 +34,8 @@ if TYPE_CHECKING:
     from facts_damping.report.contents import Report
     from facts_damping.signals import Record
 
-pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*", "tests/analysis/conftest.py"])
+pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*", "tests/analysis/conftest.py", "tests/chromium.py"])
 
-CHROMIUM = shutil.which("chromium")
-needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium: apt install chromium")
-START = (
-    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
-)  # fmt: skip
 DESK = {"viewport": {"width": 1200, "height": 900}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 IDLE = "Bokeh.documents.length > 0 && Bokeh.documents.every((one) => one.is_idle)"

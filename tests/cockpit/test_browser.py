@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import sys
 import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-import pytest
-
 from facts_damping.monitor_table import STATES
 from facts_damping.recording.reader import load
+from tests.chromium import CHROMIUM, START, needs_browser
 from tests.passed import inputs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*"])
+pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*", "tests/chromium.py"])
 
-CHROMIUM = shutil.which("chromium")
-needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium: apt install chromium")
 RUN = [sys.executable, "-m", "facts_damping", "run", "two_area_deployment", "--supervised", "--cockpit", "0"]
 CALM = ("duration=3600", "scenario=[]", "load_noise=null", "watchdog=null")
 PATIENCE_MS = 90_000
 NODE = "controller_0_LLC_tuned"
+PARTS = "xpath=self::button | .//input | .//select | .//button"  # of a control, those that take keys
 WIDTHS = ((1440, "light"), (1024, "dark"), (400, "light"))
 # Largest less smallest value of a curve between two simulated times, from the rows that the page holds.
 RANGE = """([label, group, from, to]) => { const panel = globalThis.cockpit.panels[0];
@@ -67,19 +64,12 @@ class Browser:
         self.until(f"time > {begin + seconds}")
         return begin, begin + seconds
 
-    def press(self, control: str, *keys: str, at: str = "input, select, button") -> None:
+    def press(self, control: str, *keys: str) -> None:
         """Focus a control, and press keys."""
-        found = self.page.locator(f"[data-control='{control}']").locator(
-            f"xpath=self::button | .//*[{control_parts(at)}]"
-        )
+        found = self.page.locator(f"[data-control='{control}']").locator(PARTS)
         found.first.focus()
         for key in keys:
             self.page.keyboard.press(key) if len(key) > 1 else self.page.keyboard.type(key)
-
-
-def control_parts(at: str) -> str:
-    """Names of elements as a condition of XPath."""
-    return " or ".join(f"self::{one.strip()}" for one in at.split(","))
 
 
 @contextmanager
@@ -93,7 +83,7 @@ def browser(folder: Path, mode: str, *sets: str) -> Iterator[Browser]:
             assert run.stdout is not None
             address = next(found[0] for line in run.stdout if (found := re.search(r"http://\S+", line)))
             with sync_playwright() as driver:
-                started = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+                started = driver.chromium.launch(executable_path=CHROMIUM, args=START)
                 made = Browser(started.new_page(bypass_csp=True), address)
                 yield made
                 started.close()

@@ -10,6 +10,13 @@ DEPTH = 5000
 SUBSCRIBER_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
 PUBLISHER_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.RELIABLE, depth=DEPTH)
 
+
+def listening(depth: int) -> QoSProfile:
+    """Best effort: publishers do not wait for such a reader, so a slow one misses messages but delays no node."""
+    best = QoSReliabilityPolicy.BEST_EFFORT
+    return QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=best, depth=depth)
+
+
 # For late subscribers, LATCHED keeps the newest message (state of the run), LOGGED up to 1000 (changes of the run).
 LATCHED, LOGGED = (
     QoSProfile(
