@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import suppress
 from functools import partial
 from queue import Empty, SimpleQueue
@@ -13,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import RunState
 
 from facts_damping.errors import InputError, RunError
+from facts_damping.nodes import clock
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options, read_stamp
@@ -78,7 +78,7 @@ class C37118Client:
         """Follow the streams to the end of the run or until stopped; publish which of both as the run's state."""
         asyncio_thread = AsyncioThread()
         for i, server in enumerate(self.sources.servers):
-            client = Client(server, lambda what, i=i: self.received.put((i, time.monotonic(), what)))  # type: ignore[misc]
+            client = Client(server, lambda what, i=i: self.received.put((i, clock.monotonic(), what)))  # type: ignore[misc]
             self.sources.clients.append(client)
             self.tasks.append(asyncio_thread.begin(client.run()))
         try:
@@ -92,21 +92,21 @@ class C37118Client:
 
     def follow(self) -> None:
         """Publish all ticks, each when it is over."""
-        began = time.monotonic()
+        began = clock.monotonic()
         while self.tick + 1 < self.ticks:
             check_wanted()
             for ended in (task for task in self.tasks if task.done()):
                 ended.result()
             self.receive()
-            if time.monotonic() - began > self.options.start_timeout:
+            if clock.monotonic() - began > self.options.start_timeout:
                 self.check_known()
             self.spinner.take_all()
-            for tick in self.sources.following.take(time.monotonic()):
+            for tick in self.sources.following.take(clock.monotonic()):
                 if self.tick + 1 < self.ticks:
                     self.publish(tick)
             self.source.progress(self.tick + 1, self.misses, now=self.tick + 1 == self.ticks)
-        until = time.monotonic() + LAST_S
-        while min(self.source.answered.values(), default=self.tick) < self.tick and time.monotonic() < until:
+        until = clock.monotonic() + LAST_S
+        while min(self.source.answered.values(), default=self.tick) < self.tick and clock.monotonic() < until:
             self.spinner.spin_once(SPIN_S)
         self.log.info(self.source.end(self.tick))
         self.source.finish()
@@ -121,7 +121,7 @@ class C37118Client:
 
         Raises `InputError` for a faulty stream before the first tick.
         """
-        wait, received = min(SPIN_S, self.sources.following.left_s(time.monotonic())), []
+        wait, received = min(SPIN_S, self.sources.following.left_s(clock.monotonic())), []
         with suppress(Empty):
             received.append(self.received.get(timeout=wait))
             while True:
@@ -148,7 +148,7 @@ class C37118Client:
     def begin(self) -> None:
         """Set the time of tick 0 from the first frame. Raises `InputError` if wall stamps are more than a day off."""
         first_ns = (self.sources.following.first or 0) * NANOSECONDS // self.case.run.frame_rate
-        off_s = abs(first_ns - time.time_ns()) / NANOSECONDS
+        off_s = abs(first_ns - clock.time_ns()) / NANOSECONDS
         if self.stamp == "wall" and off_s * NANOSECONDS > stamps.DAY_NS:
             raise InputError(f"stamp: wall given with a stream that is {off_s:.0f} s off; allowed: simulated")
         stamps.begin(first_ns if self.stamp == "wall" else 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +9,7 @@ from facts_damping_msgs.msg import PmuDataFrame
 
 from facts_damping.case.names import link_addresses
 from facts_damping.errors import InputError
+from facts_damping.nodes import clock
 from facts_damping.nodes.admission.message_filter import MessageFilter
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.managed import AlwaysActive
@@ -55,7 +55,7 @@ class C37118Server:
         self.message_filter.subscribe(PmuDataFrame, topic, self.on_frames, frames.read, leads=True)
         self.message_filter.subscribe_run_state(FRAMES)
         self.pdc: Pdc | None = None
-        self.servers = serving.servers(self.case, self.asked, lambda: (int(time.time()), 0))
+        self.servers = serving.servers(self.case, self.asked, lambda: (clock.time_ns() // NANOSECONDS, 0))
         self.counted, self.asyncio_thread = serving.counted(self.servers), AsyncioThread()
         self.spinner = Spinner(node, self)
 
@@ -73,7 +73,7 @@ class C37118Server:
         """Send the frames of a tick to the clients; the first frame gives the time of tick 0."""
         if self.pdc is None:
             start_ns = tick * NANOSECONDS // self.case.run.frame_rate
-            begun_ns = stamps.epoch_ns() or time.time_ns() - start_ns
+            begun_ns = stamps.epoch_ns() or clock.time_ns() - start_ns
             self.pdc = Pdc(self.case, begun_ns / NANOSECONDS, self.wait_s)
         for instant in self.pdc.take(tick, rows):
             self.asyncio_thread.soon(partial(send, self.servers, instant, each=self.asked.each))
@@ -88,8 +88,8 @@ class C37118Server:
         try:
             while True:
                 self.spinner.spin_once(0.1)
-                if time.monotonic() - reported_s > REPORT_S:
-                    reported_s = time.monotonic()
+                if clock.monotonic() - reported_s > REPORT_S:
+                    reported_s = clock.monotonic()
                     self.report_changes()
         finally:
             for row in serving.counted(self.servers):

@@ -5,7 +5,6 @@ It publishes nothing. It reads the newest message of each topic twenty times a s
 
 from __future__ import annotations
 
-import time
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import Context
 from functools import partial
@@ -22,6 +21,7 @@ from std_srvs.srv import Trigger
 from facts_damping.case import names
 from facts_damping.case.names import SUPERVISED, label
 from facts_damping.cockpit import access, controls, layout, samples, server, words
+from facts_damping.nodes import clock
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import AlwaysActive
@@ -76,7 +76,7 @@ class Services:
             request.change = asked.content
         elif asked.kind == controls.STEP:
             request.ticks = asked.content
-        self._waiting.append([self._clients[name], request, None, time.monotonic() + ANSWER_S, answer])
+        self._waiting.append([self._clients[name], request, None, clock.monotonic() + ANSWER_S, answer])
 
     def poll(self) -> None:
         """Send requests whose service is there, and pass on answers."""
@@ -91,7 +91,7 @@ class Services:
             if future is not None and future.done():
                 result = future.result()
                 answer(bool(result.success), str(result.message))
-            elif time.monotonic() > deadline:
+            elif clock.monotonic() > deadline:
                 if future is not None:
                     client.remove_pending_request(future)
                 answer(False, f"no answer from {client.srv_name} within {ANSWER_S:g} s")
@@ -184,7 +184,7 @@ class Cockpit:
         elif topic in self.uses:
             self.newest[topic] = data
         if topic in self.senders:
-            self.heard[self.senders[topic]] = time.monotonic()
+            self.heard[self.senders[topic]] = clock.monotonic()
 
     def decode(self, topic: str, data: bytes) -> None:
         """Take the values of a message; one that cannot be decoded is left out."""
@@ -247,7 +247,7 @@ class Cockpit:
         """Keep deadline misses of the plant; who tells of itself is alive."""
         for status in message.status:
             name = status.name.strip("/")
-            self.heard[name] = time.monotonic()
+            self.heard[name] = clock.monotonic()
             for value in status.values:
                 if value.key == "deadline_misses" and value.value.isdecimal():
                     self.counts["deadline_misses"] = int(value.value)
@@ -263,7 +263,7 @@ class Cockpit:
 
     def status(self) -> dict[str, Any]:
         """State of the run and its nodes. A node is dead if it was heard, and is silent while the run goes on."""
-        now, still = time.monotonic(), self.state != "running"
+        now, still = clock.monotonic(), self.state != "running"
         alive = {name: still or now - at < SILENT_S for name, at in self.heard.items()}
         nodes = {name: "alive" if alive.get(name) else "dead" for name in self.panel.shown["nodes"] if name in alive}
         modes = [{"label": name, **mode} for name, mode in self.values.modes.items()]
@@ -286,7 +286,7 @@ class Cockpit:
         """Serve until stopped."""
         self.log.line(self.server.address)
         self.log.info(f"open in a browser: {self.server.address.partition('?')[0]}")
-        due = status_due = time.monotonic()
+        due = status_due = clock.monotonic()
         with ThreadPoolExecutor(1) as beside:
             estimating = beside.submit(dict[str, Any])
             try:
@@ -295,15 +295,15 @@ class Cockpit:
                     self.spinner.take_all()
                     self.show_newest()
                     self.carry_out()
-                    if time.monotonic() >= status_due:
+                    if clock.monotonic() >= status_due:
                         status_due += STATUS_S
                         self.thread.soon(self.cockpit.status, self.status())
                         if estimating.done():
                             self.values.modes = estimating.result()
                             given = self.values.history(), self.panel.modes, self.event_s, self.panel.frequency
                             estimating = beside.submit(samples.estimates, *given)
-                    due = max(due + PERIOD_S, time.monotonic())
-                    time.sleep(max(0.0, due - time.monotonic()))
+                    due = max(due + PERIOD_S, clock.monotonic())
+                    clock.sleep(max(0.0, due - clock.monotonic()))
             finally:
                 self.end()
 
@@ -314,7 +314,7 @@ class Cockpit:
             self.decode(topic, data)
         self.newest.clear()
         if fresh:
-            lag_s = 1e-9 * (time.time_ns() - self.source_ns)
+            lag_s = 1e-9 * (clock.time_ns() - self.source_ns)
             self.thread.soon(self.cockpit.frame, self.values.frame(self.time_s, lag_s))
 
     def end(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ from rosgraph_msgs.msg import Clock
 
 from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import RunError
+from facts_damping.nodes import clock
 from facts_damping.nodes.admission.member import PLANT, Member
 from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.qos import LATCHED, PUBLISHER_QOS
@@ -99,17 +99,17 @@ class FrameSource:
 
         If not `now`: unless the last one is younger than `PROGRESS_S`.
         """
-        if now or time.monotonic() - self._reported_s > PROGRESS_S:
-            self._reported_s = time.monotonic()
+        if now or clock.monotonic() - self._reported_s > PROGRESS_S:
+            self._reported_s = clock.monotonic()
             self._log.line(f"tick {done} {self.ticks} {misses}")
 
     def wait_for_answers(self, spinner: Spinner, tick: int, what: str) -> None:
         """Wait until all have answered a tick. Raises `RunError` naming silent nodes; `what`: missing message."""
         # A link waits less long for a silent controller, so it gives up first and names the controller.
         patience = self._options.patience(tick)
-        deadline = time.monotonic() + patience + 1.0
+        deadline = clock.monotonic() + patience + 1.0
         while min(self.answered.values()) < tick:
-            if not spinner.spin_once(0.05) and time.monotonic() > deadline:
+            if not spinner.spin_once(0.05) and clock.monotonic() > deadline:
                 who = ", ".join(name for name, newest in self.answered.items() if newest < tick)
                 raise RunError(f"{who} is silent: {what} tick {tick} within {patience:g} s")
 

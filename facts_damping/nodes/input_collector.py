@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from facts_damping.errors import RunError
+from facts_damping.nodes import clock
 from facts_damping.nodes.transport.messages import Health
 
 if TYPE_CHECKING:
@@ -26,13 +26,13 @@ class _Frames:
     """Frames that wait for the messages of other nodes."""
 
     def __init__(self, options: Options) -> None:
-        self._options, self._received_at = options, time.monotonic()
+        self._options, self._received_at = options, clock.monotonic()
         self._frames: list[tuple[int, Any]] = []
 
     def frames(self, tick: int, content: Any) -> None:
         """Take the frames of a tick."""
         self._frames.append((tick, content))
-        self._received_at = time.monotonic()
+        self._received_at = clock.monotonic()
         self._proceed()
 
     def _proceed(self) -> None:
@@ -45,7 +45,7 @@ class _Frames:
             spinner.spin_once(0.1)
             if self._frames:
                 patience = fraction * self._options.patience(self._frames[0][0])
-                if time.monotonic() - self._received_at > patience:
+                if clock.monotonic() - self._received_at > patience:
                     return self._frames[0][0], patience
 
 
@@ -65,7 +65,7 @@ class UnitDelay(_Frames):
     def receive(self, tick: int, content: Any) -> None:
         """Take a message of the sender."""
         self._messages.append((tick, content))
-        self._newest, self._received_at = max(self._newest, tick), time.monotonic()
+        self._newest, self._received_at = max(self._newest, tick), clock.monotonic()
         self._proceed()
 
     def _proceed(self) -> None:
@@ -116,7 +116,7 @@ class InputCollector(_Frames):
 
     def _store(self, part: str, tick: int, content: Any) -> None:
         self._parts[part].append((tick, content))
-        self._newest[part], self._received_at = tick, time.monotonic()
+        self._newest[part], self._received_at = tick, clock.monotonic()
         self._proceed()
 
     def frames(self, tick: int, content: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.link.transfer import merge
+from facts_damping.nodes import clock
 from facts_damping.plant.model import fitted, workspace
 from facts_damping.plant.watchdog import initial_clock_state, late_by_clock, let_go, rearm
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
@@ -130,7 +130,7 @@ class LivePlant:
         watchdog = self._case.run.watchdog
         if watchdog is None:
             return []
-        found = late_by_clock(self.state.watch, self._accepted, time.monotonic(), watchdog.timeout)
+        found = late_by_clock(self.state.watch, self._accepted, clock.monotonic(), watchdog.timeout)
         return [(self._case.run.devices[d], partial(self._let_go, d)) for d in found]
 
     def _let_go(self, device: int, _tick: int) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import RunState
 
+from facts_damping.nodes import clock
 from facts_damping.nodes.base.live_parameters import MeasurementParameters
 from facts_damping.nodes.base.parameters import read_case, read_options, read_stamp
 from facts_damping.nodes.base.run import run_node
@@ -101,7 +101,7 @@ class PlantSim:
 
         In a free graph, only links that have answered within the last second count.
         """
-        while (left := wall_end - time.monotonic()) > 0:
+        while (left := wall_end - clock.monotonic()) > 0:
             self.spinner.spin_once(left)
         self.spinner.take_all()
         oldest = max(0, tick - self.case.run.frame_rate) if self.options.free else 0
@@ -117,14 +117,14 @@ class PlantSim:
 
     def simulate(self) -> None:
         """Simulate all ticks or until synchronism is lost; without end in a free graph without a duration."""
-        plant, wall_start = self.plant, time.monotonic()
+        plant, wall_start = self.plant, clock.monotonic()
         for k in range(self.source.ticks):
             check_wanted()
             if held := self.control.hold(k, self.spinner):
                 wall_start += held
                 plant.excuse(held)
             if k == 0:
-                stamps.begin(time.time_ns() if self.stamp == "wall" else 0)
+                stamps.begin(clock.time_ns() if self.stamp == "wall" else 0)
                 self.source.publish_state(RunState.RUNNING, 0, "begins")
             self.member.begin(k)
             plant.measure(k)
@@ -133,7 +133,7 @@ class PlantSim:
             if not self.options.paced or (k == 0 and not self.options.free):
                 self.source.wait_for_answers(self.spinner, k, "no setpoints of")
             if k == 0:
-                wall_start = time.monotonic()  # pacing starts when all nodes have answered once
+                wall_start = clock.monotonic()  # pacing starts when all nodes have answered once
             if self.options.paced:
                 self.wait_paced(k, wall_start + plant.start(k + 1) * 1e-9)
             self.progress(now=k + 1 == self.source.ticks or not plant.sound)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ from facts_damping.case.names import (
     supervisor_addresses,
 )
 from facts_damping.control.table import kind_of
+from facts_damping.nodes import clock
 from facts_damping.nodes.admission.member import RECORDER, Member
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
@@ -123,7 +123,7 @@ class Recorder:
 
     def on_refused(self, data: bytes) -> None:
         """Keep the recorder's own report of refusals for the recording."""
-        self.received.append((time.time_ns(), 0, self.refused, data))
+        self.received.append((clock.time_ns(), 0, self.refused, data))
 
     def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
         """Keep one message for the recording."""
@@ -144,7 +144,7 @@ class Recorder:
     def write(self) -> None:
         """Write the taken messages in the order of their publication."""
         for source_ns, sequence, topic, data in sorted(self.received):
-            self.writer.write(topic, data, time.time_ns(), source_ns, sequence)
+            self.writer.write(topic, data, clock.time_ns(), source_ns, sequence)
         self.written += len(self.received)
         self.received.clear()
 
@@ -171,12 +171,12 @@ class Recorder:
 
     def drain(self) -> None:
         """Poll the queues and flush periodically; after a stop signal, until the queues are empty or time is up."""
-        flushed = reported = noted_s = time.monotonic()
+        flushed = reported = noted_s = clock.monotonic()
         more = True
-        while not stop_requested() or time.monotonic() - noted_s < (
-            BEHIND_S if more else DRAIN_S if time.monotonic() - self.message_filter.admitted_at < QUIET_S else 0.0
+        while not stop_requested() or clock.monotonic() - noted_s < (
+            BEHIND_S if more else DRAIN_S if clock.monotonic() - self.message_filter.admitted_at < QUIET_S else 0.0
         ):
-            more, now = self.record_waiting(), time.monotonic()
+            more, now = self.record_waiting(), clock.monotonic()
             if now - flushed > FLUSH_S:
                 self.writer.flush()
                 flushed = now
@@ -188,7 +188,7 @@ class Recorder:
             if self.message_filter.done():
                 break
             if not more:
-                time.sleep(POLL_S)
+                clock.sleep(POLL_S)
 
 
 main = partial(

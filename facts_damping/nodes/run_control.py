@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Any
 
 from facts_damping_msgs.msg import RunState
@@ -11,6 +10,7 @@ from rcl_interfaces.msg import SetParametersResult
 from std_srvs.srv import Trigger
 
 from facts_damping.errors import InputError, one_line
+from facts_damping.nodes import clock
 from facts_damping.nodes.base.parameters import declare, descriptor
 from facts_damping.signals import NANOSECONDS
 
@@ -135,15 +135,15 @@ class RunControl:
         """Wait before a tick while the run is paused. Returns the wall time waited, s."""
         if not self._paused:
             return 0.0
-        began, reported_s = time.monotonic(), 0.0
+        began, reported_s = clock.monotonic(), 0.0
         while self._held():
-            if time.monotonic() - reported_s > REMIND_S:
-                reported_s = time.monotonic()
+            if clock.monotonic() - reported_s > REMIND_S:
+                reported_s = clock.monotonic()
                 self._source.publish_state(RunState.PAUSED, tick - 1, "paused")
                 self._progress()
             spinner.spin_once(0.05)
         self._steps = max(0, self._steps - 1)
-        return time.monotonic() - began
+        return clock.monotonic() - began
 
     def _held(self) -> bool:
         return self._paused and self._steps == 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from facts_damping_msgs.srv import Apply
 from facts_damping.case.names import link_addresses, listeners, served, setpoint_senders
 from facts_damping.errors import InputError, RunError, one_line
 from facts_damping.link.transfer import RING_NO_ROOM, downlink, uplink
+from facts_damping.nodes import clock
 from facts_damping.nodes.admission.member import LINK, Member
 from facts_damping.nodes.base.live_parameters import StageParameters
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
@@ -185,7 +185,7 @@ class WanLink:
             if self.spinner.spin_once(0.1):
                 continue
             patience = self.options.patience(self.tick) + (0.0 if self.missing else PATIENCE_S)
-            if self.owed() and time.monotonic() - self.member.message_filter.admitted_at > patience:
+            if self.owed() and clock.monotonic() - self.member.message_filter.admitted_at > patience:
                 left = [name for name in self.missing if self.count_publishers(self.topics[name]) == 0]
                 names = ", ".join(sorted(self.places[name] for name in left or self.missing)) or "plant_sim"
                 what = "has left" if left else "is silent"

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 import signal
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 import rclpy
@@ -17,14 +19,12 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from facts_damping import nodes
 from facts_damping.errors import RunError
 from facts_damping.nodes.loopback.domain import parse
 from facts_damping.nodes.loopback.opening import StandIn, opened
 from facts_damping.nodes.loopback.processes import World, never
 from tests.nodes.graphs import payloads, run_graph, set_parameter, somebody
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 VOLATILE, LATCHED = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
@@ -180,6 +180,26 @@ def test_what_is_imported_meanwhile_is_itself_again_afterwards(monkeypatch: pyte
         meanwhile = module._rclpy
     assert type(meanwhile) is StandIn
     assert module._rclpy is rclpy_implementation
+
+
+OF_THIS_PROCESS = {
+    "clock.py": {"time"},
+    "loopback/opening.py": {"time"},  # replaced for the nodes of users
+    "loopback/processes.py": {"threading"},  # whose turn it is
+    "base/asyncio_thread.py": {"threading"},  # sockets of servers, which no storm has
+    "launching/forked.py": {"threading"},  # processes of the system
+}
+
+
+def test_nodes_know_one_clock_and_no_threads() -> None:
+    folder, found = Path(nodes.__file__).parent, {}
+    for path in folder.rglob("*.py"):
+        lines = re.findall(
+            r"^\s*(?:import|from) (time|threading|datetime|random|uuid|secrets)\b", path.read_text(), re.M
+        )
+        if lines:
+            found[str(path.relative_to(folder))] = set(lines)
+    assert found == {**OF_THIS_PROCESS, "launching/tap_relay.py": {"random"}}  # a tool beside the graph
 
 
 def test_rclpy_is_itself_again_afterwards() -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from facts_damping_msgs.msg import DeviceSetpoints, PmuDataFrame, RunChange
 
 from facts_damping.case.names import label
+from facts_damping.nodes import clock
 from facts_damping.nodes.admission.joining import Joining
 from facts_damping.nodes.admission.message_filter import MessageFilter
 from facts_damping.nodes.base.qos import LOGGED, PUBLISHER_QOS
@@ -72,7 +72,7 @@ class Member:
         self._changes: Publisher[Any] = node.create_publisher(RunChange, f"{graph}{CHANGES}", LOGGED)
         self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, DIAGNOSTICS, PUBLISHER_QOS)
         self._pending: list[tuple[str, str, Any, Callable[[int], None] | None]] = []
-        self._tick, self._reported_at = -1, time.monotonic()
+        self._tick, self._reported_at = -1, clock.monotonic()
         self._what = f"{role} {index}" if role in NUMBERED else role
         self._run = label(case.summary())
         self.at_ns = 0  # start of the newest tick
@@ -160,14 +160,14 @@ class Member:
 
     def publish(self, health: Health) -> None:
         """Publish the node's diagnostics now."""
-        self._reported_at = time.monotonic()
+        self._reported_at = clock.monotonic()
         self._diagnostics.publish(diagnostics(self._name.lstrip("/"), self._hardware, health, self.at_ns))
 
     def report(self, last: bool = False) -> None:
         """Report refusals, peers that come or go, and silence. Called periodically."""
         self.message_filter.report_refusals(last)
         self.message_filter.report_peers()
-        idle_s = time.monotonic() - self.message_filter.admitted_at
-        if self._role != PLANT and not last and min(idle_s, time.monotonic() - self._reported_at) > IDLE_S:
+        idle_s = clock.monotonic() - self.message_filter.admitted_at
+        if self._role != PLANT and not last and min(idle_s, clock.monotonic() - self._reported_at) > IDLE_S:
             text = f"nothing has come for {idle_s:.0f} s"
             self.publish(Health(DiagnosticStatus.WARN, text, {"mode": self._options.mode}))

@@ -7,13 +7,13 @@ A message must come from its topic's one publisher in this graph, have a newer s
 from __future__ import annotations
 
 import sys
-import time
 from collections import Counter
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from facts_damping_msgs.msg import RunState
 
+from facts_damping.nodes import clock
 from facts_damping.nodes.admission.publishers import SILENT_S, Publishers, TopicState
 from facts_damping.nodes.admission.refusals import Refusals
 from facts_damping.nodes.base.discovery import pause_briefly, wait_for_peers
@@ -63,7 +63,7 @@ class MessageFilter:
         `peer`: the node is part of its graph; else it only listens, and no node waits for it. `leads`: it begins the
         run.
         """
-        self.node, self.admitted_at = node, time.monotonic()  # when a message was last admitted
+        self.node, self.admitted_at = node, clock.monotonic()  # when a message was last admitted
         self.log, self._leads = NodeLog(node), leads
         self.over = False  # whether the plant has announced the end of the run
         self._rate, self._options = case.run.frame_rate, options
@@ -126,11 +126,11 @@ class MessageFilter:
         """
         if self._options.free or self.log.lines or not self.over:
             return False
-        return time.monotonic() - self.admitted_at > QUIET_S
+        return clock.monotonic() - self.admitted_at > QUIET_S
 
     def report_peers(self) -> None:
         """Log once for each sending node that it has joined, has left or is silent."""
-        now = time.monotonic()
+        now = clock.monotonic()
         if self.over or now - self._checked_at < LOOK_S:
             return
         self._checked_at = now
@@ -161,8 +161,8 @@ class MessageFilter:
             peers = f"{self._graph}{REFUSALS}"
             wait_for_peers(self.node, expected, topics, self.node.resolve_topic_name(peers), self._options, serve)
         if self._options.late or (self._options.paced and self._leads):
-            until = time.monotonic() + (NOTICED_S if self._options.join else FOUND_S)
-            while time.monotonic() < until:
+            until = clock.monotonic() + (NOTICED_S if self._options.join else FOUND_S)
+            while clock.monotonic() < until:
                 pause_briefly(serve)
         self.senders.know()
         if self._options.late:
@@ -216,7 +216,7 @@ class MessageFilter:
             return False
         if not state.common:
             state.publisher = publisher  # may be a successor, since its first message passed all checks
-        self.admitted_at = state.at = time.monotonic()
+        self.admitted_at = state.at = clock.monotonic()
         state.use(*message)
         return True
 
@@ -243,7 +243,7 @@ class MessageFilter:
             raise Refused("publisher")
         if self._options.free and state.leads and tick < state.tick and publisher != state.publisher:
             raise BeginAgain
-        late = int((1.0 + time.monotonic() - state.at) * self._rate) if self._options.paced else 0
+        late = int((1.0 + clock.monotonic() - state.at) * self._rate) if self._options.paced else 0
         latest = self._last if state.tick < 0 and self._options.late else state.tick + 1 + late
         if state.newest is not None:
             latest = min(latest, state.newest())

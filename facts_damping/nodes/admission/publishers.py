@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.nodes import clock
 from facts_damping.nodes.admission.refusals import node_name
 from facts_damping.nodes.base.discovery import NODE
 from facts_damping.nodes.base.topics import PLANT_STATE, REFUSALS
@@ -41,7 +41,7 @@ class TopicState:
     lost: Counter[bytes] = field(default_factory=Counter)  # missing sequence numbers, by publisher
     tick: int = -1  # tick of the newest message
     # Wall time of its arrival; looked up late, as a loopback replaces the clock.
-    at: float = field(default_factory=lambda: time.monotonic())  # noqa: PLW0108
+    at: float = field(default_factory=lambda: clock.monotonic())  # noqa: PLW0108
 
 
 class Publishers:
@@ -79,9 +79,9 @@ class Publishers:
 
     def know(self) -> None:
         """Query the publishers: a topic's only publisher becomes this graph's, and stays so."""
-        if time.monotonic() - self._checked_at < KNOW_S:
+        if clock.monotonic() - self._checked_at < KNOW_S:
             return
-        self._checked_at = time.monotonic()
+        self._checked_at = clock.monotonic()
         for state in self.topics:
             if state.publisher is None and state.begins is None and not state.common:
                 present = self.of(state.topic)
@@ -131,8 +131,8 @@ class Publishers:
         has its name, since DDS takes 20 s to see that a node was killed. In real time the plant itself has no
         successor, and the others have none once it has left: the run is over then.
         """
-        if self._options.paced and time.monotonic() - self._sought_at > KNOW_S:
-            self._sought_at = time.monotonic()
+        if self._options.paced and clock.monotonic() - self._sought_at > KNOW_S:
+            self._sought_at = clock.monotonic()
             known = {one.topic: one for one in self.topics if one.publisher is not None}
             plant = known.get(self.plant.topic) if self.plant is not None else None
             over = plant is not None and plant.publisher not in self.of(plant.topic)
@@ -151,7 +151,7 @@ class Publishers:
         if len(others) != 1:
             return None
         if state.publisher in present:
-            if state.silent or time.monotonic() - state.at < SILENT_S:
+            if state.silent or clock.monotonic() - state.at < SILENT_S:
                 return None
             endpoints = self._node.get_publishers_info_by_topic(state.topic)
             if len({(one.node_namespace, one.node_name) for one in endpoints}) > 1:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from typing import TYPE_CHECKING
 
 from facts_damping_msgs.msg import RefusedCount, RefusedMessages
 from rclpy.serialization import serialize_message
 
+from facts_damping.nodes import clock
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.topics import REFUSALS
@@ -42,7 +42,7 @@ class Refusals:
     def add(self, topic: str, cause: str, publisher: bytes = OTHERS) -> None:
         """Count a refused message or request."""
         if not self._refused:
-            self._reported_at = time.monotonic()  # report later: the name of a new node is not known yet
+            self._reported_at = clock.monotonic()  # report later: the name of a new node is not known yet
         if len(self._refused) < MAXIMUM or (topic, cause, publisher) in self._refused:
             self._refused[topic, cause, publisher] += 1
         else:
@@ -54,10 +54,10 @@ class Refusals:
         `at_ns`: start of the newest tick.
         """
         if self._reported.total() == self._refused.total() or not (
-            last or time.monotonic() - self._reported_at > TELL_S
+            last or clock.monotonic() - self._reported_at > TELL_S
         ):
             return
-        self._reported_at = time.monotonic()
+        self._reported_at = clock.monotonic()
         counts: Counter[tuple[str, str, str]] = Counter()
         for (topic, cause, publisher), count in self._refused.items():
             counts[topic, cause, self._source(topic, publisher)] += count

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Any
 
 import rclpy
 from rclpy.qos import QoSReliabilityPolicy
 
 from facts_damping.errors import RunError
+from facts_damping.nodes import clock
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.spinner import check_wanted
 from facts_damping.nodes.base.topics import SHARED
@@ -55,7 +55,7 @@ def wait_for_peers(
     Raises `RunError` if another graph publishes the same topics, or names what is missing after the time-out.
     """
     log, logged = NodeLog(node), False
-    deadline = time.monotonic() + options.start_timeout
+    deadline = clock.monotonic() + options.start_timeout
     while True:
         own = {_participant(one) for topic in (peers, *topics) for one in node.get_publishers_info_by_topic(topic)}
         missing = [
@@ -65,12 +65,12 @@ def wait_for_peers(
         ]
         missing += [f"a publisher of {topic}" for topic in topics if node.count_publishers(topic) < 1]
         published = [*topics, *(publisher.topic_name for publisher in expected)]
-        shared, late = shared_topic(node, published, joins=options.join), time.monotonic() > deadline
+        shared, late = shared_topic(node, published, joins=options.join), clock.monotonic() > deadline
         if shared is not None and (late or not options.join):
             raise RunError(f"another graph publishes {shared} too; set another ROS_DOMAIN_ID (0 to 101)")
         if not missing and shared is None:
             return
-        if not logged and time.monotonic() > deadline - options.start_timeout + PATIENT_S:
+        if not logged and clock.monotonic() > deadline - options.start_timeout + PATIENT_S:
             logged = True
             what = ", ".join(missing) or f"the other publisher of {shared} to leave"
             log.info(f"waits, {options.start_timeout:g} s at most, for {what}")
@@ -81,7 +81,7 @@ def wait_for_peers(
 
 def pause_briefly(serve: Callable[[], None]) -> None:
     """Wait 10 ms and answer requests; messages stay in their queues. Raises `Stopped` after a signal."""
-    time.sleep(0.01)
+    clock.sleep(0.01)
     serve()
     check_wanted()
 
@@ -106,7 +106,7 @@ def _readers(node: Node, publisher: Publisher[Any], own: set[bytes], options: Op
 
 def finish(publishers: Iterable[Publisher[Any]], timeout: float) -> None:
     """Wait at most `timeout` seconds in total until every reader has acknowledged all messages."""
-    deadline = time.monotonic() + timeout
+    deadline = clock.monotonic() + timeout
     for publisher in publishers:
-        left = max(0.0, deadline - time.monotonic())
+        left = max(0.0, deadline - clock.monotonic())
         publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=left))

@@ -11,13 +11,13 @@ By default a node configures and activates itself. With `autostart:=false` it wa
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rclpy.exceptions import ParameterException
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 from facts_damping.errors import FactsDampingError, InputError, one_line
+from facts_damping.nodes import clock
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.parameters import accept_whole_numbers, check_declared, declare, descriptor
 from facts_damping.nodes.base.spinner import REQUESTS_S, Spinner, check_wanted, request_stop
@@ -129,7 +129,7 @@ class ManagedNode(LifecycleNode):
         spinner.serve()
         if self._failure is not None and not isinstance(self._failure, USER_ERRORS):
             raise self._failure
-        time.sleep(REQUESTS_S)
+        clock.sleep(REQUESTS_S)
 
     def _trigger(self, transition: Callable[[], TransitionCallbackReturn]) -> None:
         if transition() != SUCCESS and self._failure is not None:

@@ -11,7 +11,6 @@ import ctypes
 import os
 import signal
 import sys
-import time
 import warnings
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
@@ -24,6 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from facts_damping.errors import FactsDampingError, RunError, one_line, traced
 from facts_damping.input_files import naming_no_files
+from facts_damping.nodes import clock
 from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import ManagedNode
@@ -166,7 +166,7 @@ def end_after(seconds: float, status: int) -> None:
     event, timer = _Event(value=status, notify=SIGEV_THREAD, function=exit_), ctypes.c_void_p()
     whole, part = divmod(seconds, 1.0)
     times = _Times(after_s=int(whole), after_ns=int(part * 1e9))
-    if library.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)) or library.timer_settime(
+    if library.timer_create(clock.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)) or library.timer_settime(
         timer, 0, ctypes.byref(times), None
     ):
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))

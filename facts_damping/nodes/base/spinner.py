@@ -7,15 +7,14 @@ subscriptions and services (so `ros2 param` works); the nodes here have no timer
 from __future__ import annotations
 
 import signal
-import time
 from contextlib import ExitStack
 from contextvars import ContextVar
-from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import get_default_context
 
+from facts_damping.nodes import clock
 from facts_damping.nodes.transport.raw_take import take
 from facts_damping.terminal import heeded
 
@@ -27,7 +26,7 @@ REQUESTS_S = 0.05  # wall time between two checks for requests and for a stop si
 DRAIN_S = 2.0  # longest wall time that a stopped node waits for its last messages
 MAXIMUM = 100  # most messages of a subscription per turn, so that a flood does not starve the other subscriptions
 
-_stop_event: ContextVar[Event | None] = ContextVar("_stop_event", default=None)  # None: the process handles no signals
+_stop: ContextVar[list[int] | None] = ContextVar("_stop", default=None)  # signals that came; None: none are handled
 
 
 class Stopped(Exception):  # noqa: N818 (not an error: the node ends as it should)
@@ -43,22 +42,21 @@ def stop_by_signals() -> None:
 
     A repeated call keeps signals that have already come.
     """
-    event = _stop_event.get() or Event()
-    _stop_event.set(event)
+    if (came := _stop.get()) is None:
+        _stop.set(came := [])
     for number in heeded():
-        signal.signal(number, lambda *_: event.set())
+        signal.signal(number, lambda number, _: came.append(number))
 
 
 def stop_requested() -> bool:
     """Whether a stop signal has come."""
-    event = _stop_event.get()
-    return event is not None and event.is_set()
+    return bool(_stop.get())
 
 
 def request_stop() -> None:
     """Stop the node as a signal does."""
-    if (event := _stop_event.get()) is not None:
-        event.set()
+    if (came := _stop.get()) is not None:
+        came.append(signal.SIGTERM)
 
 
 def check_wanted() -> None:
@@ -94,7 +92,7 @@ class Spinner:
         wait_set = rclpy_implementation.WaitSet
         self._messages: Any = wait_set(len(self._subscriptions), 0, 0, 0, 0, 0, context.handle)
         self._requests: Any = wait_set(0, 0, 0, 0, len(self._services), 0, context.handle)
-        self._served_at = self._running_at = time.monotonic()
+        self._served_at = self._running_at = clock.monotonic()
         self._again = False
 
     def begin_again(self) -> None:
@@ -116,7 +114,7 @@ class Spinner:
         for _, subscription in self._subscriptions:
             wait_set.add_subscription(subscription.handle)
         if running := not stop_requested():
-            self._running_at = time.monotonic()
+            self._running_at = clock.monotonic()
         wait_set.wait(max(0, int(min(timeout_s, REQUESTS_S) * 1e9)) if running else 0)
         received = admitted = False
         ready = wait_set.get_ready_entities("subscription")
@@ -125,7 +123,7 @@ class Spinner:
                 result = _take(subscription)
                 received |= result is not None
                 admitted |= bool(result)
-        if not running and (not received or time.monotonic() - self._running_at > DRAIN_S):
+        if not running and (not received or clock.monotonic() - self._running_at > DRAIN_S):
             raise Stopped
         return admitted
 
@@ -140,9 +138,9 @@ class Spinner:
 
     def serve(self) -> None:
         """Answer waiting requests (as of `ros2 param`) and report, at most once per `REQUESTS_S`."""
-        if time.monotonic() - self._served_at <= REQUESTS_S:
+        if clock.monotonic() - self._served_at <= REQUESTS_S:
             return
-        self._served_at = time.monotonic()
+        self._served_at = clock.monotonic()
         wait_set = self._requests
         wait_set.clear_entities()
         for _, service in self._services:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from facts_damping.case.controllers import with_weights
 from facts_damping.errors import InputError, RunError
+from facts_damping.nodes import clock
 from facts_damping.nodes.base.parameters import declare, descriptor
 from facts_damping.parameters.files import check_writable
 from facts_damping.parameters.yaml_text import dump
@@ -37,7 +37,7 @@ class WeightsFile:
         if resume and not name:
             raise InputError("resume: true given; allowed: with save")
         self._path, self._resume = Path(name) if name else None, bool(resume)
-        self._saved, self.resumed = time.monotonic(), False
+        self._saved, self.resumed = clock.monotonic(), False
 
     def start(self, case: Case, index: int) -> Case:
         """The case with the saved weights in controller `index`; unchanged without `resume` or if there is no file."""
@@ -49,9 +49,9 @@ class WeightsFile:
 
     def keep(self, learnt: Callable[[], Weights | None], last: bool = False) -> None:
         """Write the weights atomically, every `SAVE_S` and at the `last` call, which alone may raise `RunError`."""
-        if self._path is None or not (last or time.monotonic() - self._saved > SAVE_S):
+        if self._path is None or not (last or clock.monotonic() - self._saved > SAVE_S):
             return
-        self._saved = time.monotonic()
+        self._saved = clock.monotonic()
         if (weights := learnt()) is None:
             return
         try:

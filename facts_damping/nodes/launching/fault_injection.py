@@ -7,12 +7,12 @@ import os
 import re
 import signal
 import socket
-import time
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.case.names import controller_addresses, link_addresses, supervisor_addresses
 from facts_damping.errors import RunError
+from facts_damping.nodes import clock
 from facts_damping.nodes.launching import graph
 from facts_damping.recording import seal
 
@@ -91,10 +91,10 @@ class FaultInjector:
             parameters = {"run": self._run_file, "first": round(self._fault.start_s * self._rate)}
             self.attacker = graph.start(ATTACKER, ATTACKER, parameters, None, self._environment)
         if tick != self._newest:
-            self._newest, self._at = tick, time.monotonic()
+            self._newest, self._at = tick, clock.monotonic()
         if tick == 0 or not self._fault.kind:
             return
-        now = tick / self._rate + (time.monotonic() - self._at if self._paced else 0.0)
+        now = tick / self._rate + (clock.monotonic() - self._at if self._paced else 0.0)
         if self.begun_s is None and now >= self._fault.start_s:
             self.begun_s = now
             self._signal(running, signal.SIGKILL if self._fault.kind == "kill" else signal.SIGSTOP)

@@ -7,7 +7,6 @@ import re
 import shutil
 import signal
 import tempfile
-import time
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +26,7 @@ from facts_damping.case.names import (
 )
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
+from facts_damping.nodes import clock
 from facts_damping.nodes.launching import forked
 from facts_damping.nodes.launching.commands import Command, command
 from facts_damping.parameters.files import new_folder, read_table
@@ -228,12 +228,12 @@ def save_weights(case: Case, out: Path) -> None:
 
 def _wait_for_view(view: Process) -> str:
     """Wait until a live view or a cockpit serves. Returns its address. If it ends later, the graph goes on."""
-    deadline = time.monotonic() + START_S
+    deadline = clock.monotonic() + START_S
     while not (address := view.read()):
-        if view.process.exitcode is not None or time.monotonic() > deadline:
+        if view.process.exitcode is not None or clock.monotonic() > deadline:
             end([view], signal.SIGINT)
             raise view.failure()
-        time.sleep(POLL_S)
+        clock.sleep(POLL_S)
     return address.strip()
 
 
@@ -363,25 +363,25 @@ def run(
     if case.run.security is not None and replayed is None:
         read_keys(Path(case.run.security.keys))
     new_folder(out)
-    began = time.monotonic()
+    began = clock.monotonic()
     misses, fallen = 0, dict[str, str]()
     with graph(case, mode, out, timeout, view_port, replayed, streams, environment, cockpit) as running:
         plant = next(running[name] for name in SOURCES if name in running)
-        reported_s, newest = time.monotonic() + 60.0, 0  # longer at the start than the nodes' own time-outs
+        reported_s, newest = clock.monotonic() + 60.0, 0  # longer at the start than the nodes' own time-outs
         while plant.process.exitcode is None:
             for newest, n, late in plant.progress():
                 misses = late
                 # After tick 1 all have answered once.
-                reported_s = time.monotonic() if newest > 1 else max(reported_s, time.monotonic())
+                reported_s = clock.monotonic() if newest > 1 else max(reported_s, clock.monotonic())
                 progress(newest, n)
             if look is not None:
                 look(newest, running)
             if COCKPIT in running and mode == "realtime":
                 obey(running, replaceable(case))
             _check_others(running, fallen if newest > 1 and mode == "realtime" else None)
-            if time.monotonic() - reported_s > timeout + 5.0:
+            if clock.monotonic() - reported_s > timeout + 5.0:
                 raise RunError(f"{plant.name} is silent: no progress within {timeout + 5.0:g} s")
-            time.sleep(POLL_S)
+            clock.sleep(POLL_S)
         if plant.failed():
             _check_others(running, fallen if newest > 1 and mode == "realtime" else None)
             raise plant.failure()
@@ -390,7 +390,7 @@ def run(
             progress(newest, n)
         # A node that ended earlier gives the reason, such as a second graph in the same domain.
         _check_others(running, fallen if mode == "realtime" else None)
-        wall = time.monotonic() - began
+        wall = clock.monotonic() - began
         _stop(running)
         recorder = running[RECORDER]
         if recorder.failed():

@@ -17,9 +17,10 @@ import select
 import signal
 import struct
 import sys
-import time
 from itertools import count
 from typing import NamedTuple
+
+from facts_damping.nodes import clock
 
 TUNSETIFF, IFF_TAP, IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
 LONGEST_NAME = 15
@@ -50,14 +51,14 @@ def relay(ends: tuple[int, int], cable: Cable, seed: int) -> None:
     for end in ends:
         poll.register(end, select.POLLIN)
     while True:
-        pause = None if not waiting else max(0.0, 1e3 * (waiting[0][0] - time.monotonic()))
+        pause = None if not waiting else max(0.0, 1e3 * (waiting[0][0] - clock.monotonic()))
         for end, _ in poll.poll(pause):
             packet, other = os.read(end, LARGEST_PACKET), ends[end == ends[0]]
             if chance.random() >= cable.loss:
                 late = max(0.0, cable.delay + chance.uniform(-cable.jitter, cable.jitter))
-                leaves[other] = max(leaves[other], time.monotonic() + late)
+                leaves[other] = max(leaves[other], clock.monotonic() + late)
                 heapq.heappush(waiting, (leaves[other], next(number), other, packet))
-        while waiting and waiting[0][0] <= time.monotonic():
+        while waiting and waiting[0][0] <= clock.monotonic():
             _, _, other, packet = heapq.heappop(waiting)
             try:
                 os.write(other, packet)

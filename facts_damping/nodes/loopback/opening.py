@@ -23,6 +23,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
+from facts_damping.nodes import clock
 from facts_damping.nodes.base import run
 from facts_damping.nodes.launching import forked, preload  # noqa: F401 (all nodes, so that all see it)
 from facts_damping.nodes.loopback import implementation
@@ -162,7 +163,10 @@ def opened() -> Iterator[World]:
                 if value is real:
                     put(module, name, ours)
         for name, ours in TIME.items():
-            put(time, name, _simulated(getattr(time, name), ours))
+            simulated = _simulated(getattr(time, name), ours)
+            put(time, name, simulated)
+            if name in clock.__all__:
+                put(clock, name, simulated)
         kill = os.kill
         put(os, "kill", lambda pid, number: (here.signal if pid >= FIRST_PID else kill)(pid, number))
         put(run, "end_after", lambda *_: None)

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import hmac
 import struct
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from facts_damping.nodes import clock
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.parameters.security import read_keys
 from facts_damping.signals import NANOSECONDS
@@ -43,7 +43,7 @@ def signing(case: Case, start_timeout_s: float) -> Signing | None:
     if case.run.security is None:
         return None
     keys = read_keys(Path(case.run.security.keys))
-    return Signing(keys, time.time_ns(), int(start_timeout_s * NANOSECONDS))
+    return Signing(keys, clock.time_ns(), int(start_timeout_s * NANOSECONDS))
 
 
 class Seal:
@@ -73,7 +73,7 @@ class Seal:
         if key is None or not hmac.compare_digest(code, hmac.digest(key, self._topic + head + body, "sha256")):
             raise Refused("signature")
         if self._session is None or session > self._session:
-            before, ahead = self._by.session_ns - session, session - time.time_ns()
+            before, ahead = self._by.session_ns - session, session - clock.time_ns()
             if before > start_ns + STARTS * self._by.window_ns or ahead > self._by.window_ns:
                 raise Refused("session")
             self._session = session

@@ -6,8 +6,9 @@ Inside the nodes all times are simulated, from 0; the epoch is added on writing 
 
 from __future__ import annotations
 
-import time
 from contextvars import ContextVar
+
+from facts_damping.nodes import clock
 
 DAY_NS = 86_400_000_000_000  # the clocks of hosts must differ by less
 
@@ -35,7 +36,7 @@ def accept(stamp_ns: int, start_ns: int) -> bool:
     """Whether a stamp, less the epoch, fits a tick that starts at `start_ns`; the first stamp may set the epoch."""
     if stamp_ns == start_ns:
         return True
-    if epoch_ns() or not _learns.get() or abs(stamp_ns - time.time_ns()) > DAY_NS:
+    if epoch_ns() or not _learns.get() or abs(stamp_ns - clock.time_ns()) > DAY_NS:
         return False
     _epoch_ns.set(stamp_ns - start_ns)
     return True
