@@ -195,7 +195,7 @@ def test_nodes_know_one_clock_and_no_threads() -> None:
     folder, found = Path(nodes.__file__).parent, {}
     for path in folder.rglob("*.py"):
         lines = re.findall(
-            r"^\s*(?:import|from) (time|threading|datetime|random|uuid|secrets)\b", path.read_text(), re.M
+            r"^\s*(?:import|from) (time|threading|datetime|random|uuid|secrets)\b", path.read_text(), re.MULTILINE
         )
         if lines:
             found[str(path.relative_to(folder))] = set(lines)
