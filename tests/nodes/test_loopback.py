@@ -185,7 +185,8 @@ def test_what_is_imported_meanwhile_is_itself_again_afterwards(monkeypatch: pyte
 OF_THIS_PROCESS = {
     "clock.py": {"time"},
     "loopback/opening.py": {"time"},  # replaced for the nodes of users
-    "loopback/processes.py": {"threading"},  # whose turn it is
+    "loopback/processes.py": {"threading", "random"},  # whose turn it is
+    "loopback/middleware.py": {"random"},
     "base/asyncio_thread.py": {"threading"},  # sockets of servers, which no storm has
     "launching/forked.py": {"threading"},  # processes of the system
 }

@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 from collections import deque
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 from rclpy.expand_topic_name import expand_topic_name
@@ -15,11 +16,12 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as real
 from facts_damping.nodes.loopback.processes import process, world
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from facts_damping.nodes.loopback.services import Client, Service
     from facts_damping.nodes.loopback.topics import Publisher, Subscription
 
+E = TypeVar("E", bound="Endpoint")
 GID_TAIL = 4  # bytes of an identity that distinguish the endpoints of a participant
 _handles = itertools.count(1)
 PARAMETER, REMAPPING, FILE = ("-p", "--param"), ("-r", "--remap"), ("--params-file",)
@@ -73,17 +75,39 @@ def _flat(content: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]
 class Domain:
     """Nodes and endpoints of a world."""
 
+    version: int = 0  # changes with the endpoints
     nodes: list[Node] = field(default_factory=list)
     publishers: list[Publisher] = field(default_factory=list)
     subscriptions: list[Subscription] = field(default_factory=list)
     services: list[Service] = field(default_factory=list)
     clients: list[Client] = field(default_factory=list)
 
+    def ends(self) -> list[list[Any]]:
+        """Its lists."""
+        return [self.nodes, self.publishers, self.subscriptions, self.services, self.clients]
+
+    def add(self, ends: list[Any], one: Any) -> None:
+        """Add a node or an endpoint to one of the lists."""
+        ends.append(one)
+        self.version += 1
+
+    def remove(self, gone: Callable[[Any], bool]) -> None:
+        """Remove nodes and endpoints."""
+        for ends in self.ends():
+            ends[:] = [one for one in ends if not gone(one)]
+        self.version += 1
+
 
 def domain() -> Domain:
     """The domain of the running process."""
     found: Domain = world().main.values.setdefault("domain", Domain())
     return found
+
+
+def known(observer: Node, ends: Iterable[E]) -> list[E]:
+    """Those endpoints that a node knows."""
+    here = world()
+    return [one for one in ends if here.middleware.knows(here.now_ns, observer, one)]
 
 
 class Destroyable:
@@ -99,9 +123,7 @@ class Destroyable:
         pass
 
     def destroy_when_not_in_use(self) -> None:
-        for ends in vars(domain()).values():
-            if self in ends:
-                ends.remove(self)
+        domain().remove(lambda one: one is self)
 
 
 class Context(Destroyable):
@@ -139,14 +161,22 @@ class Node(Destroyable):
                 self._namespace = f"/{right.strip('/')}" if left == "__ns" else self._namespace
         self.identity = self.pointer.to_bytes(12, "big")
         self.ends = itertools.count(1)
-        domain().nodes.append(self)
+        self.process, self.since_ns = process(), world().now_ns
+        here = domain()
+        here.add(here.nodes, self)
         self.rosout = rosout
-        process().at_end.append(self.leave)
+        self.process.at_end.append(self.leave)
 
     def leave(self) -> None:
-        """Remove the node and its endpoints from the domain when its process ends."""
-        for ends in vars(domain()).values():
-            ends[:] = [one for one in ends if one is not self and getattr(one, "node", None) is not self]
+        """Leave the domain when the process ends; others notice that it was killed after the middleware's lease."""
+        here, lease_ns = world(), world().middleware.lease_ns if self.process.killed else 0
+        if lease_ns:
+            here.at(here.now_ns + lease_ns, self._vanish)
+        else:
+            self._vanish()
+
+    def _vanish(self) -> None:
+        domain().remove(lambda one: one is self or getattr(one, "node", None) is self)
 
     def get_node_name(self) -> str:
         return self._name
@@ -181,19 +211,19 @@ class Node(Destroyable):
         return self.remapped(self.full(name))
 
     def get_count_publishers(self, topic: str) -> int:
-        return sum(one.name == topic for one in domain().publishers)
+        return sum(one.name == topic for one in known(self, domain().publishers))
 
     def get_count_subscribers(self, topic: str) -> int:
-        return sum(one.name == topic for one in domain().subscriptions)
+        return sum(one.name == topic for one in known(self, domain().subscriptions))
 
     def get_count_services(self, name: str) -> int:
-        return sum(one.name == name for one in domain().services)
+        return sum(one.name == name for one in known(self, domain().services))
 
     def get_count_clients(self, name: str) -> int:
-        return sum(one.name == name for one in domain().clients)
+        return sum(one.name == name for one in known(self, domain().clients))
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        return [(one.get_node_name(), one.get_namespace()) for one in domain().nodes]
+        return [(one.get_node_name(), one.get_namespace()) for one in domain().nodes]  # all, at once
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
         return [(*one, "/") for one in self.get_node_names_and_namespaces()]
@@ -206,9 +236,30 @@ class Endpoint(Destroyable):
         super().__init__()
         self.node, self.kind, self.name, self.qos = node, kind, node.resolve(name), qos
         self.waiting: deque[Any] = deque()
+        self.since_ns = world().now_ns
+        self.known_ns: dict[Node, int] = {}  # when nodes discover it
+        self.under_way = 0  # messages that have not arrived yet
 
     def get_logger_name(self) -> str:
         return self.node.logger_name()
 
     def is_ready(self) -> bool:
         return bool(self.waiting)
+
+
+def deliver(sender: Endpoint, receiver: Endpoint, message: Any) -> None:
+    """Let a message arrive when the middleware says so; a process that was killed receives none."""
+    here = world()
+    at = here.middleware.arrival_ns(here.now_ns, sender, receiver)
+    if at is None or receiver.node.process.exitcode is not None or receiver.node.process.killed:
+        return
+    if at <= here.now_ns:
+        receiver.waiting.append(message)
+    else:
+        receiver.under_way += 1
+        here.at(at, partial(_arrive, receiver, message))
+
+
+def _arrive(receiver: Endpoint, message: Any) -> None:
+    receiver.under_way -= 1
+    receiver.waiting.append(message)

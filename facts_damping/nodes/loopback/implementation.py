@@ -10,7 +10,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.qos import qos_profile_rosout_default
 from rclpy.type_support import check_for_type_support
 
-from facts_damping.nodes.loopback.domain import Context, Destroyable, Node, domain
+from facts_damping.nodes.loopback.domain import Context, Destroyable, Node, domain, known
 from facts_damping.nodes.loopback.lifecycle import LifecycleStateMachine
 from facts_damping.nodes.loopback.processes import wall_ns, world
 from facts_damping.nodes.loopback.services import (
@@ -57,8 +57,10 @@ def _rosout(node: Node) -> Publisher:
     return kept[node]
 
 
-def _info_by_topic(endpoints: Sequence[TopicEndpoint], topic: str, endpoint_type: int) -> list[dict[str, Any]]:
-    return [one.described(endpoint_type) for one in endpoints if one.name == topic]
+def _info_by_topic(
+    node: Node, endpoints: Sequence[TopicEndpoint], topic: str, endpoint_type: int
+) -> list[dict[str, Any]]:
+    return [one.described(endpoint_type) for one in known(node, endpoints) if one.name == topic]
 
 
 def _types(endpoints: Sequence[Endpoint], kind: Callable[[Any], str]) -> list[tuple[str, list[str]]]:
@@ -76,8 +78,10 @@ CLASSES = (
 NAMES: dict[str, Any] = {one.__name__: one for one in CLASSES} | {
     "rclpy_resolve_name": lambda node, name, only_expand, _: node.full(name) if only_expand else node.resolve(name),
     "rclpy_remap_topic_name": Node.remapped,
-    "rclpy_get_publishers_info_by_topic": lambda _, topic, __: _info_by_topic(domain().publishers, topic, 1),
-    "rclpy_get_subscriptions_info_by_topic": lambda _, topic, __: _info_by_topic(domain().subscriptions, topic, 2),
+    "rclpy_get_publishers_info_by_topic": lambda node, topic, _: _info_by_topic(node, domain().publishers, topic, 1),
+    "rclpy_get_subscriptions_info_by_topic": lambda node, topic, _: _info_by_topic(
+        node, domain().subscriptions, topic, 2
+    ),
     "rclpy_get_topic_names_and_types": lambda *_: _types(
         [*domain().publishers, *domain().subscriptions], lambda one: str(one.described(0)["topic_type"])
     ),

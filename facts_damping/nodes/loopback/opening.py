@@ -147,9 +147,9 @@ def _patched(without: Collection[str] = ()) -> Iterator[tuple[Any, str, Any]]:
 
 
 @contextmanager
-def opened() -> Iterator[World]:
-    """Open a loopback for the time of the context."""
-    here, before = World(), set(sys.modules)
+def opened(seed: int | None = None) -> Iterator[World]:
+    """Open a loopback for the time of the context; `seed`: of the order of turns (World)."""
+    here, before = World(seed), set(sys.modules)
     with ExitStack() as patched:
 
         def put(module: Any, name: str, value: Any) -> None:

@@ -1,18 +1,22 @@
 """Processes that are threads of this process: one runs at a time, until it waits; time is simulated.
 
-A waiting process gives a condition and a time. The next process whose wait is over runs, in a fixed order. If all wait,
-time goes on to the earliest of these times.
+A waiting process gives a condition and a time. The next process whose wait is over runs, in a fixed order or, with a
+seed, in a random one. If all wait, time goes on to the earliest of these times.
 """
 
 from __future__ import annotations
 
 import contextvars
+import heapq
+import itertools
+import random
 import signal
 import sys
 import threading
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.nodes.loopback.middleware import Middleware
 from facts_damping.signals import NEVER
 from facts_damping.terminal import INTERRUPTIONS
 
@@ -39,8 +43,9 @@ def world() -> World:
 
 
 def wall_ns() -> int:
-    """Wall time, ns since 1970."""
-    return BEGINS_NS + world().now_ns
+    """Wall time by the clock of the process that runs, ns since 1970."""
+    here = process()
+    return BEGINS_NS + here.world.now_ns + here.clock_offset_ns
 
 
 class Killed(BaseException):
@@ -70,15 +75,23 @@ class Process:
     turn: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(0))
     ready: Callable[[], bool] = never
     until_ns: int = 0
-    stopped: bool = False  # by SIGSTOP
+    stopped_ns: int = NEVER  # when SIGSTOP suspended it, or when it was killed; NEVER: it may run
     killed: bool = False
+    turn_ns: int = 0  # time that each of its turns takes: of a slow one
+    busy_until_ns: int = 0  # it computes until then, and takes no turn
+    clock_offset_ns: int = 0  # of its wall time
+
+    @property
+    def responds(self) -> bool:
+        """Whether its middleware still answers others: it neither ended nor is suspended."""
+        return self.exitcode is None and not self.killed and self.stopped_ns == NEVER
 
     def join(self, timeout: float | None = None) -> None:
         until = NEVER if timeout is None else self.world.now_ns + int(timeout * 1e9)
         self.world.wait(lambda: self.exitcode is not None, until)
 
     def kill(self) -> None:
-        self.killed = True
+        self.killed, self.stopped_ns = True, self.world.now_ns
 
     def is_alive(self) -> bool:
         return self.exitcode is None
@@ -87,11 +100,20 @@ class Process:
 class World:
     """All processes and their time."""
 
-    def __init__(self) -> None:
+    def __init__(self, seed: int | None = None) -> None:
+        """`seed`: of the order in which processes take turns, and of the time that these take; None: both are fixed."""
         self.now_ns = 0
+        self._random = None if seed is None else random.Random(seed)
+        self.middleware = Middleware()
+        self._actions: list[tuple[int, int, Callable[[], Any]]] = []  # time, number, action
+        self._numbers = itertools.count()
         self.main = Process(self, "main", list(sys.argv), {}, sys.stdout, sys.stderr, 0)
         self.processes = [self.main]
         self._token = current.set(self.main)
+
+    def at(self, time_ns: int, act: Callable[[], Any]) -> None:
+        """Call `act` at a time, between two turns, in the thread of the process that just waits."""
+        heapq.heappush(self._actions, (time_ns, next(self._numbers), act))
 
     def close(self) -> None:
         for process in self.processes[1:]:
@@ -140,8 +162,10 @@ class World:
     def wait(self, ready: Callable[[], bool], until_ns: int) -> None:
         """Let others run until `ready` returns true or until a time."""
         process = current.get() or self.main
-        self.now_ns += STEP_NS  # a process that polls sees time pass
+        # A process that polls sees time pass.
+        self.now_ns += STEP_NS if self._random is None else int(STEP_NS * self._random.expovariate(1.0)) + 1
         process.ready, process.until_ns = ready, until_ns
+        process.busy_until_ns = max(process.busy_until_ns, self.now_ns + process.turn_ns)
         chosen = self._next(process)
         if chosen is not process:
             chosen.turn.release()
@@ -153,22 +177,32 @@ class World:
         """The process that runs after another one, in the order of their starts; time goes on if all wait."""
         at = self.processes.index(process) + 1
         order = [one for one in self.processes[at:] + self.processes[:at] if one.exitcode is None]
+        if self._random is not None:
+            self._random.shuffle(order)
         while True:
+            while self._actions and self._actions[0][0] <= self.now_ns:
+                heapq.heappop(self._actions)[2]()
             for one in order:
-                if one.killed or (not one.stopped and (one.until_ns <= self.now_ns or one.ready())):
+                if one.killed or (one.responds and one.busy_until_ns <= self.now_ns and self._is_due(one)):
                     return one
-            self.now_ns = min((one.until_ns for one in order if not one.stopped), default=NEVER)
+            live = [one for one in order if one.responds]
+            times = [max(one.until_ns, one.busy_until_ns) for one in live]
+            times += [one.busy_until_ns for one in live if one.busy_until_ns > self.now_ns]
+            self.now_ns = min([*times, *(row[0] for row in self._actions[:1])], default=NEVER)
             if self.now_ns == NEVER:
                 raise RuntimeError(f"all wait for each other: {', '.join(one.name for one in order)}")
+
+    def _is_due(self, process: Process) -> bool:
+        return process.until_ns <= self.now_ns or process.ready()
 
     def signal(self, pid: int, number: int) -> None:
         process = next((one for one in self.processes[1:] if one.pid == pid and one.exitcode is None), None)
         if process is None:
             raise ProcessLookupError(pid)
         if number == signal.SIGKILL:
-            process.killed = True
+            process.kill()
         elif number in (signal.SIGSTOP, signal.SIGCONT):
-            process.stopped = number == signal.SIGSTOP
+            process.stopped_ns = self.now_ns if number == signal.SIGSTOP else NEVER
         elif callable(handler := process.handlers.get(number)):
             handler(number, None)
         elif number in INTERRUPTIONS:

@@ -1,4 +1,4 @@
-"""Services of a loopback: requests and answers are delivered at once, as bytes."""
+"""Services of a loopback: requests and answers are delivered as bytes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.impl.implementation_singleton import rclpy_implementation as real
 from type_description_interfaces.srv import GetTypeDescription
 
-from facts_damping.nodes.loopback.domain import Destroyable, Endpoint, domain
+from facts_damping.nodes.loopback.domain import Destroyable, Endpoint, deliver, domain, known
 
 if TYPE_CHECKING:
     from facts_damping.nodes.loopback.domain import Node
@@ -44,14 +44,14 @@ class Service(Endpoint):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        domain().services.append(self)
+        domain().add(domain().services, self)
 
     def service_take_request(self, kind: type[Any]) -> tuple[Any, Any]:
         return _take(self, kind)
 
     def service_send_response(self, response: Any, request: rmw_request_id_t) -> None:
         data = real.rclpy_serialize(response, type(response))
-        request.client.waiting.append((data, rmw_service_info_t(request)))
+        deliver(self, request.client, (data, rmw_service_info_t(request)))
 
 
 class Client(Endpoint):
@@ -60,10 +60,10 @@ class Client(Endpoint):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.service_name, self._count = self.name, 0  # rclpy reads `service_name`
-        domain().clients.append(self)
+        domain().add(domain().clients, self)
 
     def _server(self) -> Service | None:
-        return next((one for one in domain().services if one.name == self.service_name), None)
+        return next((one for one in known(self.node, domain().services) if one.name == self.service_name), None)
 
     def service_server_is_available(self) -> bool:
         return self._server() is not None
@@ -72,7 +72,7 @@ class Client(Endpoint):
         self._count += 1
         if (server := self._server()) is not None:
             header = rmw_service_info_t(rmw_request_id_t(self._count, self))
-            server.waiting.append((real.rclpy_serialize(request, type(request)), header))
+            deliver(self, server, (real.rclpy_serialize(request, type(request)), header))
         return self._count
 
     def take_response(self, kind: type[Any]) -> tuple[Any, Any]:

@@ -1,4 +1,4 @@
-"""Topics of a loopback: messages go from publishers to subscriptions at once, as bytes.
+"""Topics of a loopback: messages go from publishers to subscriptions as bytes, when its middleware says so.
 
 As with DDS, qualities of service must fit, each subscription has a queue, and a late one receives what the publisher of
 a transient local topic keeps.
@@ -7,12 +7,13 @@ a transient local topic keeps.
 from __future__ import annotations
 
 from collections import deque
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as real
 
-from facts_damping.nodes.loopback.domain import GID_TAIL, Endpoint, domain
-from facts_damping.nodes.loopback.processes import wall_ns
+from facts_damping.nodes.loopback.domain import GID_TAIL, Endpoint, deliver, domain
+from facts_damping.nodes.loopback.processes import wall_ns, world
 
 if TYPE_CHECKING:
     from facts_damping.nodes.loopback.domain import Node
@@ -51,8 +52,29 @@ def fit(publisher: TopicEndpoint, subscription: TopicEndpoint) -> bool:
     """Whether a subscription receives from a publisher: same topic, and no better quality requested than offered."""
     if publisher.name != subscription.name or publisher.kind is not subscription.kind:
         return False
+    if not world().middleware.match(subscription):
+        return False
     reliable = int(publisher.qos["reliability"]) == RELIABLE or int(subscription.qos["reliability"]) != RELIABLE
     return reliable and (publisher.latched or not subscription.latched)
+
+
+def _matched(publisher: Publisher, subscription: Subscription) -> bool:
+    """Whether both know each other; that they fit is known."""
+    here = world()
+    knows, now = here.middleware.knows, here.now_ns
+    return knows(now, publisher.node, subscription) and knows(now, subscription.node, publisher)
+
+
+def _send_kept(publisher: Publisher, subscription: Subscription) -> None:
+    """Send a late subscription what its latched publisher keeps, once both know each other."""
+    here = world()
+    known_from_ns = here.middleware.known_from_ns
+    at = max(known_from_ns(publisher.node, subscription), known_from_ns(subscription.node, publisher))
+    if at > here.now_ns:
+        here.at(at, partial(_send_kept, publisher, subscription))
+        return
+    for message in publisher.waiting:
+        deliver(publisher, subscription, message)
 
 
 class Publisher(TopicEndpoint):
@@ -60,8 +82,16 @@ class Publisher(TopicEndpoint):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._count = 0
-        domain().publishers.append(self)
+        self._count, self._version, self._fitting = 0, -1, list[Subscription]()
+        here = domain()
+        here.add(here.publishers, self)
+
+    def readers(self) -> list[Subscription]:
+        """The subscriptions that it sends to."""
+        here = domain()
+        if self._version != here.version:
+            self._version, self._fitting = here.version, [one for one in here.subscriptions if fit(self, one)]
+        return [one for one in self._fitting if _matched(self, one)]
 
     def publish(self, message: Any) -> None:
         self.publish_raw(real.rclpy_serialize(message, self.kind))
@@ -76,17 +106,24 @@ class Publisher(TopicEndpoint):
             "reception_sequence_number": None,
             "publisher_gid": {"implementation_identifier": "loopback", "data": self.identity},
         }
+        message = bytes(data), information
         if self.latched:
-            self.waiting.append((bytes(data), information))
-        for one in domain().subscriptions:
-            if fit(self, one):
-                one.waiting.append((bytes(data), information))
+            self.waiting.append(message)
+        for one in self.readers():
+            deliver(self, one, message)
 
     def get_subscription_count(self) -> int:
-        return sum(fit(self, one) for one in domain().subscriptions)
+        return len(self.readers())
 
-    def wait_for_all_acked(self, _timeout: Any) -> bool:
-        return True
+    def wait_for_all_acked(self, timeout: Any) -> bool:
+        """Wait until all that was sent has arrived at readers that respond; a killed one is waited for in vain."""
+
+        def acked() -> bool:
+            return all(one.node.process.responds and not one.under_way for one in self.readers())
+
+        if not acked():
+            world().wait(acked, world().now_ns + timeout.nanoseconds)
+        return acked()
 
 
 class Subscription(TopicEndpoint):
@@ -94,10 +131,11 @@ class Subscription(TopicEndpoint):
 
     def __init__(self, node: Node, kind: type[Any], topic: str, qos: Any, _filter: Any = None) -> None:
         super().__init__(node, kind, topic, qos)
-        for publisher in domain().publishers if self.latched else ():
+        here = domain()
+        here.add(here.subscriptions, self)
+        for publisher in here.publishers if self.latched else ():
             if fit(publisher, self):
-                self.waiting.extend(publisher.waiting)
-        domain().subscriptions.append(self)
+                _send_kept(publisher, self)
 
     def take_message(self, kind: type[Any], raw: bool) -> tuple[Any, dict[str, Any]] | None:
         if not self.waiting:
@@ -106,4 +144,4 @@ class Subscription(TopicEndpoint):
         return (data if raw else real.rclpy_deserialize(data, kind)), information
 
     def get_publisher_count(self) -> int:
-        return sum(fit(one, self) for one in domain().publishers)
+        return sum(self in one.readers() for one in domain().publishers)
