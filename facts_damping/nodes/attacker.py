@@ -113,8 +113,11 @@ class Attacker:
             self.sent[topic] += 1
 
 
-def forgeries(case: Case, start_timeout_s: float) -> dict[str, Callable[[int], bytes]]:
-    """Functions, by topic, that forge the frames or setpoints of a tick in the name of the topic's publisher."""
+def forgeries(case: Case, start_timeout_s: float, fraction: float = 1.0) -> dict[str, Callable[[int], bytes]]:
+    """Functions, by topic, that forge the frames or setpoints of a tick in the name of the topic's publisher.
+
+    `fraction`: of the devices' limits, size of the setpoints.
+    """
     by, names, places = signing(case, start_timeout_s), controller_names(case), controller_addresses(case)
     setpoints = {f"{places[c]}/setpoints": (name, [c]) for c, name in enumerate(names)}
     for c, address in supervisor_addresses(case).items():
@@ -124,19 +127,21 @@ def forgeries(case: Case, start_timeout_s: float) -> dict[str, Callable[[int], b
         setpoints[link.topic("setpoints/delivered")] = ("", served(case, i))
         frames.append(link.topic("pmu/delivered"))
     made: dict[str, Callable[[int], bytes]] = {
-        topic: partial(_setpoints, case, SetpointsMessage(case, seal=seal(by, topic)), sender, of)
+        topic: partial(_setpoints, case, SetpointsMessage(case, seal=seal(by, topic)), sender, of, fraction)
         for topic, (sender, of) in setpoints.items()
     }
     return made | {topic: partial(_frames, case, FramesMessage(case, seal(by, topic))) for topic in frames}
 
 
-def _setpoints(case: Case, message: SetpointsMessage, sender: str, of: Iterable[int], tick: int) -> bytes:
-    """Setpoints at the limits of all devices of some controllers; the sign alternates from tick to tick."""
+def _setpoints(
+    case: Case, message: SetpointsMessage, sender: str, of: Iterable[int], fraction: float, tick: int
+) -> bytes:
+    """Setpoints for all devices of some controllers; the sign alternates from tick to tick."""
     pairs = [(c, name) for c in of for name in case.controllers[c].devices]
     rows = np.zeros(len(pairs), SETPOINT)
     for row, (c, name) in zip(rows, pairs, strict=True):
         row["controller"], row["device"] = c, case.run.devices.index(name)
-        row["value"] = case.system.device(name).setpoint_max * (1 if tick % 2 else -1)
+        row["value"] = case.system.device(name).setpoint_max * fraction * (1 if tick % 2 else -1)
     at = start_of(tick, case.run.frame_rate)
     rows["measured_ns"] = rows["issued_ns"] = rows["effective_ns"] = at
     return message.fill(tick, at, rows, sender)

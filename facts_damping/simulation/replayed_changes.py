@@ -91,7 +91,7 @@ class ReplayedChanges:
         made, state = self._control.supervisors, self._control.supervisor_state
         own = list(made.settings["controller"])
         if change.kind == "start" and change.index in own:
-            begin(state, own.index(change.index))
+            begin(made.inputs, state, own.index(change.index))
         else:
             ask(made, state, change)
 

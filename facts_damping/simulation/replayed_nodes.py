@@ -104,16 +104,20 @@ class NodeReplay:
         return [int(c) for c in self._control.identifiers.controller]
 
     def tick(self, at: int, tick: int) -> None:
-        """Run a tick of all nodes; `at`: its index in the record."""
+        """Run a tick of all nodes that were there; `at`: its index in the record."""
         self._changed.begin(tick)
         self._restarts.begin(tick)
+        absent = self._changed.absent
         for c in range(len(self._case.controllers)):
-            self._act(c, at, tick)
+            if not absent("controller", c, tick):
+                self._act(c, at, tick)
         check(self._programs)
-        for s in range(len(self._control.supervisors.settings)):
-            self._supervise(s, at, tick)
+        for s, c in enumerate(self._control.supervisors.settings["controller"].tolist()):
+            if not absent("supervisor", c, tick):
+                self._supervise(s, at, tick)
         for n, c in enumerate(self._identified()):
-            self._identify(n, c, at, tick)
+            if not absent("identifier", c, tick):
+                self._identify(n, c, at, tick)
         for results in (self._issued, self._inner, self._estimates):
             for c in range(len(self._case.controllers)):
                 results.pop((c, tick - KEPT), None)

@@ -248,8 +248,7 @@ class Cockpit(NamedTuple):
 def obey(running: dict[str, Process], allowed: Collection[str]) -> None:
     """Carry out the lines `kill NODE` and `restart NODE` of the cockpit, for nodes that may be replaced.
 
-    A node that has ended starts again with `join`, disarmed; the ended one is kept for its counts. A user's own
-    program, and a node that still runs, are not started.
+    A node that has ended starts again, disarmed. A user's own program, and a node that still runs, are not started.
     """
     for order, name in re.findall(r"^(kill|restart) (\S+)$", running[COCKPIT].read(), re.MULTILINE):
         node = running.get(name) if name in allowed else None
@@ -257,10 +256,17 @@ def obey(running: dict[str, Process], allowed: Collection[str]) -> None:
             continue
         if order == "kill" and node.process.exitcode is None:
             node.process.kill()
-        elif order == "restart" and node.process.exitcode is not None and node.again:
-            own, module, parameters, remaps, environment = node.again
-            running[f"{name} {len(running)}"] = node
-            running[name] = start(own, module, {**parameters, "join": True}, remaps, environment)
+        elif order == "restart":
+            start_again(running, name)
+
+
+def start_again(running: dict[str, Process], name: str) -> None:
+    """Start a node that has ended once more, with `join`; the ended one is kept for its counts."""
+    node = running[name]
+    if node.process.exitcode is not None and node.again:
+        own, module, parameters, remaps, environment = node.again
+        running[f"{name} {len(running)}"] = node
+        running[name] = start(own, module, {**parameters, "join": True}, remaps, environment)
 
 
 @contextmanager
@@ -341,7 +347,7 @@ def run(
     view_port: int | None = None,
     replayed: Path | str | None = None,
     streams: str | None = None,
-    look: Callable[[int, Mapping[str, Process]], None] | None = None,
+    look: Callable[[int, dict[str, Process]], None] | None = None,
     environment: Mapping[str, str] | None = None,
     cockpit: Cockpit | None = None,
 ) -> Outcome:

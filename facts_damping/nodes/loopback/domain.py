@@ -254,12 +254,19 @@ def deliver(sender: Endpoint, receiver: Endpoint, message: Any) -> None:
     if at is None or receiver.node.process.exitcode is not None or receiver.node.process.killed:
         return
     if at <= here.now_ns:
-        receiver.waiting.append(message)
+        _arrive(receiver, message)
     else:
         receiver.under_way += 1
-        here.at(at, partial(_arrive, receiver, message))
+        here.at(at, partial(_arrive_late, receiver, message))
+
+
+def _arrive_late(receiver: Endpoint, message: Any) -> None:
+    receiver.under_way -= 1
+    _arrive(receiver, message)
 
 
 def _arrive(receiver: Endpoint, message: Any) -> None:
-    receiver.under_way -= 1
     receiver.waiting.append(message)
+    here = world()
+    if len(receiver.waiting) > here.longest_queue and receiver.node.process.responds:
+        here.longest_queue = len(receiver.waiting)

@@ -41,6 +41,7 @@ class Logger(RcutilsLogger):
     """Publishes logs on /rosout only."""
 
     def log(self, message: str, severity: Any, *_: Any, **__: Any) -> bool:
+        world().logs.append((world().now_ns, str(self.name), int(severity), str(message)))
         node = next((one for one in domain().nodes if one.logger_name() == self.name), None)
         if node is not None and node.rosout:
             text = Log(level=int(severity), name=self.name or "", msg=str(message))

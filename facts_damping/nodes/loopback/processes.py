@@ -68,9 +68,11 @@ class Process:
     output: Any
     errors: Any
     pid: int
+    began: bool = False
     exitcode: int | None = None
     handlers: dict[int, Any] = field(default_factory=dict)  # of signals
     values: dict[str, Any] = field(default_factory=dict)  # of the middleware
+    at_begin: Callable[[], Any] = never  # called when it begins
     at_end: list[Callable[[], Any]] = field(default_factory=list)  # called when it ends
     turn: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(0))
     ready: Callable[[], bool] = never
@@ -105,6 +107,8 @@ class World:
         self.now_ns = 0
         self._random = None if seed is None else random.Random(seed)
         self.middleware = Middleware()
+        self.logs: list[tuple[int, str, int, str]] = []  # of nodes: time in ns, name, severity, text
+        self.longest_queue = 0  # messages that waited for a process that responds
         self._actions: list[tuple[int, int, Callable[[], Any]]] = []  # time, number, action
         self._numbers = itertools.count()
         self.main = Process(self, "main", list(sys.argv), {}, sys.stdout, sys.stderr, 0)
@@ -142,9 +146,11 @@ class World:
     def _run(self, process: Process, run: Callable[[], Any]) -> None:
         process.turn.acquire()
         current.set(process)
+        process.at_begin()
         status: Any = 0
         try:
             if not process.killed:
+                process.began = True
                 run()
         except SystemExit as end:
             status = end.code if isinstance(end.code, int) else int(end.code is not None)
@@ -153,6 +159,7 @@ class World:
         except BaseException as error:  # noqa: BLE001 (as a process would end)
             process.errors.write(f"{type(error).__name__}: {error}\n")
             status = 1
+        sys.settrace(None)
         for close in process.at_end:
             close()
         process.exitcode = -9 if process.killed else status

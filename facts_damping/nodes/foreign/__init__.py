@@ -1,0 +1,1 @@
+"""Nodes and messages that are not of the graph, for storms and tests of refusals."""

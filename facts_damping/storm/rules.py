@@ -1,0 +1,277 @@
+"""Rules that must hold in every storm: functions of what was seen of the graph, each of which returns its violations.
+
+A rule needs the record alone where it can, so that it also judges recordings of graphs on DDS.
+"""
+
+from __future__ import annotations
+
+import re
+import traceback
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from facts_damping.control.table import kind_of
+from facts_damping.digest import canonical
+from facts_damping.errors import FactsDampingError, one_line
+from facts_damping.monitor_table import TRIPPED
+from facts_damping.nodes.attacker import SWING
+from facts_damping.nodes.launching.graph import RECORDER
+from facts_damping.simulation import changes, replay
+from facts_damping.storm.events import KINDS
+from facts_damping.storm.stage import MARK
+from facts_damping.studies.campaigns import invariants
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from facts_damping.signals import Record
+    from facts_damping.storm.running import Trace
+
+QUEUE = 20_000  # messages; more in a queue of a node that responds means that it never takes them
+ARRAYS = ("time_ns", "frames", "delivered", "issued", "applied", "devices", "supervised", "supervision", "estimates")
+
+
+def nothing_foreign_acts(trace: Trace) -> list[str]:
+    """No forged setpoint is passed on, applied or in force, and no forged frame delivered."""
+    record, found = trace.record, list[str]()
+    if record is None or _may_be_replaced(trace):
+        return []
+    forged = [trace.case.system.device(name).setpoint_max * MARK for name in trace.case.run.devices]
+    for what in ("issued", "supervised", "applied"):
+        rows = getattr(record, what)
+        if len(rows) and np.isclose(np.abs(rows["value"]), np.array(forged)[rows["device"]], rtol=1e-14, atol=0).any():
+            found.append(f"a forged setpoint is {what}")
+    if forged and np.isclose(np.abs(record.devices["setpoint"]), forged, rtol=1e-14, atol=0).any():
+        found.append("a forged setpoint is in force")
+    if len(record.delivered) and np.all(np.abs(record.delivered["values"]) == SWING, axis=1).any():
+        found.append("a forged frame is delivered")
+    return found
+
+
+def _may_be_replaced(trace: Trace) -> bool:
+    """Whether a foreign node may take a node's place: without the key it may in an unsigned graph that is paced.
+
+    docs/operate.md says so: it begins before the node, or when the node is gone.
+    """
+    if trace.mode == "lockstep" or trace.storm is None:
+        return False
+    kinds = {one.kind for one in trace.storm.events}
+    return "forged_with_key" in kinds or ("forged" in kinds and not trace.storm.signed)
+
+
+def device_is_released(trace: Trace) -> list[str]:
+    """A device is at zero within time-out and ramp after the last setpoint that its watchdog accepted."""
+    if trace.record is None or _plant_changed(trace.record):
+        return []
+    late = 0 if trace.mode == "lockstep" else 3 + _pauses(trace.record)
+    return [] if invariants.lets_go(trace.case, trace.record, late) else ["a device keeps its setpoint"]
+
+
+def _plant_changed(record: Record) -> bool:
+    """Whether an operator replaced the plant's state, so that what came before counts no longer."""
+    return any(one.kind in ("reset", "rearm", "release") for one in record.changes)
+
+
+def _pauses(record: Record) -> int:
+    """Ticks by which setpoints may act late, as the plant was paused."""
+    return len(record.ticks) if any(one.kind in ("pause", "step") for one in record.changes) else 0
+
+
+def setpoints_are_limited(trace: Trace) -> list[str]:
+    """Setpoints and references stay within the device's limit, authority and rate."""
+    if trace.record is None or _plant_changed(trace.record):
+        return []
+    return [] if invariants.limits(trace.case, trace.record) else ["a setpoint or a reference exceeds its limits"]
+
+
+def trips_hold(trace: Trace) -> list[str]:
+    """What was tripped stays tripped, and passes nothing but its ramp, until an operator resets or disarms it."""
+    record, found = trace.record, []
+    if record is None or trace.case.supervision is None:
+        return []
+    ramp = trace.case.supervision.arming.trip_ramp
+    for c in np.unique(record.supervision["controller"]).tolist():
+        asked = {(one.index, one.tick) for one in record.changes if one.role == "supervisor"} | _begins(record, c)
+        rows = record.supervision[record.supervision["controller"] == c]
+        passed = record.supervised[record.supervised["controller"] == c]
+        left = np.flatnonzero((rows["state"][:-1] == TRIPPED) & (rows["state"][1:] != TRIPPED))
+        for at in left.tolist():
+            begin, end = int(rows["tick"][at]), int(rows["tick"][at + 1])
+            if not any(index == c and begin < tick <= end for index, tick in asked):
+                found.append(f"supervisor {c} leaves its trip at tick {end} although no one asked")
+        found += _acts_after_trip(rows, passed, ramp, record.frame_rate, c)
+    return found
+
+
+def _begins(record: Record, c: int) -> set[tuple[int, int]]:
+    """Starts of a supervisor within the run: a new process knows of no trip, and begins in shadow."""
+    return {(c, one.end) for one in record.absences if one.role == "supervisor" and one.index == c}
+
+
+def _acts_after_trip(rows: NDArray[np.void], passed: NDArray[np.void], ramp: float, rate: int, c: int) -> list[str]:
+    tripped = rows["tick"][rows["state"] == TRIPPED]
+    if not len(tripped):
+        return []
+    since = np.array([_since(tripped, tick) for tick in passed["tick"].tolist()])
+    late = (since > ramp * rate + 2) & (passed["value"] != 0.0)
+    ticks = passed["tick"][late]
+    return [f"supervisor {c} passes a setpoint at tick {int(ticks[0])}, though tripped"] if late.any() else []
+
+
+def _since(tripped: NDArray[np.int64], tick: int) -> int:
+    """For how many ticks without a break it has been tripped at a tick; -1: it is not."""
+    at = int(np.searchsorted(tripped, tick))
+    if at == len(tripped) or tripped[at] != tick:
+        return -1
+    run = tripped[: at + 1]
+    breaks = np.flatnonzero(np.diff(run) != 1)
+    return tick - int(run[breaks[-1] + 1] if len(breaks) else run[0])
+
+
+def time_goes_on(trace: Trace) -> list[str]:
+    """No node waits for ever: the graph ends by itself."""
+    return [f"the graph does not end: {trace.world_s:.0f} s"] if trace.overdue else []
+
+
+def ends_are_named(trace: Trace) -> list[str]:
+    """Each node ends with status 0 or with one line that says why, without a traceback."""
+    found = []
+    for node in trace.nodes:
+        lines = node.errors.strip().splitlines()
+        if "Traceback" in node.errors:
+            found.append(f"{node.name}: traceback: {lines[-1]}")
+        elif node.status and node.status > 0 and len(lines) != 1:
+            found.append(f"{node.name} ends with status {node.status} and {len(lines)} lines: {' | '.join(lines[:3])}")
+        elif node.status == 1 and re.match(r"\w*(Error|Exception)\b", lines[0].split(": ", 1)[-1]):
+            found.append(f"{node.name} ends by an error that is not its own: {lines[0]}")
+        elif node.status is None or (node.status < 0 and not (node.killed or trace.overdue)):
+            found.append(f"{node.name} ends with status {node.status}, though no one killed it")
+    return found
+
+
+def graph_survives(trace: Trace) -> list[str]:
+    """What must not end a graph does not."""
+    if trace.storm is None or not trace.reason:
+        return []
+    kinds = {one.kind for one in trace.storm.events}
+    if all(trace.mode in KINDS[kind].harmless for kind in kinds):
+        return [f"the graph ends early: {trace.reason}"]
+    return []
+
+
+def equals_in_process(trace: Trace) -> list[str]:
+    """A lockstep graph that reaches its end records, bit for bit, the run in process with the same changes."""
+    record, case = trace.record, trace.case
+    if trace.mode != "lockstep" or record is None or trace.reason or record.notes:
+        return []
+    if any(kind_of(controller).own for controller in case.controllers):
+        return []
+    computed, last = changes.rerun(case, record.changes), int(record.ticks[-1])
+    if trace.storm is not None and any(one.kind == "lost" for one in trace.storm.events):
+        last -= 1  # nothing shows that the last message was lost
+    differ = [name for name in ARRAYS if _until(record, name, last) != _until(computed, name, last)]
+    return [f"the recording differs from the run in process: {', '.join(differ)}"] if differ else []
+
+
+def _until(record: Record, name: str, last: int) -> bytes:
+    """Bytes of a table up to a tick."""
+    table = getattr(record, name)
+    ticks = table["tick"] if table.dtype.names and "tick" in table.dtype.names else record.ticks
+    return canonical(table[ticks <= last]).tobytes()
+
+
+def refusals_are_counted(trace: Trace) -> list[str]:
+    """Each node tells a cause of refusal once in its log, and counts up."""
+    found = []
+    told = Counter((name, text) for _, name, _, text in trace.logs if text.startswith("refused a message"))
+    begun = Counter(node.name.rpartition("/")[2] for node in trace.nodes)
+    for (name, text), count in told.items():
+        if count > begun[name.rpartition(".")[2]] * (2 if trace.mode == "free" else 1):
+            found.append(f"{name} says {count} times: {text}")
+    for node in trace.nodes:
+        counts: dict[tuple[str, ...], int] = {}
+        for line in re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", node.output, re.MULTILINE):
+            if int(line[0]) < counts.get(line[1:], 0) and trace.mode != "free":
+                found.append(f"{node.name}: count of {line[1:]} falls to {line[0]}")
+            counts[line[1:]] = int(line[0])
+    return found
+
+
+def queues_are_bounded(trace: Trace) -> list[str]:
+    """No queue of a node that works grows without bound."""
+    return [f"{trace.longest_queue} messages in a queue"] if trace.longest_queue > QUEUE else []
+
+
+def recording_is_readable(trace: Trace) -> list[str]:
+    """The recording is readable once a tick was recorded and flushed."""
+    if trace.storm is None or trace.record is not None:
+        return []
+    recorders = [node for node in trace.nodes if node.name == RECORDER]
+    written = max((_written(node.output) for node in recorders), default=0)
+    hurt = any(node.killed or node.status for node in recorders) or _disk_failed(trace)
+    if hurt or written < 50 or "no tick" in trace.unreadable:
+        return []
+    return [f"the recording is unreadable: {trace.unreadable}"]
+
+
+def _written(output: str) -> int:
+    found = re.findall(r"(\d+) messages written", output)
+    return int(found[-1]) if found else 0
+
+
+def _disk_failed(trace: Trace) -> bool:
+    return trace.storm is not None and any(one.kind == "disk" for one in trace.storm.events)
+
+
+def replay_is_exact(trace: Trace) -> list[str]:
+    """A replay of what was recorded gives the recorded setpoints, estimates and supervision."""
+    record = trace.record
+    own = [kind_of(one).own for one in trace.case.controllers]
+    if record is None or not record.configuration or not own or any(own) or _may_be_replaced(trace):
+        return []
+    if record.ticks[0] > 0:  # what its controllers had learnt before is not known
+        return []
+    try:
+        case = replay.case_of(record, "recording", None, [])
+        fitted = replay.fitted(record, case)
+        played = replay.play(case, fitted)
+    except FactsDampingError as error:
+        return [] if record.notes else [f"the recording cannot be replayed: {one_line(error)}"]
+    first = replay.first_difference(fitted, played.issued)
+    found = [] if first is None else [f"setpoints from {first}"]
+    for what, tick in (
+        ("estimates", replay.first_estimate(fitted, played.estimates)),
+        ("learning", replay.first_learning(fitted, played.learning)),
+        ("supervision", replay.first_supervised(fitted, played)),
+    ):
+        found += [f"{what} from tick {tick}"] if tick is not None else []
+    return [f"the replay differs in {', '.join(found)}"] if found else []
+
+
+RULES: dict[str, Callable[[Trace], list[str]]] = {
+    one.__name__: one
+    for one in (
+        *(nothing_foreign_acts, device_is_released, setpoints_are_limited, trips_hold, time_goes_on, ends_are_named),
+        *(graph_survives, equals_in_process, refusals_are_counted, queues_are_bounded, recording_is_readable),
+        replay_is_exact,
+    )
+}
+
+
+def violations(trace: Trace) -> list[tuple[str, str]]:
+    """Violations of a trace: rule, text."""
+    return [(name, text) for name in RULES for text in _applied(name, trace)]
+
+
+def _applied(name: str, trace: Trace) -> list[str]:
+    """Violations of a rule; an error of the library in what it asks for is one."""
+    try:
+        return RULES[name](trace)
+    except Exception as error:  # noqa: BLE001 (whatever it is, it should not be)
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        return [f"{type(error).__name__}: {error} ({Path(at.filename).name}:{at.lineno})"]

@@ -1,0 +1,183 @@
+"""Runs a storm: the graph on a loopback, with its events, and returns what was seen of it."""
+
+from __future__ import annotations
+
+import io
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import IO, TYPE_CHECKING, Any
+from unittest import mock
+
+from facts_damping import terminal
+from facts_damping.case.loading import make_case
+from facts_damping.errors import FactsDampingError, RunError, one_line
+from facts_damping.nodes import clock
+from facts_damping.nodes.base import weights_file
+from facts_damping.nodes.launching import graph
+from facts_damping.nodes.loopback.middleware import seconds
+from facts_damping.nodes.loopback.opening import opened
+from facts_damping.nodes.loopback.processes import process
+from facts_damping.parameters.security import add_key
+from facts_damping.recording import reader, writer
+from facts_damping.storm.events import KINDS
+from facts_damping.storm.stage import PATIENCE_S, Disk, Stage, disk_error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from facts_damping.case.model import Case
+    from facts_damping.nodes.loopback.processes import World
+    from facts_damping.signals import Record
+    from facts_damping.storm.model import Storm
+
+TIMEOUT_S = 2.0  # of the nodes, for silent ones
+LIMIT_S = 180.0  # world time after which a storm that goes on is broken off; longer than all its waits
+AFTER_S = 1.0  # world time that a free graph goes on without its plant
+
+
+@dataclass
+class NodeEnd:
+    """How a node ended: exit status, its output and errors, and whether the storm killed it."""
+
+    name: str
+    status: int | None
+    output: str
+    errors: str
+    killed: bool
+
+
+@dataclass
+class Trace:
+    """What is known of a graph after its run; of one on DDS the record alone."""
+
+    case: Case
+    mode: str
+    record: Record | None = None
+    unreadable: str = ""  # why there is no record
+    storm: Storm | None = None
+    reason: str = ""  # why the graph ended early; empty: it ended as planned
+    overdue: bool = False  # it did not end by itself
+    world_s: float = 0.0
+    nodes: list[NodeEnd] = field(default_factory=list)
+    logs: list[tuple[int, str, int, str]] = field(default_factory=list)  # ns, node, severity, text
+    timeline: list[tuple[float, int, str]] = field(default_factory=list)
+    sent: dict[str, int] = field(default_factory=dict)  # foreign messages, by topic
+    longest_queue: int = 0
+
+
+def case_of(storm: Storm, folder: Path) -> Case:
+    """The case of a storm; its key is in the folder. Raises `InputError`."""
+    run = dict(storm.run)
+    if storm.signed:
+        keys = folder / "keys.yaml"
+        if not keys.exists():
+            add_key(keys)
+        run["security"] = {"keys": str(keys)}
+    return make_case(run, f"storm {storm.seed}")
+
+
+def run(storm: Storm, folder: Path) -> Trace:
+    """Run a storm; the graph's files are in a new folder. Raises `InputError` if the storm is none."""
+    case = case_of(storm, folder)
+    trace = Trace(case, storm.mode, storm=storm)
+    with opened(storm.seed) as world:
+        stage = _prepared(world, storm, case)
+        with _watched(stage):
+            world.at(seconds(LIMIT_S), lambda: _break_off(stage, trace))
+            failed = io.StringIO()
+            world.start("outsider", stage.conduct, (), {}, failed, failed)
+            try:
+                _run_graph(stage, folder / "graph")
+            except FactsDampingError as error:
+                trace.reason = one_line(error)
+        if failed.getvalue():
+            raise RunError(f"storm {storm.seed}: {failed.getvalue()}")
+        trace.world_s = 1e-9 * world.now_ns
+        trace.logs, trace.longest_queue = world.logs, world.longest_queue
+    trace.timeline, trace.sent = stage.timeline, stage.outsider.sent
+    trace.nodes = _ends(stage)
+    try:
+        trace.record = reader.load(folder / "graph" / "recording")
+    except FactsDampingError as error:
+        trace.unreadable = one_line(error)
+    return trace
+
+
+def _prepared(world: World, storm: Storm, case: Case) -> Stage:
+    """The stage with the storm's middleware, and the events that concern the start of nodes."""
+    middleware = world.middleware
+    middleware.seed, middleware.discovery_ns = storm.seed, seconds(storm.discovery)
+    middleware.lease_ns = seconds(storm.lease)
+    stage = Stage(world, storm, case)
+    for event in storm.events:
+        if KINDS[event.kind].starts:
+            stage.do(event)
+    return stage
+
+
+def _run_graph(stage: Stage, out: Path) -> None:
+    """Run the graph to its end."""
+
+    def look(_tick: int, running: dict[str, graph.Process]) -> None:
+        stage.members = running
+
+    if stage.storm.mode != "free":
+        graph.run(stage.case, stage.storm.mode, out, lambda _done, _of: None, TIMEOUT_S, look=look)
+        return
+    out.mkdir(parents=True)
+    with graph.graph(stage.case, "free", out, TIMEOUT_S) as running:
+        look(0, running)
+        while running[graph.PLANT].process.exitcode is None:
+            clock.sleep(graph.POLL_S)
+        clock.sleep(AFTER_S)
+
+
+def _break_off(stage: Stage, trace: Trace) -> None:
+    trace.overdue = True
+    for one in stage.world.processes[1:]:
+        one.kill()
+
+
+@contextmanager
+def _watched(stage: Stage) -> Iterator[None]:
+    """Take note of each node that starts; let its disk fail when an event says so."""
+    start, open_new, whole = graph.start, writer._open_new, terminal.write_whole  # noqa: SLF001 (the place to fail)
+
+    def started(name: str, module: str, parameters: dict[str, Any], *given: Any) -> graph.Process:
+        given_s = {} if module == graph.COCKPIT else {"start_timeout": PATIENCE_S}
+        made: graph.Process = start(name, module, {**parameters, **given_s}, *given)
+        return stage.launched(name, made)
+
+    def write_whole(path: Path, text: str) -> None:
+        if what := process().values.get("disk"):
+            raise disk_error(what)
+        whole(path, text)
+
+    def opened_new(file: Path) -> Any:
+        if what := process().values.get("disk"):
+            with writer.writing(file):
+                raise disk_error(what)
+        return Disk(open_new(file))
+
+    with (
+        mock.patch.object(graph, "start", started),
+        mock.patch.object(writer, "_open_new", opened_new),
+        mock.patch.object(writer, "write_whole", write_whole),
+        mock.patch.object(weights_file, "write_whole", write_whole),
+    ):
+        yield
+
+
+def _ends(stage: Stage) -> list[NodeEnd]:
+    found = []
+    for name, own, output, errors in stage.ever:
+        said, failed = _text(output), _text(errors)
+        found.append(NodeEnd(name, own.exitcode, said, failed, own.pid in stage.killed or not own.began))
+    return found
+
+
+def _text(file: IO[bytes]) -> str:
+    with file:
+        file.seek(0)
+        return file.read().decode(errors="replace")

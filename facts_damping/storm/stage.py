@@ -1,0 +1,202 @@
+"""The graph of a storm while it runs: its processes, its time, and what is done to it."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from dataclasses import dataclass, field, replace
+from typing import IO, TYPE_CHECKING, Any
+
+from facts_damping.nodes import clock
+from facts_damping.nodes.attacker import forgeries
+from facts_damping.nodes.foreign.messages import foreign
+from facts_damping.nodes.foreign.outsider import Outsider
+from facts_damping.nodes.launching import graph
+from facts_damping.nodes.loopback.processes import process
+from facts_damping.storm.events import KINDS, PLANT, words
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from typing_extensions import Self
+
+    from facts_damping.case.model import Case
+    from facts_damping.nodes.loopback.processes import Process, World
+    from facts_damping.storm.model import Event, Storm
+
+STARTS_S = 0.05  # world time in which nodes start on an idle machine: -1 to 0 for events
+STALLED_S = 3.0  # world time at the start after which events do not wait for the first tick
+PATIENCE_S = 5.0  # longest wait of a node for its peers at the start
+POLL_S = 0.05
+MARK = 0.7310585786300049  # of the limit: forged setpoints; no controller computes it
+LINES = ("nodes/recorder.py", "recording/writer.py")  # files whose lines count for a signal at a line
+ERRORS = {"full": errno.ENOSPC, "read-only": errno.EROFS}
+
+
+@dataclass
+class Stage:
+    """The graph of a storm."""
+
+    world: World
+    storm: Storm
+    case: Case
+    outsider: Outsider = field(init=False)
+    running: dict[str, graph.Process] = field(default_factory=dict)  # newest of each name
+    members: dict[str, graph.Process] = field(default_factory=dict)  # those that the graph ends
+    ever: list[tuple[str, Process, IO[bytes], IO[bytes]]] = field(default_factory=list)  # with copies of their files
+    late_s: dict[str, float] = field(default_factory=dict)
+    at_line: dict[str, int] = field(default_factory=dict)
+    attacks: list[list[Any]] = field(default_factory=list)  # what, topic, seed, messages left
+    timeline: list[tuple[float, int, str]] = field(default_factory=list)  # world time in s, tick, what is done
+    killed: set[int] = field(default_factory=set)  # process numbers
+    _count: int = 0
+    _tick_at: tuple[int, int] = (-1, 0)  # newest tick, and the world's time at which it came
+
+    def count(self) -> int:
+        """A new number."""
+        self._count += 1
+        return self._count
+
+    def time_s(self) -> float:
+        """Simulated time, s: of the newest tick, and what has passed since; negative while the nodes start."""
+        now = self.world.now_ns
+        if self.outsider.newest < 0:
+            since = 1e-9 * now
+            return min(since / STARTS_S - 1.0, -1e-9) if since < STALLED_S else since - STALLED_S
+        if self.outsider.newest > self._tick_at[0]:
+            self._tick_at = self.outsider.newest, now
+        return self._tick_at[0] / self.case.run.frame_rate + 1e-9 * (now - self._tick_at[1])
+
+    def process(self, name: str) -> Process | None:
+        """A running process of the graph."""
+        found: Any = self.running[name].process if name in self.running else None
+        return found if found is not None and found.exitcode is None else None
+
+    def signal(self, name: str, number: int) -> None:
+        """Send a signal to a node, if it runs."""
+        if found := self.process(name):
+            self.world.signal(found.pid, number)
+            if found.killed:
+                self.killed.add(found.pid)
+
+    def later(self, after_s: float, act: Callable[[], Any]) -> None:
+        """Do something after a time."""
+        self.world.at(self.world.now_ns + round(1e9 * after_s), act)
+
+    def launched(self, name: str, made: graph.Process) -> graph.Process:
+        """Take note of a node that is started, and let it start late if an event says so."""
+        own: Any = made.process
+        self.running[name] = made
+        files = [os.fdopen(os.dup(file.fileno()), "rb") for file in (made.output, made.errors)]
+        self.ever.append((name, own, files[0], files[1]))
+        own.busy_until_ns = self.world.now_ns + round(1e9 * self.late_s.pop(name, 0.0))
+        if line := self.at_line.pop(name, 0):
+            own.at_begin = lambda: sys.settrace(_at_line(own, line))
+        return made
+
+    def start_again(self, name: str) -> None:
+        """Start a node again that was killed, as a launch does: it joins."""
+        if name in self.members and self.process(name) is None and self.process(PLANT):
+            graph.start_again(self.members, name)
+
+    def start_second(self, name: str) -> None:
+        """Start another process of a node, with the same name, beside the one that runs."""
+        if name in self.members and self.process(PLANT):
+            first = self.running[name]
+            self.members[f"second {name} {self.count()}"] = graph.start(*first.again)
+            self.running[name] = first  # events happen to the first one
+
+    def terminate_at_line(self, name: str, line: int) -> None:
+        """Send SIGTERM when a node has executed a number of lines."""
+        self.at_line[name] = line
+
+    def conduct(self) -> None:
+        """Do what the events say, in time, as a process of the world."""
+        self.outsider = Outsider(self.case)
+        unsigned = replace(self.case, run=self.case.run.model_copy(update={"security": None}))
+        forged, attacked = (
+            {key: forgeries(case, PATIENCE_S, MARK) for key, case in ((False, unsigned), (True, self.case))},
+            -1,
+        )
+        waiting = [one for one in self.storm.events if not KINDS[one.kind].starts]
+        while True:
+            now_s = self.time_s()
+            while waiting and waiting[0].at <= now_s:
+                self.do(waiting.pop(0))
+            if not waiting and clock.monotonic() - 1e-9 * self._tick_at[1] > STALLED_S:
+                self._mend()
+            if self.outsider.newest > attacked:
+                attacked = self.outsider.newest
+                self._attack(forged, attacked)
+            self.outsider.wait(clock.monotonic() + min(POLL_S, waiting[0].at - now_s if waiting else POLL_S))
+
+    def do(self, event: Event) -> None:
+        """Let an event happen."""
+        tick = self._tick_at[0]
+        self.timeline.append((1e-9 * self.world.now_ns, tick, words(event)))
+        KINDS[event.kind].act(self, event)
+
+    def _mend(self) -> None:
+        """Resume a plant that an operator has left paused, once all events are over."""
+        if (found := self.process(PLANT)) and not found.values.get("mended"):
+            found.values["mended"] = True
+            self.outsider.call(PLANT, "resume", None)
+
+    def _attack(self, forged: dict[bool, dict[str, Callable[[int], bytes]]], tick: int) -> None:
+        """Publish one message of each attack."""
+        for attack in self.attacks:
+            what, topic, seed, left = attack
+            forge = forged["key" in what].get(topic)
+            if left > 0 and (data := self._foreign(what.removesuffix("_with_key"), topic, forge, tick, seed + left)):
+                self.outsider.publish(topic, data)
+                attack[3] = left - 1
+
+    def _foreign(self, what: str, topic: str, *how: Any) -> bytes:
+        return foreign(what, self.outsider.kinds[topic], self.outsider.kept.get(topic, ()), *how)
+
+
+def _at_line(own: Process, line: int) -> Callable[..., Any]:
+    """A trace function that sends SIGTERM at a line of the recorder's files, counted as they are executed."""
+    left = [line]
+
+    def trace(frame: Any, event: str, _: Any) -> Any:
+        if not frame.f_code.co_filename.endswith(LINES):
+            return None
+        if event == "line":
+            left[0] -= 1
+            if left[0] == 0:
+                sys.settrace(None)
+                own.world.signal(own.pid, 15)
+        return trace
+
+    return trace
+
+
+class Disk:
+    """A file on a disk that may be full or read-only, as its process says."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+    def write(self, data: bytes) -> int:
+        """Write; to a full disk half of it."""
+        if what := process().values.get("disk"):
+            if what == "full":
+                self._file.write(data[: len(data) // 2])
+            raise disk_error(what)
+        return self._file.write(data)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+
+def disk_error(what: str) -> OSError:
+    """Error of the system for a disk that is full or read-only."""
+    return OSError(ERRORS[what], os.strerror(ERRORS[what]))
