@@ -44,6 +44,7 @@ class ReplayedChanges:
         self._changes = list(own)  # by tick; a recording that starts late includes earlier changes
         starts = any(one.kind == "start" and one.role != "supervisor" for one in own)
         self._fresh = deepcopy(control) if starts else control
+        self._starts = {(one.role, one.index, one.tick) for one in own if one.kind == "start"}
         self._absences = [one for one in record.absences if one.role != "link" and one.index in same]
         self._silent = [*self._absences, *_disarmed(own)]
 
@@ -73,6 +74,11 @@ class ReplayedChanges:
     def absent(self, role: str, index: int, tick: int) -> bool:
         """Whether a node was absent at a tick."""
         return any(one.role == role and one.index == index and _within(one, tick) for one in self._absences)
+
+    def idle(self, role: str, index: int, tick: int) -> bool:
+        """Whether a node did not work at a tick: it was absent, and has not started again while still disarmed."""
+        away = [one for one in self._absences if (one.role, one.index) == (role, index) and _within(one, tick)]
+        return any(not any((role, index, at) in self._starts for at in range(one.first, tick + 1)) for one in away)
 
     def silent(self, role: str, index: int, tick: int) -> bool:
         """Whether a node published nothing at a tick: it was absent or disarmed."""

@@ -107,16 +107,16 @@ class NodeReplay:
         """Run a tick of all nodes that were there; `at`: its index in the record."""
         self._changed.begin(tick)
         self._restarts.begin(tick)
-        absent = self._changed.absent
+        idle = self._changed.idle
         for c in range(len(self._case.controllers)):
-            if not absent("controller", c, tick):
+            if not idle("controller", c, tick):
                 self._act(c, at, tick)
         check(self._programs)
         for s, c in enumerate(self._control.supervisors.settings["controller"].tolist()):
-            if not absent("supervisor", c, tick):
+            if not idle("supervisor", c, tick):
                 self._supervise(s, at, tick)
         for n, c in enumerate(self._identified()):
-            if not absent("identifier", c, tick):
+            if not idle("identifier", c, tick):
                 self._identify(n, c, at, tick)
         for results in (self._issued, self._inner, self._estimates):
             for c in range(len(self._case.controllers)):

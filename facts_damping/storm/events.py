@@ -134,7 +134,7 @@ def _terminate(stage: Stage, event: Event) -> None:
 def _restart(stage: Stage, event: Event) -> None:
     stage.signal(event.node, signal.SIGKILL)
     for i in range(1 + int(event.size)):
-        stage.later(event.lasts * (i + 1), partial(stage.start_again, event.node))
+        stage.later(event.lasts * (i + 1), partial(stage.asked.append, (event.node, True)))
 
 
 def _hang(stage: Stage, event: Event) -> None:
@@ -233,7 +233,7 @@ def _attack(chance: Chance) -> Drawn:
 
 
 def _second_plant(stage: Stage, event: Event) -> None:
-    stage.start_second(event.node)
+    stage.asked.append((event.node, False))
 
 
 def _deaf(stage: Stage, event: Event) -> None:

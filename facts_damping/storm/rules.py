@@ -58,9 +58,11 @@ def _may_be_replaced(trace: Trace) -> bool:
 
     docs/operate.md says so: it begins before the node, or when the node is gone.
     """
-    if trace.mode == "lockstep" or trace.storm is None:
+    if trace.storm is None:
         return False
     kinds = {one.kind for one in trace.storm.events}
+    if trace.mode == "lockstep" and not any(tick < 1 and " is forged" in text for _, tick, text in trace.timeline):
+        return False
     return "forged_with_key" in kinds or ("forged" in kinds and not trace.storm.signed)
 
 
@@ -84,7 +86,7 @@ def _pauses(record: Record) -> int:
 
 def setpoints_are_limited(trace: Trace) -> list[str]:
     """Setpoints and references stay within the device's limit, authority and rate."""
-    if trace.record is None or _plant_changed(trace.record):
+    if trace.record is None or _plant_changed(trace.record) or _may_be_replaced(trace):
         return []
     return [] if invariants.limits(trace.case, trace.record) else ["a setpoint or a reference exceeds its limits"]
 

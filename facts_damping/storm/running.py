@@ -118,17 +118,13 @@ def _prepared(world: World, storm: Storm, case: Case) -> Stage:
 
 def _run_graph(stage: Stage, out: Path) -> None:
     """Run the graph to its end."""
-
-    def look(_tick: int, running: dict[str, graph.Process]) -> None:
-        stage.members = running
-
     if stage.storm.mode != "free":
-        graph.run(stage.case, stage.storm.mode, out, lambda _done, _of: None, TIMEOUT_S, look=look)
+        graph.run(stage.case, stage.storm.mode, out, lambda _done, _of: None, TIMEOUT_S, look=stage.look)
         return
     out.mkdir(parents=True)
     with graph.graph(stage.case, "free", out, TIMEOUT_S) as running:
-        look(0, running)
         while running[graph.PLANT].process.exitcode is None:
+            stage.look(0, running)
             clock.sleep(graph.POLL_S)
         clock.sleep(AFTER_S)
 

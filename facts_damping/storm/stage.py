@@ -43,7 +43,7 @@ class Stage:
     case: Case
     outsider: Outsider = field(init=False)
     running: dict[str, graph.Process] = field(default_factory=dict)  # newest of each name
-    members: dict[str, graph.Process] = field(default_factory=dict)  # those that the graph ends
+    asked: list[tuple[str, bool]] = field(default_factory=list)  # nodes to start: again after their end, or once more
     ever: list[tuple[str, Process, IO[bytes], IO[bytes]]] = field(default_factory=list)  # with copies of their files
     late_s: dict[str, float] = field(default_factory=dict)
     at_line: dict[str, int] = field(default_factory=dict)
@@ -95,17 +95,15 @@ class Stage:
             own.at_begin = lambda: sys.settrace(_at_line(own, line))
         return made
 
-    def start_again(self, name: str) -> None:
-        """Start a node again that was killed, as a launch does: it joins."""
-        if name in self.members and self.process(name) is None and self.process(PLANT):
-            graph.start_again(self.members, name)
-
-    def start_second(self, name: str) -> None:
-        """Start another process of a node, with the same name, beside the one that runs."""
-        if name in self.members and self.process(PLANT):
-            first = self.running[name]
-            self.members[f"second {name} {self.count()}"] = graph.start(*first.again)
-            self.running[name] = first  # events happen to the first one
+    def look(self, _tick: int, members: dict[str, graph.Process]) -> None:
+        """Start nodes that events ask for, as the program that runs the graph does: while it does not end it."""
+        while self.asked:
+            name, again = self.asked.pop(0)
+            if name in members and again:
+                graph.start_again(members, name)
+            elif name in members and members[name].again:
+                members[f"second {name} {self.count()}"] = graph.start(*members[name].again)
+                self.running[name] = members[name]  # events happen to the first one
 
     def terminate_at_line(self, name: str, line: int) -> None:
         """Send SIGTERM when a node has executed a number of lines."""
