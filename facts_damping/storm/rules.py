@@ -61,7 +61,7 @@ def _may_be_replaced(trace: Trace) -> bool:
     if trace.storm is None:
         return False
     kinds = {one.kind for one in trace.storm.events}
-    if trace.mode == "lockstep" and not any(tick < 1 and " is forged" in text for _, tick, text in trace.timeline):
+    if trace.mode == "lockstep" and not any(one.tick < 1 and one.kind.startswith("forged") for one in trace.timeline):
         return False
     return "forged_with_key" in kinds or ("forged" in kinds and not trace.storm.signed)
 

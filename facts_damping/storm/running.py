@@ -20,7 +20,7 @@ from facts_damping.nodes.loopback.processes import process
 from facts_damping.parameters.security import add_key
 from facts_damping.recording import reader, writer
 from facts_damping.storm.events import KINDS
-from facts_damping.storm.stage import PATIENCE_S, Disk, Stage, disk_error
+from facts_damping.storm.stage import PATIENCE_S, Disk, Done, Stage, disk_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -61,7 +61,7 @@ class Trace:
     world_s: float = 0.0
     nodes: list[NodeEnd] = field(default_factory=list)
     logs: list[tuple[int, str, int, str]] = field(default_factory=list)  # ns, node, severity, text
-    timeline: list[tuple[float, int, str]] = field(default_factory=list)
+    timeline: list[Done] = field(default_factory=list)
     sent: dict[str, int] = field(default_factory=dict)  # foreign messages, by topic
     longest_queue: int = 0
 

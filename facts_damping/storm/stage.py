@@ -6,7 +6,7 @@ import errno
 import os
 import sys
 from dataclasses import dataclass, field, replace
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.nodes import clock
 from facts_damping.nodes.attacker import forgeries
@@ -34,6 +34,15 @@ LINES = ("nodes/recorder.py", "recording/writer.py")  # files whose lines count 
 ERRORS = {"full": errno.ENOSPC, "read-only": errno.EROFS}
 
 
+class Done(NamedTuple):
+    """What was done to a graph: world time in s, tick, kind of event, in words."""
+
+    world_s: float
+    tick: int
+    kind: str
+    text: str
+
+
 @dataclass
 class Stage:
     """The graph of a storm."""
@@ -48,7 +57,7 @@ class Stage:
     late_s: dict[str, float] = field(default_factory=dict)
     at_line: dict[str, int] = field(default_factory=dict)
     attacks: list[list[Any]] = field(default_factory=list)  # what, topic, seed, messages left
-    timeline: list[tuple[float, int, str]] = field(default_factory=list)  # world time in s, tick, what is done
+    timeline: list[Done] = field(default_factory=list)
     killed: set[int] = field(default_factory=set)  # process numbers
     _count: int = 0
     _tick_at: tuple[int, int] = (-1, 0)  # newest tick, and the world's time at which it came
@@ -132,7 +141,7 @@ class Stage:
     def do(self, event: Event) -> None:
         """Let an event happen."""
         tick = self._tick_at[0]
-        self.timeline.append((1e-9 * self.world.now_ns, tick, words(event)))
+        self.timeline.append(Done(1e-9 * self.world.now_ns, tick, event.kind, words(event)))
         KINDS[event.kind].act(self, event)
 
     def _mend(self) -> None:

@@ -1,0 +1,92 @@
+"""The command `storm`: shows one storm in words, or tries many."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.cli.runs import say
+from facts_damping.errors import RunError
+from facts_damping.parameters.files import new_folder
+from facts_damping.terminal import Progress, clean_up_first, write_json, write_whole
+
+if TYPE_CHECKING:
+    import argparse
+
+    from facts_damping.storm.model import Storm
+    from facts_damping.storm.running import Trace
+    from facts_damping.storm.search import Findings
+
+
+def storm(arguments: argparse.Namespace) -> None:
+    """Show one storm, or try many. Raises `RunError` if a rule is broken."""
+    clean_up_first()
+    if arguments.minutes is not None:
+        _many(arguments)
+    else:
+        _one(arguments)
+
+
+def _one(arguments: argparse.Namespace) -> None:
+    from tempfile import TemporaryDirectory
+
+    from facts_damping.nodes.launching import preload  # noqa: F401 (nodes are loaded before the loopback opens)
+    from facts_damping.storm import drawing, model, rules, running
+
+    one = drawing.draw(arguments.seed) if arguments.storm is None else model.read(Path(arguments.storm))
+    if arguments.out is None:
+        with TemporaryDirectory() as folder:
+            trace = running.run(one, Path(folder))
+            broken = rules.violations(trace)
+    else:
+        trace = running.run(one, new_folder(Path(arguments.out)))
+        broken = rules.violations(trace)
+    say(arguments, one.text(), *_told(trace))
+    write_json(arguments.json, {"storm": one.model_dump(), "reason": trace.reason, "broken": broken})
+    if broken:
+        raise RunError("; ".join(f"{rule}: {text}" for rule, text in broken))
+    say(arguments, f"all {len(rules.RULES)} rules hold")
+
+
+def _told(trace: Trace) -> list[str]:
+    """The timeline: events, logs of the nodes, how they ended."""
+    rows = [(one.world_s, f"! {one.text} (tick {one.tick})") for one in trace.timeline]
+    rows += [(1e-9 * at, f"{name}: {text}") for at, name, _, text in trace.logs]
+    ends = [f"{node.name}: {'killed' if node.killed else node.status} {node.errors.strip()}" for node in trace.nodes]
+    end = f"the graph ended after {trace.world_s:.1f} s: {trace.reason or 'as planned'}"
+    return [*(f"{at:9.3f} s  {text}" for at, text in sorted(rows, key=lambda row: row[0])), *ends, end]
+
+
+def _many(arguments: argparse.Namespace) -> None:
+    from facts_damping.storm import search
+
+    with Progress("storm", "seconds") as progress:
+        began, whole = search.now_s(), round(60 * arguments.minutes)
+
+        def tell(_: Findings) -> None:
+            progress(min(int(search.now_s() - began), whole), whole)
+
+        found = search.search(arguments.minutes, arguments.seed, arguments.jobs, tell)
+    folder = new_folder(Path(arguments.out or "results/storms"))
+    say(arguments, *_summary(found))
+    files = []
+    for number, (mark, storms) in enumerate(sorted(found.broken.items(), key=lambda row: -len(row[1]))):
+        one, text = min(storms, key=lambda row: len(row[0].events))
+        mild: Storm = search.shrunk(one, mark)
+        path = folder / f"storm-{number}.yaml"
+        write_whole(path, f"# {text}\n{mild.text()}")
+        say(arguments, f"{len(storms)} storms: {mark}", f"  {path}")
+        files.append({"file": str(path), "rule": mark, "storms": len(storms), "text": text})
+    totals: dict[str, Any] = {name: getattr(found, name) for name in ("storms", "world_s", "plant_s", "kinds")}
+    write_json(arguments.json, totals | {"reached": len(found.reached), "broken": files})
+    if found.broken:
+        raise RunError(f"{len(found.broken)} kinds of violations: {folder}")
+
+
+def _summary(found: Findings) -> list[str]:
+    kinds = ", ".join(f"{count} {kind}" for kind, count in found.kinds.most_common())
+    return [
+        f"{found.storms} storms, {found.world_s:.0f} s simulated, {found.plant_s:.0f} s of plants",
+        f"reached: {len(found.reached)} lines, logs and pairs of event and state; {len(found.kept)} storms kept",
+        f"events: {kinds}",
+    ]

@@ -1,0 +1,243 @@
+"""Runs many storms on all cores: new ones, and varied ones of those that reached something new."""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import random
+import tempfile
+import time
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping.case.loading import make_case
+from facts_damping.errors import FactsDampingError, InputError
+from facts_damping.nodes.launching import preload
+from facts_damping.storm import drawing, running
+from facts_damping.storm.events import Chance
+from facts_damping.storm.rules import violations
+from facts_damping.storm.shrinking import fingerprint, shrink
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from facts_damping.storm.model import Storm
+    from facts_damping.storm.running import Trace
+
+HANGS_S = 60.0  # wall time after which a storm counts as hanging
+TRACED = 8  # one storm in so many is traced line by line, which makes it twice as slow
+VARIED = 0.5  # fraction of storms that vary an earlier one, once there are some
+RAM = Path("/dev/shm")  # noqa: S108 (a file system in memory, if there is one)
+
+
+def now_s() -> float:
+    """Wall time, s."""
+    return time.monotonic()
+
+
+class Result(NamedTuple):
+    """What a storm showed: violations of rules, what it reached, and simulated seconds of the world and the plant."""
+
+    violations: list[tuple[str, str]]
+    reached: frozenset[str]
+    world_s: float
+    plant_s: float
+
+
+def try_storm(storm: Storm, *, traced: bool = False) -> Result:
+    """Run and judge a storm. Raises `InputError` if it is none."""
+    with tempfile.TemporaryDirectory(dir=RAM if RAM.is_dir() else None) as folder:
+        lines: list[str] = []
+        coverage = _coverage() if traced else None
+        if coverage is None:
+            trace = running.run(storm, Path(folder))
+        else:
+            watch = coverage.Coverage(source=[str(Path(preload.__file__).parents[1])], data_file=None)
+            with watch.collect():
+                trace = running.run(storm, Path(folder))
+            data = watch.get_data()
+            lines = [f"{file}:{line}" for file in data.measured_files() for line in data.lines(file) or ()]
+        found = violations(trace)
+    plant_s = 0.0 if trace.record is None else len(trace.record.ticks) / trace.record.frame_rate
+    return Result(found, frozenset([*lines, *_reached(trace)]), trace.world_s, plant_s)
+
+
+def _coverage() -> Any:
+    """The library that traces lines, if it is installed."""
+    with suppress(ImportError):
+        return importlib.import_module("coverage")
+    return None
+
+
+def _reached(trace: Trace) -> Iterator[str]:
+    """Features of a trace: pairs of kinds of events with the supervisor's state, logged texts, ends."""
+    rows = None if trace.record is None else trace.record.supervision
+    for one in trace.timeline:
+        states = set() if rows is None else set(rows["state"][rows["tick"] == one.tick].tolist())
+        yield from (f"{one.kind} in {state} of {trace.mode}" for state in states or {"no state"})
+    yield from (_template(text) for _, _, _, text in trace.logs)
+    yield fingerprint("ends", trace.reason)
+
+
+def _template(text: str) -> str:
+    """What is the same in each text of a log: without numbers, names and values."""
+    words = [word for word in text.split() if word.isalpha() and word.islower()]
+    return " ".join(words[:8])
+
+
+def vary(storm: Storm, chance: random.Random) -> Storm:
+    """A storm like another one: another seed, with an event more, less or at another time."""
+    case = make_case(dict(storm.run), "storm")
+    events = list(storm.events)
+    what = chance.choice(["more", "more", "less", "time", "seed", "mode"])
+    if what == "more":
+        events.append(drawing.event(Chance(chance, case, storm.mode)))
+    elif what == "less" and events:
+        events.pop(chance.randrange(len(events)))
+    elif what == "time" and events:
+        i = chance.randrange(len(events))
+        at = min(max(-1.0, events[i].at + chance.gauss(0.0, 0.1)), case.ticks / case.run.frame_rate)
+        events[i] = events[i].model_copy(update={"at": round(at, 4)})
+    mode = chance.choice(drawing.MODES) if what == "mode" else storm.mode
+    update = {"seed": chance.randrange(2**31), "mode": mode, "events": sorted(events, key=lambda one: one.at)}
+    return storm.model_copy(update=update)
+
+
+@dataclass
+class Findings:
+    """Result of many storms."""
+
+    storms: int = 0
+    world_s: float = 0.0
+    plant_s: float = 0.0
+    reached: set[str] = field(default_factory=set)
+    kept: list[Storm] = field(default_factory=list)  # those that reached something new
+    kinds: Counter[str] = field(default_factory=Counter)  # events by kind
+    broken: dict[str, list[tuple[Storm, str]]] = field(default_factory=dict)  # by fingerprint: storms and texts
+
+    def add(self, storm: Storm, result: Result) -> None:
+        """Count a storm."""
+        self.storms += 1
+        self.world_s, self.plant_s = self.world_s + result.world_s, self.plant_s + result.plant_s
+        self.kinds.update(event.kind for event in storm.events)
+        if result.reached - self.reached:
+            self.reached |= result.reached
+            self.kept.append(storm)
+        for rule, text in result.violations:
+            self.broken.setdefault(fingerprint(rule, text), []).append((storm, text))
+
+
+def _work(pipe: Connection) -> None:
+    """Try the storms that come, until the other end closes."""
+    with suppress(EOFError, KeyboardInterrupt):
+        while True:
+            storm, traced = pipe.recv()
+            try:
+                pipe.send(try_storm(storm, traced=traced))
+            except InputError:
+                pipe.send(None)
+            except Exception as error:  # noqa: BLE001 (the storm's own, which is a finding, too)
+                pipe.send(Result([("storm", f"{type(error).__name__}: {error}")], frozenset(), 0.0, 0.0))
+
+
+class Worker:
+    """A process that tries storms one by one; it is killed if one hangs."""
+
+    def __init__(self) -> None:
+        self.storm: Storm | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        context = multiprocessing.get_context("fork")
+        self.pipe, other = context.Pipe()
+        self._process = context.Process(target=_work, args=(other,), daemon=True)
+        self._process.start()
+        other.close()
+
+    def send(self, storm: Storm, traced: bool) -> None:
+        """Give it a storm."""
+        self.storm, self.sent_s = storm, now_s()
+        self.pipe.send((storm, traced))
+
+    def result(self) -> Result | None:
+        """The result of its storm; None: the storm is none. A worker that died is started anew."""
+        try:
+            found: Result | None = self.pipe.recv()
+        except EOFError:
+            return self._dead("the process ended")
+        return found
+
+    def overdue(self) -> Result | None:
+        """A result if its storm hangs; the worker is then started anew."""
+        if self.storm is None or now_s() - self.sent_s < HANGS_S:
+            return None
+        return self._dead(f"nothing within {HANGS_S:g} s: a node works without end")
+
+    def _dead(self, why: str) -> Result:
+        self.close()
+        self._begin()
+        return Result([("time_goes_on", why)], frozenset(), 0.0, 0.0)
+
+    def close(self) -> None:
+        """End it."""
+        self.pipe.close()
+        self._process.kill()
+        self._process.join()
+
+
+def search(
+    minutes: float,
+    seed: int,
+    jobs: int,
+    tell: Callable[[Findings], object] = lambda _: None,
+    enough: Callable[[Findings], bool] = lambda _: False,
+) -> Findings:
+    """Try storms for some minutes; `seed`: of all of them; `tell`: called after each; `enough`: ends it early."""
+    chance, found, until = random.Random(seed), Findings(), now_s() + 60.0 * minutes
+    workers = [Worker() for _ in range(jobs)]
+    try:
+        while now_s() < until and not enough(found):
+            for one in workers:
+                if one.storm is None:
+                    one.send(_next(found, chance), found.storms % TRACED == 0)
+            ready = wait([one.pipe for one in workers], 1.0)
+            for one in workers:
+                result = one.result() if one.pipe in ready else one.overdue()
+                if one.pipe in ready or result is not None:
+                    if result is not None and one.storm is not None:
+                        found.add(one.storm, result)
+                        tell(found)
+                    one.storm = None
+    finally:
+        for one in workers:
+            one.close()
+    return found
+
+
+def _next(found: Findings, chance: random.Random) -> Storm:
+    if found.kept and chance.random() < VARIED:
+        with suppress(FactsDampingError):
+            return vary(chance.choice(found.kept), chance)
+    return drawing.draw(chance.randrange(2**31))
+
+
+def shrunk(storm: Storm, mark: str, most: int = 200) -> Storm:
+    """The mildest storm that violates the same rule in the same way; `mark`: its fingerprint."""
+    worker = Worker()
+
+    def breaks(milder: Storm) -> bool:
+        worker.send(milder, False)
+        while not worker.pipe.poll(1.0):
+            if (late := worker.overdue()) is not None:
+                return any(fingerprint(*one) == mark for one in late.violations)
+        result = worker.result()
+        return result is not None and any(fingerprint(*one) == mark for one in result.violations)
+
+    try:
+        return shrink(storm, breaks, most)
+    finally:
+        worker.close()
