@@ -190,12 +190,13 @@ class RunChange:
 
 @dataclass(frozen=True)
 class Absence:
-    """Ticks from `first` to before `end` at which a node, given by role and index, was absent."""
+    """Ticks from `first` to before `end` at which a node, given by role and index, was absent from a table."""
 
     role: str
     index: int
     first: int
     end: int
+    table: str = ""  # such as `issued`; empty: all of the node's
 
 
 @dataclass(frozen=True)

@@ -57,9 +57,9 @@ def find_absences(
             served = kind not in OF_LINKS and any(x.role == "link" and x.first <= a and b <= x.end for x in away)
             begun = max(_begins(late, owner, a, b), default=None)
             if begun is not None and kind in OF_LINKS and _answered(found, late, begun, b):
-                away.append(Absence(*owner, a, begun))
+                away.append(Absence(*owner, a, begun, kind))
             elif begun is not None or served:
-                away.append(Absence(*owner, a, b))
+                away.append(Absence(*owner, a, b, kind))
     return list(dict.fromkeys(away))
 
 

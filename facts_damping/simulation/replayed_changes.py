@@ -29,6 +29,14 @@ if TYPE_CHECKING:
     from facts_damping.simulation.tick import ControlSystem
 
 
+# Nodes that a replay runs, by the tables that they write.
+NODES = {
+    **dict.fromkeys(("issued", "learning"), "controller"),
+    **dict.fromkeys(("supervised", "supervision"), "supervisor"),
+    "estimates": "identifier",
+}
+
+
 class ReplayedChanges:
     """Recorded changes, absences and silent times of controllers, identifiers and supervisors.
 
@@ -71,24 +79,28 @@ class ReplayedChanges:
             place = list(now.identifiers.controller).index(c)
             restore(now.identifier_state.learner, identifier_state.learner, place)
 
-    def absent(self, role: str, index: int, tick: int) -> bool:
-        """Whether a node was absent at a tick."""
-        return any(one.role == role and one.index == index and _within(one, tick) for one in self._absences)
+    def absent(self, table: str, index: int, tick: int) -> bool:
+        """Whether the node of a table (NODES) was absent from it at a tick."""
+        return self._in(self._absences, table, index, tick)
 
-    def idle(self, role: str, index: int, tick: int) -> bool:
-        """Whether a node did not work at a tick: it was absent, and has not started again while still disarmed."""
-        away = [one for one in self._absences if (one.role, one.index) == (role, index) and _within(one, tick)]
-        return any(not any((role, index, at) in self._starts for at in range(one.first, tick + 1)) for one in away)
+    def idle(self, table: str, index: int, tick: int) -> bool:
+        """Whether the node of a table did not work at a tick: absent from it, and not started again, disarmed."""
+        starts = [at for role, place, at in self._starts if (role, place) == (NODES[table], index)]
+        away = [one for one in self._absences if one.table == table and one.index == index and _within(one, tick)]
+        return any(not any(one.first <= at <= tick for at in starts) for one in away)
 
-    def silent(self, role: str, index: int, tick: int) -> bool:
-        """Whether a node published nothing at a tick: it was absent or disarmed."""
-        return any(one.role == role and one.index == index and _within(one, tick) for one in self._silent)
+    def silent(self, table: str, index: int, tick: int) -> bool:
+        """Whether the node of a table published nothing for it at a tick: it was absent or disarmed."""
+        return self._in(self._silent, table, index, tick)
 
-    def published(self, role: str, rows: NDArray[Any]) -> NDArray[Any]:
-        """Rows of nodes of a role, without those of silent ticks."""
+    def _in(self, absences: Sequence[Absence], table: str, index: int, tick: int) -> bool:
+        return any(one.index == index and _concerns(one, table) and _within(one, tick) for one in absences)
+
+    def published(self, table: str, rows: NDArray[Any]) -> NDArray[Any]:
+        """Rows of a table, without those of silent ticks."""
         keep = np.ones(len(rows), np.bool_)
         for one in self._silent:
-            if one.role == role:
+            if _concerns(one, table):
                 keep &= ~(_within(one, rows["tick"]) & (rows["controller"] == one.index))
         return np.asarray(rows[keep])
 
@@ -110,6 +122,10 @@ class ReplayedChanges:
             place = list(now.identifiers.controller).index(c)
             restore(now.identifier_state, fresh.identifier_state, place)
             now.identifiers.settings[place] = fresh.identifiers.settings[place]
+
+
+def _concerns(absence: Absence, table: str) -> bool:
+    return absence.role == NODES[table] and absence.table in ("", table)
 
 
 def _within(absence: Absence, tick: Any) -> Any:

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 EMPTY = {"issued": SETPOINT, "estimates": ESTIMATE, "supervised": SETPOINT, "supervision": SUPERVISION}
-ROLES = dict(zip(EMPTY, ("controller", "identifier", "supervisor", "supervisor"), strict=True))
 KEPT = 36_000  # ticks for which results are kept; no node uses older ones
 INNER = ("finite", "norm", "lyapunov", "fall")  # fields of SUPERVISOR: its controller's health
 
@@ -109,14 +108,14 @@ class NodeReplay:
         self._restarts.begin(tick)
         idle = self._changed.idle
         for c in range(len(self._case.controllers)):
-            if not idle("controller", c, tick):
+            if not idle("issued", c, tick):
                 self._act(c, at, tick)
         check(self._programs)
         for s, c in enumerate(self._control.supervisors.settings["controller"].tolist()):
-            if not idle("supervisor", c, tick):
+            if not idle("supervised", c, tick):
                 self._supervise(s, at, tick)
         for n, c in enumerate(self._identified()):
-            if not idle("identifier", c, tick):
+            if not idle("estimates", c, tick):
                 self._identify(n, c, at, tick)
         for results in (self._issued, self._inner, self._estimates):
             for c in range(len(self._case.controllers)):
@@ -128,12 +127,12 @@ class NodeReplay:
             name: np.concatenate(parts) if parts else np.zeros(0, EMPTY.get(name, LEARNING))
             for name, parts in self._rows.items()
         }
-        return Played(**(whole | {name: self._changed.published(role, whole[name]) for name, role in ROLES.items()}))
+        return Played(**(whole | {name: self._changed.published(name, whole[name]) for name in EMPTY}))
 
     def _act(self, c: int, at: int, tick: int) -> None:
         control, rows = self._control, self._delivered[self._case.used_links[c]][at]
         for newer in self._messages.new("controller", c, "estimate", tick, tick - 1):
-            if (c, newer) in self._estimates and not self._changed.silent("identifier", c, newer):
+            if (c, newer) in self._estimates and not self._changed.silent("estimates", c, newer):
                 set_estimate(control.bank_state, c, *self._estimates[c, newer])
         count = act(control.bank, control.bank_state, c, tick, rows, len(rows), self._out, 0)
         self._issued[c, tick] = self._out[:count].copy()
@@ -158,9 +157,9 @@ class NodeReplay:
         c, link = int(own["controller"]), int(own["link"])
         both = [c, *(i for i, one in enumerate(self._case.controllers) if one.fallback_of == c)]
         pairs = [(who, newer) for who in both for newer in self._new(c, f"controller {who}", tick)]
-        latest = [one for one in pairs if one in self._issued and not self._changed.silent("controller", *one)]
+        latest = [one for one in pairs if one in self._issued and not self._changed.silent("issued", *one)]
         for newer in self._new(c, "state", tick):
-            if (c, newer) in self._inner and not self._changed.absent("controller", c, newer):
+            if (c, newer) in self._inner and not self._changed.absent("learning", c, newer):
                 for name in INNER:
                     row[name] = self._inner[c, newer][name][0]
         ticks = [newer for newer in self._new(c, "plant", tick) if newer in self._place]

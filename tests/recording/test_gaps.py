@@ -28,8 +28,8 @@ def test_what_a_link_delivered_unheard_is_missing_where_it_was_answered(began: i
     }
     away = find_absences(found, late, 0, 20)
     heard_late = began < FOUND
-    assert Absence("link", 0, LEFT, 12 if heard_late else FOUND) in away
-    assert Absence("controller", 0, LEFT, answered) in away
+    assert Absence("link", 0, LEFT, 12 if heard_late else FOUND, "delivered") in away
+    assert Absence("controller", 0, LEFT, answered, "issued") in away
     assert first_missing(found, away, np.arange(20)) == (12 if heard_late else None)
     told = [f"{topic}: 2 of 20 ticks are missing (12, 13)" for topic in ("/pmu/delivered", "/setpoints/delivered")]
     assert gap_notes(found, away, 19) == (told if heard_late else [])
