@@ -96,7 +96,7 @@ def draw(seed: int, kinds: Sequence[str] = ()) -> Storm:
         mode=mode,
         run=run,
         signed=chance.random() < 0.3,
-        discovery=round(chance.uniform(0.0, 3.0), 3) if late else 0.0,
+        discovery=round(chance.uniform(0.0, 2.0), 3) if late else 0.0,
     )
     case = make_case(dict(run), f"storm {seed}")
     events = [event(Chance(chance, case, mode), kinds) for _ in range(min(1 + int(chance.expovariate(0.5)), 8))]

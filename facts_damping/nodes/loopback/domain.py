@@ -104,10 +104,10 @@ def domain() -> Domain:
     return found
 
 
-def known(observer: Node, ends: Iterable[E]) -> list[E]:
-    """Those endpoints that a node knows."""
+def known(observer: Node, ends: Iterable[E], name: str) -> list[E]:
+    """Those endpoints of a name that a node knows."""
     here = world()
-    return [one for one in ends if here.middleware.knows(here.now_ns, observer, one)]
+    return [one for one in ends if one.name == name and here.middleware.knows(here.now_ns, observer, one)]
 
 
 class Destroyable:
@@ -211,16 +211,16 @@ class Node(Destroyable):
         return self.remapped(self.full(name))
 
     def get_count_publishers(self, topic: str) -> int:
-        return sum(one.name == topic for one in known(self, domain().publishers))
+        return len(known(self, domain().publishers, topic))
 
     def get_count_subscribers(self, topic: str) -> int:
-        return sum(one.name == topic for one in known(self, domain().subscriptions))
+        return len(known(self, domain().subscriptions, topic))
 
     def get_count_services(self, name: str) -> int:
-        return sum(one.name == name for one in known(self, domain().services))
+        return len(known(self, domain().services, name))
 
     def get_count_clients(self, name: str) -> int:
-        return sum(one.name == name for one in known(self, domain().clients))
+        return len(known(self, domain().clients, name))
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
         return [(one.get_node_name(), one.get_namespace()) for one in domain().nodes]  # all, at once

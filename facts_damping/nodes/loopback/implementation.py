@@ -61,7 +61,7 @@ def _rosout(node: Node) -> Publisher:
 def _info_by_topic(
     node: Node, endpoints: Sequence[TopicEndpoint], topic: str, endpoint_type: int
 ) -> list[dict[str, Any]]:
-    return [one.described(endpoint_type) for one in known(node, endpoints) if one.name == topic]
+    return [one.described(endpoint_type) for one in known(node, endpoints, topic)]
 
 
 def _types(endpoints: Sequence[Endpoint], kind: Callable[[Any], str]) -> list[tuple[str, list[str]]]:

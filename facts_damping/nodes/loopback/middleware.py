@@ -77,7 +77,9 @@ class Middleware:
                 at = end.known_ns[observer] = self.known_from_ns(observer, end)
             if now_ns < at:
                 return False
-        return not self.lease_ns or now_ns - self._silent_since_ns(now_ns, observer, end) <= self.lease_ns
+        if not self.lease_ns or (not self.disturbances and end.node.process.stopped_ns == NEVER):
+            return True
+        return now_ns - self._silent_since_ns(now_ns, observer, end) <= self.lease_ns
 
     def _silent_since_ns(self, now_ns: int, observer: Node, end: Endpoint) -> int:
         begins = [one.begins_ns for one in self.disturbances for node in (observer, end.node)

@@ -63,7 +63,7 @@ class Client(Endpoint):
         domain().add(domain().clients, self)
 
     def _server(self) -> Service | None:
-        return next((one for one in known(self.node, domain().services) if one.name == self.service_name), None)
+        return next(iter(known(self.node, domain().services, self.service_name)), None)
 
     def service_server_is_available(self) -> bool:
         return self._server() is not None
