@@ -76,7 +76,7 @@ class PlainDumper(yaml.CSafeDumper):
                 self._write(value)
             self.emit(SEQUENCE_END)
         else:
-            node = self.represent_data(data)
+            node = self.yaml_representers.get(type(data), self.yaml_representers[None])(self, data)
             self.emit(_scalar(self.__class__, node.tag, node.value))
 
 
