@@ -5,6 +5,7 @@ from __future__ import annotations
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.caching import shared
 from facts_damping.case.changes import PROFILE, STANDARD, as_sets, change, off, take_profile
 from facts_damping.case.checks import check_case, check_events
 from facts_damping.case.controllers import filled
@@ -24,6 +25,7 @@ from facts_damping.parameters.validation import FieldError, check, check_field, 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+_stored: dict[str, Case] = {}
 ARM_AT = 0.5  # s; used if the command line asks for supervision
 
 
@@ -104,9 +106,11 @@ def changed_case(
 
 
 def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> Case:
-    """A case from the content of a run file."""
+    """A case from the content of a run file; one that was stored names no other files, so all nodes have the same."""
     with worded(source, sets):
-        return _made(content, sets or {})
+        if not isinstance(content, dict) or content.get("asked") is None:
+            return _made(content, sets or {})
+        return shared(_stored, repr(content), lambda: _made(content, sets or {}), maximum=8)
 
 
 def _made(content: Any, sets: dict[str, str]) -> Case:

@@ -90,9 +90,9 @@ def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool])
 def _run(made: Plan, draw: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
     """Run a draw as a graph in its own domain, and also in process and without control."""
     from facts_damping.nodes.launching import fault_injection
+    from facts_damping.simulation import loop
     from facts_damping.studies.campaigns import campaign, faults
     from facts_damping.studies.campaigns.invariants import late_ticks
-    from facts_damping.studies.sweeps import batch
 
     real, lasts = faults.FAULTS[draw.fault].real, draw.chosen["lasts"]
     fault = fault_injection.GraphFault(real, draw.start, float(lasts) if lasts else None)
@@ -104,7 +104,7 @@ def _run(made: Plan, draw: Draw, folder: Path, wanted: Callable[[], bool]) -> di
         more["security"] = {"keys": str(folder / KEYS)}
     case = campaign.case_of(made, campaign.healthy(made, draw) if real else draw, more)
     with _computing:
-        computed = batch.closed_loop(case)  # also compiles the kernels that the nodes need
+        computed = loop.run(case)  # also compiles the kernels that the nodes need
         reference = campaign.uncontrolled(made, draw)
     with fault_injection.own_domain() as domain:
         faulted = fault_injection.run_with_fault(case, mode, folder, fault, domain, wanted)

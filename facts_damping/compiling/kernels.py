@@ -49,6 +49,8 @@ class Kernel:
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call it in Python for numbers alone, with the same bits; else compile it for the arguments' types."""
         given = (*arguments, *named.values())
+        if set(map(type, given)) == {int}:  # quick, for the times of a tick
+            return self.py_func(*arguments, **named)
         if all(isinstance(one, NUMERIC) for one in given):
             with np.errstate(all="ignore"):  # compiled code has no warnings
                 return self.py_func(*arguments, **named)
@@ -118,10 +120,22 @@ class EntryPoint:
         return _with_numba().callee(self)
 
     @functools.cached_property
-    def _arguments(self) -> list[tuple[str, Any]]:
-        """Name and kind of each argument; the kind of a struct is its required class."""
-        names = inspect.signature(self.py_func).parameters
-        return [(name, typing.get_origin(kind) or kind) for name, kind in zip(names, self.kinds, strict=True)]
+    def _words(self) -> Any:
+        """Words of the C function's arguments from those in Python: written for their kinds, as a loop is too slow."""
+        parts, space = [], {"words": array_words, "refuse": _refuse}
+        for i, (name, kind) in enumerate(zip(inspect.signature(self.py_func).parameters, self.kinds, strict=True)):
+            kind = typing.get_origin(kind) or kind  # noqa: PLW2901 (of a table, its class)
+            space[f"k{i}"], given = kind, f"a{i}, k{i}, {f'{self.__name__}: {name}'!r}"
+            if kind in NUMBERS:
+                parts.append(f"a{i}")
+            elif isinstance(kind, Array):
+                parts.append(f"*words({given})")
+            elif is_numbers(kind):
+                parts.append(f"*a{i}")
+            else:
+                parts.append(f"a{i}.pointer if type(a{i}) is k{i} else refuse({given})")
+        names = ", ".join(f"a{i}" for i in range(len(self.kinds)))
+        return eval(f"lambda {names}: [{', '.join(parts)}]", space)  # noqa: S307 (of our own text)
 
     @functools.cached_property
     def _function(self) -> Any:
@@ -132,23 +146,15 @@ class EntryPoint:
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the C function. Raises `TypeError` if arguments have wrong types."""
-        if len(arguments) != len(self._arguments):
-            raise TypeError(f"{self.__name__}: {len(arguments)} given; allowed: {len(self._arguments)} arguments")
-        flat: list[Any] = []
-        for (name, kind), one in zip(self._arguments, arguments, strict=True):
-            if kind in NUMBERS:
-                flat.append(one)
-            elif isinstance(kind, Array):
-                flat += array_words(one, kind, f"{self.__name__}: {name}")
-            elif is_numbers(kind):
-                flat += one
-            elif type(one) is kind:
-                flat.append(one.pointer)
-            else:
-                given = type(one).__name__
-                raise TypeError(f"{self.__name__}: {name}: {given} given; allowed: a {kind.__name__}")
-        found = self._function(*flat)
+        if len(arguments) != len(self.kinds):
+            raise TypeError(f"{self.__name__}: {len(arguments)} given; allowed: {len(self.kinds)} arguments")
+        found = self._function(*self._words(*arguments))
         return bool(found) if self.result is bool else found
+
+
+def _refuse(given: Any, kind: Any, where: str) -> None:
+    """Refuse what is not of a struct's class."""
+    raise TypeError(f"{where}: {type(given).__name__} given; allowed: a {kind.__name__}")
 
 
 def branching(functions: Sequence[Callable[..., Any]]) -> Any:

@@ -19,9 +19,9 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
+from facts_damping.simulation.loop import build_loop
 from facts_damping.simulation.policies import check
 from facts_damping.studies.sweeps import sweep
-from facts_damping.studies.sweeps.batch import fresh_loop
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -91,7 +91,7 @@ class Episode:
 
         The episode writes observations into `window`, (ticks, signals, 3), and `deviations`, (differences,).
         """
-        self.case, self.loop = case, fresh_loop(case, outside=True)
+        self.case, self.loop = case, build_loop(case, outside=True)
         agent = case.controllers[c]
         names, pmus = [list(agent.signals)], [pmu.name for pmu in case.system.pmus]
         eyes = inputs(names, case.system.signals, pmus, case.system.frequency)

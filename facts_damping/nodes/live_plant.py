@@ -26,19 +26,18 @@ if TYPE_CHECKING:
     from facts_damping.plant.model import Plant, PlantState
     from facts_damping.signals import GridEvent
 
-DRAWS = 36_000  # frames after which measurement noise repeats in an endless graph: ten minutes at 60 frames/s
-
 
 class LivePlant:
     """State of a plant, which starts at equilibrium, its latest measurement, and its events."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: Case, draws: int = 0) -> None:
+        """`draws`: as for `build_pmus`."""
         self._begun = self._case = case  # case at the start; case with the changes made during the run
         self.tick = -1  # current tick
         built = build_plant(case)
         self._plant, self.state = built.plant, built.state
         self._work = workspace(self._plant, self.state)
-        self._pmus, self._pmu_state = build_pmus(case, DRAWS)
+        self._pmus, self._pmu_state = build_pmus(case, draws)
         self.frame = np.zeros((len(case.system.pmus), len(CHANNELS)))
         self.measured_ns, self.status = (np.zeros(len(self.frame), np.int64) for _ in range(2))
         self.machines = np.zeros(len(self._plant.machines), MACHINE_TRUTH)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
     from facts_damping.nodes.base.managed import ManagedNode
 
+DRAWS = 36_000  # frames after which measurement noise repeats in an endless graph: ten minutes at 60 frames/s
+
 
 class PlantSim:
     """Node of the plant: publishers, and the setpoints received."""
@@ -32,7 +34,7 @@ class PlantSim:
     def __init__(self, node: ManagedNode) -> None:
         self.case, self.options = read_case(node), read_options(node, joins=False)
         self.stamp = read_stamp(node, self.options)
-        self.plant = LivePlant(self.case)
+        self.plant = LivePlant(self.case, DRAWS if self.options.free else 0)
         self.source = FrameSource(node, self.case, self.options, self.case.system.name)
         self.clock, self.member = SimulatedClock(node), self.source.member
         self.control = RunControl(node, self.source, self.plant, self.progress)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import yaml
 
-from facts_damping.parameters.yaml_text import UNREADABLE, parse
+from facts_damping.parameters.yaml_text import UNREADABLE, PlainDumper, parse
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -73,9 +74,15 @@ def bag_information(
     }
 
 
+@lru_cache(maxsize=64)
+def _profiles(qos: str) -> Any:
+    """QoS profiles from their text, which most topics share."""
+    return parse(qos) or []
+
+
 def _topic(topic: TopicInfo, count: int) -> dict[str, Any]:
     try:
-        profiles = parse(topic.qos) or []
+        profiles = _profiles(topic.qos)
     except UNREADABLE:  # as another recorder wrote them
         profiles = []
     metadata = {
@@ -88,13 +95,6 @@ def _topic(topic: TopicInfo, count: int) -> dict[str, Any]:
     return {"topic_metadata": metadata, "message_count": count}
 
 
-class _PlainDumper(yaml.CSafeDumper):
-    """Writes YAML without anchors, which some bag readers do not understand."""
-
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (PyYAML's signature)
-        return True
-
-
 def dump(content: Any) -> str:
-    """YAML text in block style; keys keep their order."""
-    return str(yaml.dump(content, Dumper=_PlainDumper, sort_keys=False, default_flow_style=False))
+    """YAML 1.1 text in block style, without anchors, which some bag readers do not know; keys keep their order."""
+    return str(yaml.dump(content, Dumper=PlainDumper, sort_keys=False, default_flow_style=False))

@@ -30,6 +30,7 @@ PRIMITIVES = frozenset(
 _FIELD_TYPE = re.compile(r"^\s*([A-Za-z][\w/]*)")
 
 
+@lru_cache(maxsize=64)
 def schema_text(message_type: str) -> str:
     """Definition of `message_type` ("package/msg/Type") followed by its dependencies.
 

@@ -86,8 +86,10 @@ class RecordingWriter:
         self._check_open()
         if topic not in self._channels:
             raise RecordingError(f"topic {topic} was not announced; there are {', '.join(self._channels) or 'none'}")
-        with writing(self.file):
+        try:  # without `writing`, which takes 1 us
             self._mcap.add_message(self._channels[topic][0], log_ns, bytes(cdr), publish_ns, sequence % 2**32)
+        except OSError as error:
+            raise _unwritable(self.file, error) from error
         self._counts[topic] += 1
         first, last = self._span or (log_ns, log_ns)
         self._span = (min(first, log_ns), max(last, log_ns))
@@ -152,4 +154,8 @@ def writing(file: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise RecordingError(f"{file} cannot be written: {error.strerror or error}") from error
+        raise _unwritable(file, error) from error
+
+
+def _unwritable(file: Path, error: OSError) -> RecordingError:
+    return RecordingError(f"{file} cannot be written: {error.strerror or error}")

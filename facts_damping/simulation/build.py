@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.caching import shared
 from facts_damping.case.supervision import ends, reserves
 from facts_damping.control import identifier_model
 from facts_damping.control.bank import Bank, BankState, bank, controller_network
@@ -31,6 +32,7 @@ from facts_damping.plant.build import Built, build, with_noise
 from facts_damping.plant.events import timeline
 from facts_damping.plant.load_noise import draw as draw_noise
 from facts_damping.plant.load_noise import noisy_loads
+from facts_damping.plant.model import copy
 from facts_damping.plant.watchdog import settings as watchdog_settings
 from facts_damping.signals import CHANNELS, GridEvent
 from facts_damping.small_signal import own_linear
@@ -46,6 +48,8 @@ if TYPE_CHECKING:
     from facts_damping.neurofuzzy.network import Network
     from facts_damping.parameters.run import Controller
 
+_plants: dict[str, Built] = {}
+_residues: dict[str, Residues | None] = {}
 STILL = 1e-6  # p.u. or rad per p.u.: least mode shape, relative to the first signal, of a signal that swings
 
 
@@ -79,21 +83,18 @@ def identifier_network(controller: Controller) -> Network:
 
 
 def build_plant(case: Case) -> Built:
-    """Build the plant of a case, at its equilibrium."""
-    return with_load_noise(case, quiet_plant(case))
+    """Build the plant of a case, at its equilibrium.
 
-
-def quiet_plant(case: Case) -> Built:
-    """The plant of a case without its noise: the same for all seeds and durations."""
-    watchdog = watchdog_settings(case.run.watchdog, case.run.frame_rate)
-    noisy = noisy_loads(case.run.load_noise, case.system.loads)
-    return build(case.system, case.run.devices, case.scenario.events, watchdog, noisy)
-
-
-def with_load_noise(case: Case, built: Built) -> Built:
-    """A plant of `quiet_plant` with the noise of the case."""
-    noise = draw_noise(case.run.load_noise, case.system.loads, case.duration, case.run.seed)
-    return with_noise(built, case.system, noise)
+    Runs that differ only in seed, duration, PMUs, links and control share all of it but noise and state.
+    """
+    system, run = case.system, case.run
+    watchdog, noisy = watchdog_settings(run.watchdog, run.frame_rate), noisy_loads(run.load_noise, system.loads)
+    # Keyed by content instead of name: a file may change during the life of a cluster's worker.
+    events = [event.model_dump_json() for event in case.scenario.events]
+    key = f"{system.model_dump_json()} {run.devices} {events} {watchdog.tolist()} {noisy}"
+    built = shared(_plants, key, lambda: build(system, run.devices, case.scenario.events, watchdog, noisy))
+    noise = draw_noise(run.load_noise, system.loads, case.duration, run.seed)
+    return with_noise(built._replace(state=copy(built.state)), system, noise)
 
 
 def build_pmus(case: Case, draws: int = 0, before: Pmus | None = None) -> tuple[Pmus, PmuState]:
@@ -140,8 +141,10 @@ def _designed(case: Case, i: int, plant: Residues | None) -> StateSpace | None:
 
 def plant_residues(case: Case) -> Residues | None:
     """Residues of the plant without events, for the design of controllers; None without an electromechanical mode."""
-    start = build(case.designed_on, case.run.devices, [])
-    return residues(start, case.designed_on, case.run.devices, case.run.frame_rate, case.filter)
+    system, devices, rate = case.designed_on, case.run.devices, case.run.frame_rate
+    key = f"{system.model_dump_json()} {devices} {rate} {case.measurement.filter}"
+    make = lambda: residues(build(system, devices, []), system, devices, rate, case.filter)  # noqa: E731
+    return shared(_residues, key, make)
 
 
 def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:

@@ -116,15 +116,13 @@ def _grid(interval: TopologyInterval) -> Grid:
     return replace(interval.topology, load_scale={}, faults=faults), loads, powers
 
 
-def twin(
-    case: Case, record: Record, fresh: Callable[[Case], Loop] = build_loop, kind: str | None = None
-) -> Twin | None:
-    """The twin of a run; None without noise. `fresh` builds loops; `kind`: another than the run needs."""
+def twin(case: Case, record: Record, kind: str | None = None) -> Twin | None:
+    """The twin of a run; None without noise. `kind`: another than the run needs."""
     if not noisy(record.configuration):
         return None
     kind = kind or kind_of_twin(case, record)
     other = OTHERS[kind](case)
-    loop = mirrored(fresh(other)) if kind == MIRROR else fresh(other)
+    loop = mirrored(build_loop(other)) if kind == MIRROR else build_loop(other)
     return Twin(rerun(other, record.changes, loop) if record.changes else finish(other, loop), kind)
 
 

@@ -12,8 +12,9 @@ from facts_damping.analysis.plotting.pictures import PICTURES
 from facts_damping.analysis.plotting.plots import COLOURS, mark_events
 from facts_damping.analysis.time_frequency import BAND, analyse
 from facts_damping.errors import InputError
+from facts_damping.simulation import loop
 from facts_damping.studies.pages import save
-from facts_damping.studies.sweeps.batch import Base, closed_loop, make
+from facts_damping.studies.sweeps.batch import Base, make
 from facts_damping_reproduction.agreement import name
 from facts_damping_reproduction.printed import LLC, SCENARIOS, TABLES, ControllerId
 from facts_damping_reproduction.runs import BASELINES, changes
@@ -103,7 +104,7 @@ def draw(folder: Path, picture: Picture) -> Path:
 def _run(picture: Picture, who: ControllerId) -> Record:
     """The record of a controller in a scenario, as `facts-damping simulate` has it."""
     base = Base({"system": picture.system, "scenario": picture.scenario}, "reproduce", {}, modes=False)
-    return closed_loop(make(base, changes(who)))
+    return loop.run(make(base, changes(who)))
 
 
 def _whole(record: Record) -> bool:

@@ -14,7 +14,7 @@ from facts_damping.nodes.base.spinner import check_wanted
 from facts_damping.nodes.base.topics import SHARED
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from rclpy.node import Node
     from rclpy.publisher import Publisher
@@ -27,13 +27,12 @@ NODE = 12  # leading bytes of a publisher's identity (GID) that are the same for
 PATIENT_S = 1.0  # wall time after which a node logs what it waits for
 
 
-def shared_topic(node: Node, topics: Iterable[str], *, joins: bool) -> str | None:
+def shared_topic(publishers: Mapping[str, Sequence[TopicEndpointInfo]], *, joins: bool) -> str | None:
     """The first topic with more publishers than the one that a graph has; None if there is none.
 
     `joins`: publishers of the same node name count once, as the node's predecessor may still be there.
     """
-    for topic in topics:
-        there = node.get_publishers_info_by_topic(topic)
+    for topic, there in publishers.items():
         names = {(one.node_namespace, one.node_name) for one in there}
         if not topic.endswith(SHARED) and (len(names) if joins else len(there)) > 1:
             return topic
@@ -56,16 +55,18 @@ def wait_for_peers(
     """
     log, logged = NodeLog(node), False
     deadline = clock.monotonic() + options.start_timeout
+    published = dict.fromkeys([*topics, *(publisher.topic_name for publisher in expected)])
     while True:
-        own = {_participant(one) for topic in (peers, *topics) for one in node.get_publishers_info_by_topic(topic)}
+        there = {topic: node.get_publishers_info_by_topic(topic) for topic in published}
+        own = {_participant(one) for topic in topics for one in there[topic]}
+        own |= {_participant(one) for one in node.get_publishers_info_by_topic(peers)}
         missing = [
             f"a subscriber of {publisher.topic_name}"
             for publisher, count in expected.items()
             if _readers(node, publisher, own, options) < count + int(options.view)
         ]
-        missing += [f"a publisher of {topic}" for topic in topics if node.count_publishers(topic) < 1]
-        published = [*topics, *(publisher.topic_name for publisher in expected)]
-        shared, late = shared_topic(node, published, joins=options.join), clock.monotonic() > deadline
+        missing += [f"a publisher of {topic}" for topic in topics if not there[topic]]
+        shared, late = shared_topic(there, joins=options.join), clock.monotonic() > deadline
         if shared is not None and (late or not options.join):
             raise RunError(f"another graph publishes {shared} too; set another ROS_DOMAIN_ID (0 to 101)")
         if not missing and shared is None:

@@ -13,6 +13,7 @@ import signal
 import sys
 import warnings
 from contextlib import suppress
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,6 +43,7 @@ LEAVE_S = 5.0  # longest wall time for a node to leave the graph
 SIGEV_THREAD = 2
 
 
+@cache
 def profile(this_host: bool) -> tuple[str, Path] | None:
     """Environment variable and file of our profile for the installed Fast DDS wheel; None without such a wheel."""
     for name, major in FAST_DDS.items():

@@ -19,9 +19,9 @@ from facts_damping.parameters.campaign import Campaign
 from facts_damping.parameters.files import find, new_folder, read_sets, read_table
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.simulation import loop
 from facts_damping.studies.campaigns import invariants
 from facts_damping.studies.campaigns.faults import FAULTS, NOTHING, ONLY_REAL, Chance
-from facts_damping.studies.sweeps import batch
 from facts_damping.studies.sweeps.journal import Journal
 from facts_damping.studies.sweeps.pool import workers
 from facts_damping.terminal import write_whole
@@ -178,9 +178,9 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
         row |= {"controller": case.controllers[0].name, "scheme": case.controllers[0].scheme}
         row |= {"horizon_s": case.duration}
         reference = uncontrolled(made, drawn)
-        row |= judged(case, batch.closed_loop(case), reference, drawn)
+        row |= judged(case, loop.run(case), reference, drawn)
         if made.campaign.unsupervised:
-            figures = invariants.beside(batch.closed_loop(unsupervised(case)), reference)
+            figures = invariants.beside(loop.run(unsupervised(case)), reference)
             row |= {f"unsupervised_{name}": figures[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
     except FactsDampingError as error:
         row["error"] = one_line(error)
@@ -212,7 +212,7 @@ def uncontrolled(made: Plan, drawn: Draw) -> Record:
     plain = {path: value for path, value in drawn.changes.items() if path.partition(".")[0] in OF_PLANT}
     key = json.dumps([drawn.base_run, plain], default=str, sort_keys=True)
     changes = {"link": "ideal", "measurement": "ideal", **plain, **UNCONTROLLED}
-    return shared(_uncontrolled, key, lambda: batch.closed_loop(_case(made, drawn.base_run, changes)))
+    return shared(_uncontrolled, key, lambda: loop.run(_case(made, drawn.base_run, changes)))
 
 
 def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:

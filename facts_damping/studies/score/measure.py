@@ -15,8 +15,8 @@ from facts_damping.analysis.effort import mean_effort, saturation_duty
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.response import MIRROR, WITHOUT_EVENTS, swings_of
 from facts_damping.analysis.supervision import supervision, trips
-from facts_damping.simulation.twins import grid_changes
-from facts_damping.studies.sweeps.batch import closed_loop, twin
+from facts_damping.simulation import loop
+from facts_damping.simulation.twins import grid_changes, twin
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
@@ -38,7 +38,7 @@ class Measured(NamedTuple):
 
 def measure(case: Case, after: float) -> Measured:
     """Simulate a case with its twin, and measure the response until `after` (s) the last event."""
-    record = closed_loop(case)
+    record = loop.run(case)
     lost = None if record.in_synchronism.all() else float(record.time_s[-1])
     value, peak = (None, None) if lost is not None else _response(case, record, after)
     effort = mean_effort(record) if case.controllers else 0.0

@@ -30,9 +30,11 @@ from facts_damping.errors import FactsDampingError, InputError
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller
+from facts_damping.simulation import loop
+from facts_damping.simulation.twins import twin
 from facts_damping.studies.sweeps import sweep
 from facts_damping.studies.sweeps.axes import drawn_columns
-from facts_damping.studies.sweeps.batch import CUSTOM, closed_loop, make, names, twin
+from facts_damping.studies.sweeps.batch import CUSTOM, make, names
 from facts_damping.studies.sweeps.enumerated_axes import NONE, SCENARIO
 
 if TYPE_CHECKING:
@@ -166,7 +168,7 @@ def run(content: Mapping[str, Any], controller: Controller | None) -> Figures:
     if controller is not None:
         own = {"devices": controller.devices, "controllers": [controller.model_dump()]}
     case = make_case({**content, **own}, "search")
-    record = closed_loop(case)
+    record = loop.run(case)
     return figures(record, twin(case, record))
 
 

@@ -1,7 +1,6 @@
 """One run of a sweep: from its changed fields to a flat row of figures.
 
-Runs with equal system, scenario and devices share the built plant and its residues. The figures equal those of
-`facts-damping simulate` bit for bit.
+The figures equal those of `facts-damping simulate` bit for bit.
 """
 
 from __future__ import annotations
@@ -22,22 +21,15 @@ from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.findings import NO_CONTROL, uncontrolled
 from facts_damping.parameters.run import Run
-from facts_damping.plant.load_noise import noisy_loads
-from facts_damping.plant.model import copy
 from facts_damping.simulation import loop, twins
-from facts_damping.simulation.build import needs_residues, plant_residues, quiet_plant, with_load_noise
 from facts_damping.studies.margins import criteria
 from facts_damping.studies.sweeps import true_jacobian
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.analysis.response import Twin
     from facts_damping.case.model import Case
-    from facts_damping.plant.build import Built
     from facts_damping.signals import Record
-    from facts_damping.simulation.tick import Loop
-    from facts_damping.small_signal.residues import Residues
 
 INTERAREA_HZ = 0.9  # a ringdown mode below this frequency is the interarea mode
 QUANTILES = (0, 1, 5, 10, 25, 50, 75, 90, 95, 99, 100)  # %, of the latency
@@ -53,8 +45,6 @@ CUSTOM = "custom"  # name of inline content
 NAMED = ("system", "scenario", "link")
 IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
 
-_plants: dict[str, Built] = {}
-_residues: dict[str, Residues | None] = {}
 _free: dict[str, dict[str, Any]] = {}  # summaries without control
 
 
@@ -101,12 +91,12 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
     try:
         case = make(base, task.changes)
         row |= {**identity(case), **task.columns, "horizon_s": case.duration}
-        record, finer = closed_loop(case), None
-        summary = summarise(record, method=AUTO if base.modes else None, twin=twin(case, record))
+        record, finer = loop.run(case), None
+        summary = summarise(record, method=AUTO if base.modes else None, twin=twins.twin(case, record))
         if task.check_step:
             half = loop.with_half_step(case)
-            finer_record = closed_loop(half)
-            finer = summarise(finer_record, method=None, twin=twin(half, finer_record))
+            finer_record = loop.run(half)
+            finer = summarise(finer_record, method=None, twin=twins.twin(half, finer_record))
         row |= figures(record, summary, finer, modes=base.modes)
         row |= criterion_columns(case, record, summary, base.criteria)
         if base.jacobian is not None:
@@ -134,8 +124,8 @@ def criterion_columns(case: Case, record: Record, summary: Mapping[str, Any], wa
 
 
 def _summary(case: Case) -> dict[str, Any]:
-    record = closed_loop(case)
-    return summarise(record, method=None, twin=twin(case, record))
+    record = loop.run(case)
+    return summarise(record, method=None, twin=twins.twin(case, record))
 
 
 def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -153,33 +143,6 @@ def identity(case: Case) -> dict[str, Any]:
         "scheme": "+".join(schemes) or None,
         "seed": case.run.seed,
     }
-
-
-def closed_loop(case: Case) -> Record:
-    """Equivalent to `loop.run(case)`, with plant and residues shared between runs."""
-    return loop.finish(case, fresh_loop(case))
-
-
-def twin(case: Case, record: Record, kind: str | None = None) -> Twin | None:
-    """The twin of a run, which verdicts under noise need, with plant and residues shared between runs."""
-    return twins.twin(case, record, fresh_loop, kind)
-
-
-def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
-    """Equivalent to `loop.build_loop(case)`, with plant and residues shared between runs."""
-    # Keyed by content instead of name: a file may change during the life of a cluster's worker.
-    system = f"{case.run.devices} {case.system.model_dump_json()}"
-    events = [event.model_dump_json() for event in case.scenario.events]
-    noisy = noisy_loads(case.run.load_noise, case.system.loads)
-    guarded = f"{case.run.watchdog and case.run.watchdog.model_dump_json()} {case.run.frame_rate}"
-    built = with_load_noise(case, shared(_plants, f"{events} {system} {noisy} {guarded}", lambda: quiet_plant(case)))
-    plant = None
-    if needs_residues(case):
-        model = system if case.model is None else f"{case.run.devices} {case.model.model_dump_json()}"
-        key = f"{case.run.frame_rate} {case.measurement.filter} {model}"
-        plant = shared(_residues, key, lambda: plant_residues(case))
-    own = built._replace(state=copy(built.state))
-    return loop.build_loop(case, plant, own, outside=outside)
 
 
 def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:

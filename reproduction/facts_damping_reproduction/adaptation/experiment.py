@@ -21,9 +21,10 @@ from facts_damping.analysis.response import MIRROR, swings_of
 from facts_damping.case.changes import as_sets, change
 from facts_damping.case.loading import changed_case
 from facts_damping.signals import RunChange
+from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
+from facts_damping.simulation.twins import twin
 from facts_damping.studies.score.card import NONE, log_ratio
-from facts_damping.studies.sweeps.batch import closed_loop, fresh_loop, twin
 from facts_damping.studies.sweeps.pool import workers
 from facts_damping.terminal import Progress, write_whole
 from facts_damping_reproduction.adaptation.arms import space
@@ -84,7 +85,7 @@ def _trained(devices: Sequence[str], rows: Sequence[dict[str, Any]], begin: floa
     """The index in each training case; None: synchronism is lost."""
     after, found = plan()["evaluation"]["after"], list[float | None]()
     for sets in training(plan()["search"]["cases"], begin, after):
-        record = closed_loop(made(devices, sets, rows, plan()["search"]["set"]))
+        record = loop.run(made(devices, sets, rows, plan()["search"]["set"]))
         sound = record.in_synchronism.all()
         found.append(index(record, begin, after, columns(speed_differences(record))) if sound else None)
     return found
@@ -150,9 +151,9 @@ def measured(
         roles = ["controller", *(["identifier"] if case.controllers[0].scheme == "indirect" else [])]
         names = {"controller": "eta", "identifier": "identifier_eta"}
         changes = [RunChange(tick, "", role, 0, "parameter", names[role], 0.0) for role in roles]
-        record = rerun(case, changes, fresh_loop(case))
+        record = rerun(case, changes, loop.build_loop(case))
     else:
-        record = closed_loop(case)
+        record = loop.run(case)
     return outcome(case, record, begin, after)
 
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.analysis.measures import columns, speed_differences
+from facts_damping.simulation import loop
 from facts_damping.studies.score.card import NONE, log_ratio
-from facts_damping.studies.sweeps.batch import closed_loop
 from facts_damping.terminal import as_csv, write_whole
 from facts_damping_reproduction.adaptation import decide
 from facts_damping_reproduction.adaptation.arms import Space, space
@@ -104,7 +104,7 @@ def trained(rows: Sequence[dict[str, Any]]) -> list[float | None]:
     """The index in each training case; None: synchronism is lost."""
     found = list[float | None]()
     for one in cases("training"):
-        record = closed_loop(made({**one["set"], **plan()["quick"]}, rows))
+        record = loop.run(made({**one["set"], **plan()["quick"]}, rows))
         swings = columns(speed_differences(record))
         whole = record.in_synchronism.all()
         found.append(index(record, BEGIN, plan()["after"]["training"], swings) if whole else None)
@@ -132,7 +132,7 @@ def _searched(task: tuple[str, int]) -> tuple[str, int, dict[str, Any]]:
 def _measured(task: tuple[str, int, Rows]) -> tuple[str, int, Rows]:
     arm, seed, rows = task
     every = [made(one["set"], rows) for one in cases("held_out")]
-    return arm, seed, [outcome(case, closed_loop(case), BEGIN, plan()["after"]["held_out"]) for case in every]
+    return arm, seed, [outcome(case, loop.run(case), BEGIN, plan()["after"]["held_out"]) for case in every]
 
 
 def results(folder: Path) -> dict[str, Any]:
