@@ -27,12 +27,15 @@ from facts_damping.nodes.base.spinner import DRAIN_S, BeginAgain, stop_requested
 from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_STATE, REFUSALS, RUN_STATE
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import Health, run_state
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.columns import stamp_ns
 from facts_damping.recording.writer import RecordingWriter
 from facts_damping.version import versions
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from facts_damping.case.model import Case
     from facts_damping.nodes.base.managed import ManagedNode
 
@@ -50,6 +53,10 @@ TOPICS = {
     REFUSALS: messages.RefusedMessages,
     CHANGES: messages.RunChange,
     RUN_STATE: messages.RunState,
+}
+SIGNED: dict[Any, type[FramesMessage | SetpointsMessage]] = {
+    messages.PmuDataFrame: FramesMessage,
+    messages.DeviceSetpoints: SetpointsMessage,
 }
 STAMP_END, TICK_END = 12, 20  # byte offsets: end of the header's stamp; end of its empty frame_id
 NO_FRAME = b"\1\0\0\0\0"  # followed by three bytes of padding with any value
@@ -102,16 +109,31 @@ class Recorder:
         self.message_filter, self.clock = self.member.message_filter, node.resolve_topic_name(PLANT_STATE)
         waited = self.options.recorder and not self.options.free  # others wait for it: it gets all first messages
         self.topics: dict[str, str] = {}
-        for topic, kind in topics(self.case).items():
+        # Topics of one publisher first: they tell which nodes are the graph's.
+        for topic, kind in sorted(topics(self.case).items(), key=lambda one: one[0].endswith(UNTICKED)):
             name, unticked = node.resolve_topic_name(topic), topic.endswith(UNTICKED)
             self.topics[name] = message_type(kind)
-            begins = begins_a_run if waited and not unticked else None
+            begins = self.begins(kind, topic) if waited and not unticked else None
             qos = LATCHED_SUBSCRIBER_QOS if topic in LATE else SUBSCRIBER_QOS
             use = partial(self.on_message, name)
             self.message_filter.subscribe(kind, topic, use, begins=begins, common=unticked, qos=qos)
         self.message_filter.senders.know_plant()
         self.written = 0
         self.spinner = self.member.spin()
+
+    def begins(self, kind: Any, topic: str) -> Callable[[bytes], bool]:
+        """A function that tells whether a message is the first of the run and, if the topic is signed, of its graph."""
+        form, seal = SIGNED.get(kind), self.member.seal(topic)
+        if form is None or seal is None:
+            return begins_a_run
+        read = form(self.case, seal=seal).read
+
+        def signed(data: bytes) -> bool:
+            with suppress(Refused):
+                return begins_a_run(data) and read(data) is not None
+            return False
+
+        return signed
 
     def ready(self) -> None:
         """Open the recording."""

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 ALL = ("lockstep", "realtime", "free")
 PACED = ("realtime", "free")
+KEPT = ("lockstep", "realtime")  # modes in which nodes keep their peers
 PLANT, RECORDER = "plant_sim", "recorder"
 ODD = (0.0, -1.0, 1.0, 1e9, -1e9, 1e-9, 0.5, "x", True, 3, [1.0])  # values for parameters
 EVENTS = (
@@ -287,14 +288,16 @@ KINDS: dict[str, Kind] = {
     "command": Kind("operator", "{node}/{name} is called", _change_supervisor, _call, weight=2.0),
     "parameter": Kind("operator", "{node}: {name} is set to {value!r}", _parameter, _set, weight=2.0),
     # Foreign nodes.
-    "forged": Kind("foreign", "{topic} is forged for {lasts:g} ticks", _attack, _foreign("forged"), weight=2.0),
+    "forged": Kind("foreign", "{topic} is forged for {lasts:g} ticks", _attack, _foreign("forged"),
+                   harmless=KEPT, weight=2.0),
     "forged_with_key": Kind("foreign", "{topic} is forged with the graph's key for {lasts:g} ticks", _attack,
-                            _foreign("forged_with_key")),
-    "replayed": Kind("foreign", "{topic} is replayed for {lasts:g} ticks", _attack, _foreign("replayed")),
+                            _foreign("forged_with_key"), harmless=KEPT),
+    "replayed": Kind("foreign", "{topic} is replayed for {lasts:g} ticks", _attack, _foreign("replayed"),
+                     harmless=KEPT),
     "malformed": Kind("foreign", "{topic} is malformed for {lasts:g} ticks", _attack, _foreign("malformed"),
-                      weight=2.0),
+                      harmless=KEPT, weight=2.0),
     "older": Kind("foreign", "{topic} has messages of an older version for {lasts:g} ticks", _attack,
-                  _foreign("older")),
+                  _foreign("older"), harmless=KEPT),
     "second_plant": Kind("foreign", "a second plant starts", lambda _: {"node": PLANT}, _second_plant, weight=0.5),
 }  # fmt: skip
 

@@ -18,7 +18,7 @@ from facts_damping.digest import canonical
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.monitor_table import TRIPPED
 from facts_damping.nodes.attacker import SWING
-from facts_damping.nodes.launching.graph import RECORDER
+from facts_damping.nodes.launching.graph import PLANT, RECORDER
 from facts_damping.simulation import changes, replay
 from facts_damping.storm.events import KINDS
 from facts_damping.storm.stage import MARK
@@ -33,6 +33,11 @@ if TYPE_CHECKING:
     from facts_damping.storm.running import Trace
 
 QUEUE = 20_000  # messages; more in a queue of a node that responds means that it never takes them
+LEAVE = ("reset", "disarm", "start")  # after a trip; a supervisor that starts again knows of none, and is in shadow
+# Kinds of events after which the end of a run must be in its recording.
+HARMLESS_TO_THE_END = ("service", "command", "parameter", "forged", "replayed", "malformed", "older", "clock", "late")
+FLUSHED_S = 1.0  # wall time within which a recorder writes what it received to disk: twice its interval
+KNOWN = 2  # tick from which all nodes know the publishers of their topics
 ARRAYS = ("time_ns", "frames", "delivered", "issued", "applied", "devices", "supervised", "supervision", "estimates")
 
 
@@ -68,7 +73,7 @@ def _may_be_replaced(trace: Trace) -> bool:
 
 def device_is_released(trace: Trace) -> list[str]:
     """A device is at zero within time-out and ramp after the last setpoint that its watchdog accepted."""
-    if trace.record is None or _plant_changed(trace.record):
+    if trace.record is None or _plant_changed(trace.record) or _may_be_replaced(trace):
         return []
     late = 0 if trace.mode == "lockstep" else 3 + _pauses(trace.record)
     return [] if invariants.lets_go(trace.case, trace.record, late) else ["a device keeps its setpoint"]
@@ -94,11 +99,11 @@ def setpoints_are_limited(trace: Trace) -> list[str]:
 def trips_hold(trace: Trace) -> list[str]:
     """What was tripped stays tripped, and passes nothing but its ramp, until an operator resets or disarms it."""
     record, found = trace.record, []
-    if record is None or trace.case.supervision is None:
+    if record is None or trace.case.supervision is None or _may_be_replaced(trace):
         return []
     ramp = trace.case.supervision.arming.trip_ramp
     for c in np.unique(record.supervision["controller"]).tolist():
-        asked = {(one.index, one.tick) for one in record.changes if one.role == "supervisor"} | _begins(record, c)
+        asked = {(one.index, one.tick) for one in record.changes if one.role == "supervisor" and one.kind in LEAVE}
         rows = record.supervision[record.supervision["controller"] == c]
         passed = record.supervised[record.supervised["controller"] == c]
         left = np.flatnonzero((rows["state"][:-1] == TRIPPED) & (rows["state"][1:] != TRIPPED))
@@ -108,11 +113,6 @@ def trips_hold(trace: Trace) -> list[str]:
                 found.append(f"supervisor {c} leaves its trip at tick {end} although no one asked")
         found += _acts_after_trip(rows, passed, ramp, record.frame_rate, c)
     return found
-
-
-def _begins(record: Record, c: int) -> set[tuple[int, int]]:
-    """Starts of a supervisor within the run: a new process knows of no trip, and begins in shadow."""
-    return {(c, one.end) for one in record.absences if one.role == "supervisor" and one.index == c}
 
 
 def _acts_after_trip(rows: NDArray[np.void], passed: NDArray[np.void], ramp: float, rate: int, c: int) -> list[str]:
@@ -160,10 +160,37 @@ def graph_survives(trace: Trace) -> list[str]:
     """What must not end a graph does not."""
     if trace.storm is None or not trace.reason:
         return []
-    kinds = {one.kind for one in trace.storm.events}
-    if all(trace.mode in KINDS[kind].harmless for kind in kinds):
+    if all(trace.mode in KINDS[one.kind].harmless for one in trace.storm.events) and _begins_undisturbed(trace):
         return [f"the graph ends early: {trace.reason}"]
     return []
+
+
+def _begins_undisturbed(trace: Trace) -> bool:
+    """Whether no foreign node was there before the nodes knew each other: it would count as another graph."""
+    return all(one.tick >= KNOWN for one in trace.timeline if KINDS[one.kind].group == "foreign")
+
+
+def restarted_nodes_are_disarmed(trace: Trace) -> list[str]:
+    """A controller or link that was started again, with `join`, is disarmed until an operator arms it."""
+    if trace.record is None or trace.storm is None or _may_be_replaced(trace):
+        return []
+    again = {f"/{one.node}" for one in trace.storm.events if one.kind == "restarted"}
+    changes_ = [one for one in trace.record.changes if one.kind == "start" and one.node in again]
+    ended = {node.name for node in trace.nodes if node.killed}
+    found = []
+    for one in changes_:
+        armed = one.role in ("controller", "link", "identifier") and one.value != "disarmed"
+        if armed and one.node.lstrip("/") in ended and one.tick > max(_killed_at(trace, one.node), 0):
+            found.append(f"{one.node} starts again at tick {one.tick}, and is armed")
+    return found
+
+
+def _killed_at(trace: Trace, node: str) -> int:
+    """Tick at which a node was first killed to be started again."""
+    storm = trace.storm
+    names = [one.node for one in storm.events if one.kind == "restarted"] if storm is not None else []
+    ticks = [one.tick for one in trace.timeline if one.kind == "restarted" and f"/{names[0]}" == node]
+    return min(ticks, default=10**9)
 
 
 def equals_in_process(trace: Trace) -> list[str]:
@@ -202,6 +229,49 @@ def refusals_are_counted(trace: Trace) -> list[str]:
                 found.append(f"{node.name}: count of {line[1:]} falls to {line[0]}")
             counts[line[1:]] = int(line[0])
     return found
+
+
+def refusals_are_complete(trace: Trace) -> list[str]:
+    """The recorder has counted each foreign message that it received, as far as nothing else was wrong."""
+    storm, found = trace.storm, []
+    if storm is None or trace.mode == "free" or trace.reason or not _begins_undisturbed(trace):
+        return []
+    if any(KINDS[one.kind].group not in ("foreign", "operator") or one.kind == "second_plant" for one in storm.events):
+        return []
+    output = next(node.output for node in trace.nodes if node.name == RECORDER)
+    counts: dict[str, dict[str, int]] = {}
+    for count, cause, topic in re.findall(r"^refused (\d+) (\S+) (\S+) /outsider$", output, re.MULTILINE):
+        counts.setdefault(topic.lstrip("/"), {})[cause] = int(count)
+    for topic, sent in trace.sent.items():
+        counted = sum(counts.get(topic, {}).values())
+        if counted != sent:
+            found.append(f"{counted} refusals counted on {topic}, {sent} messages sent")
+    return found
+
+
+def end_is_recorded(trace: Trace) -> list[str]:
+    """Why the plant has ended is in the recording, if nothing kept it from there."""
+    storm, record = trace.storm, trace.record
+    if storm is None or record is None or trace.mode == "free":
+        return []
+    if any(one.kind not in HARMLESS_TO_THE_END for one in storm.events):
+        return []
+    cut = [note for note in record.notes if "cut off" in note]
+    return [f"the plant ended, and the recording says: {cut[0]}"] if cut else []
+
+
+def recording_keeps_what_was_flushed(trace: Trace) -> list[str]:
+    """A recorder that is killed has kept what came before its last flush."""
+    storm, record = trace.storm, trace.record
+    if storm is None or trace.mode == "lockstep":
+        return []
+    kills = [one for one in storm.events if one.kind == "killed" and one.node == RECORDER]
+    if len(kills) != 1 or any(one.kind not in ("killed", "clock") or one.node == PLANT for one in storm.events):
+        return []
+    at = next((one.tick for one in trace.timeline if one.text.startswith(RECORDER)), 0)
+    kept = at - int(FLUSHED_S * trace.case.run.frame_rate) - 1
+    last = -1 if record is None else int(record.ticks[-1])
+    return [f"the recording ends with tick {last}, but the recorder was killed at tick {at}"] if last < kept else []
 
 
 def queues_are_bounded(trace: Trace) -> list[str]:
@@ -260,6 +330,7 @@ RULES: dict[str, Callable[[Trace], list[str]]] = {
     for one in (
         *(nothing_foreign_acts, device_is_released, setpoints_are_limited, trips_hold, time_goes_on, ends_are_named),
         *(graph_survives, equals_in_process, refusals_are_counted, queues_are_bounded, recording_is_readable),
+        *(refusals_are_complete, end_is_recorded, recording_keeps_what_was_flushed, restarted_nodes_are_disarmed),
         replay_is_exact,
     )
 }

@@ -62,7 +62,7 @@ class Trace:
     nodes: list[NodeEnd] = field(default_factory=list)
     logs: list[tuple[int, str, int, str]] = field(default_factory=list)  # ns, node, severity, text
     timeline: list[Done] = field(default_factory=list)
-    sent: dict[str, int] = field(default_factory=dict)  # foreign messages, by topic
+    sent: dict[str, int] = field(default_factory=dict)  # foreign messages that the recorder received, by topic
     longest_queue: int = 0
 
 

@@ -14,9 +14,9 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from facts_damping.nodes import clock
-from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
+from facts_damping.nodes.base.qos import LOGGED, PUBLISHER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.topics import FRAMES
-from facts_damping.nodes.recorder import TICK_END, topics
+from facts_damping.nodes.recorder import LATE, TICK_END, topics
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,7 +47,7 @@ class Outsider:
         self.newest, self.kept = -1, dict[str, list[bytes]]()  # newest tick; messages received, by topic
         self._read: list[Any] = []  # subscriptions
         self._publishers: dict[str, Any] = {}
-        self.sent: dict[str, int] = {}  # number of messages published, by topic
+        self.sent: dict[str, int] = {}  # number of messages published to the recorder, by topic
         self.listen(FRAMES, PmuDataFrame, self._on_frames)
 
     def listen(self, topic: str, kind: Any, use: Callable[[bytes], Any]) -> None:
@@ -85,9 +85,12 @@ class Outsider:
     def publish(self, topic: str, data: bytes) -> None:
         """Publish bytes on a topic of the graph."""
         if topic not in self._publishers:
-            self._publishers[topic] = self.node.create_publisher(self.kinds[topic], topic, PUBLISHER_QOS)
-        self._publishers[topic].publish(data)
-        self.sent[topic] = self.sent.get(topic, 0) + 1
+            qos = LOGGED if topic in LATE else PUBLISHER_QOS
+            self._publishers[topic] = self.node.create_publisher(self.kinds[topic], topic, qos)
+        publisher: Any = self._publishers[topic]
+        readers = [one.node.get_node_name() for one in publisher.handle.readers()]
+        publisher.publish(data)
+        self.sent[topic] = self.sent.get(topic, 0) + readers.count("recorder")
 
     def call(self, node: str, service: str, value: Any) -> None:
         """Send a request; the answer is not awaited."""

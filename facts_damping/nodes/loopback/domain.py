@@ -100,7 +100,10 @@ class Domain:
 
 def domain() -> Domain:
     """The domain of the running process."""
-    found: Domain = world().main.values.setdefault("domain", Domain())
+    values = world().main.values
+    if "domain" not in values:
+        values["domain"] = Domain()
+    found: Domain = values["domain"]
     return found
 
 

@@ -14,7 +14,6 @@ import time
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
-from unittest import mock
 
 import rclpy
 import rclpy.logging
@@ -27,7 +26,7 @@ from facts_damping.nodes import clock
 from facts_damping.nodes.base import run
 from facts_damping.nodes.launching import forked, preload  # noqa: F401 (all nodes, so that all see it)
 from facts_damping.nodes.loopback import implementation
-from facts_damping.nodes.loopback.processes import FIRST_PID, Process, World, current, never, process, wall_ns, world
+from facts_damping.nodes.loopback.processes import FIRST_PID, Process, World, current, never, process
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -102,19 +101,18 @@ FUNCTIONS: dict[Any, Any] = {
 }
 
 
-def sleep(seconds: float) -> None:
+def sleep(here: Process, seconds: float) -> None:
     """Let simulated time pass, in place of `time.sleep`."""
-    here = world()
-    here.wait(never, here.now_ns + max(0, int(seconds * 1e9)))
+    here.world.wait(never, here.world.now_ns + max(0, int(seconds * 1e9)))
 
 
 TIME: dict[str, Callable[..., Any]] = {
-    "monotonic": lambda: world().now_ns * 1e-9,
-    "monotonic_ns": lambda: world().now_ns,
-    "perf_counter": lambda: world().now_ns * 1e-9,
-    "perf_counter_ns": lambda: world().now_ns,
-    "time": lambda: wall_ns() * 1e-9,
-    "time_ns": wall_ns,
+    "monotonic": lambda here: here.world.now_ns * 1e-9,
+    "monotonic_ns": lambda here: here.world.now_ns,
+    "perf_counter": lambda here: here.world.now_ns * 1e-9,
+    "perf_counter_ns": lambda here: here.world.now_ns,
+    "time": lambda here: here.wall_ns() * 1e-9,
+    "time_ns": Process.wall_ns,
     "sleep": sleep,
 }
 
@@ -123,7 +121,8 @@ def _simulated(real: Callable[..., Any], ours: Callable[..., Any]) -> Callable[.
     """Simulated time for processes of a loopback, real time for other threads."""
 
     def call(*arguments: Any) -> Any:
-        return real(*arguments) if current.get() is None else ours(*arguments)
+        here = current.get()
+        return real(*arguments) if here is None else ours(here, *arguments)
 
     return call
 
@@ -153,15 +152,13 @@ def opened(seed: int | None = None) -> Iterator[World]:
     with ExitStack() as patched:
 
         def put(module: Any, name: str, value: Any) -> None:
-            patched.enter_context(mock.patch.object(module, name, value))
+            patched.callback(setattr, module, name, getattr(module, name))
+            setattr(module, name, value)
 
+        ours_of = {id(one.module): one for one in STAND_INS} | {id(real): ours for real, ours in FUNCTIONS.items()}
         for module, name, value in _patched():
-            for one in STAND_INS:
-                if value is one.module:
-                    put(module, name, one)
-            for real, ours in FUNCTIONS.items():
-                if value is real:
-                    put(module, name, ours)
+            if id(value) in ours_of:
+                put(module, name, ours_of[id(value)])
         for name, ours in TIME.items():
             simulated = _simulated(getattr(time, name), ours)
             put(time, name, simulated)

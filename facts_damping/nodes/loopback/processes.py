@@ -14,6 +14,7 @@ import signal
 import sys
 import threading
 from dataclasses import dataclass, field
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.nodes.loopback.middleware import Middleware
@@ -44,8 +45,7 @@ def world() -> World:
 
 def wall_ns() -> int:
     """Wall time by the clock of the process that runs, ns since 1970."""
-    here = process()
-    return BEGINS_NS + here.world.now_ns + here.clock_offset_ns
+    return process().wall_ns()
 
 
 class Killed(BaseException):
@@ -74,7 +74,7 @@ class Process:
     values: dict[str, Any] = field(default_factory=dict)  # of the middleware
     at_begin: Callable[[], Any] = never  # called when it begins
     at_end: list[Callable[[], Any]] = field(default_factory=list)  # called when it ends
-    turn: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(0))
+    turn: SimpleQueue[None] = field(default_factory=SimpleQueue)  # whose it is, gets one
     ready: Callable[[], bool] = never
     until_ns: int = 0
     stopped_ns: int = NEVER  # when SIGSTOP suspended it, or when it was killed; NEVER: it may run
@@ -87,6 +87,10 @@ class Process:
     def responds(self) -> bool:
         """Whether its middleware still answers others: it neither ended nor is suspended."""
         return self.exitcode is None and not self.killed and self.stopped_ns == NEVER
+
+    def wall_ns(self) -> int:
+        """Wall time by its clock, ns since 1970."""
+        return BEGINS_NS + self.world.now_ns + self.clock_offset_ns
 
     def join(self, timeout: float | None = None) -> None:
         until = NEVER if timeout is None else self.world.now_ns + int(timeout * 1e9)
@@ -144,7 +148,7 @@ class World:
         return process
 
     def _run(self, process: Process, run: Callable[[], Any]) -> None:
-        process.turn.acquire()
+        process.turn.get()
         current.set(process)
         process.at_begin()
         status: Any = 0
@@ -164,7 +168,7 @@ class World:
             close()
         process.exitcode = -9 if process.killed else status
         process.ready, process.until_ns = never, NEVER
-        self._next(process).turn.release()
+        self._next(process).turn.put(None)
 
     def wait(self, ready: Callable[[], bool], until_ns: int) -> None:
         """Let others run until `ready` returns true or until a time."""
@@ -175,8 +179,8 @@ class World:
         process.busy_until_ns = max(process.busy_until_ns, self.now_ns + process.turn_ns)
         chosen = self._next(process)
         if chosen is not process:
-            chosen.turn.release()
-            process.turn.acquire()
+            chosen.turn.put(None)
+            process.turn.get()
         if process.killed and process is not self.main:
             raise Killed
 

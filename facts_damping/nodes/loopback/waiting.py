@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.impl.implementation_singleton import rclpy_implementation as real
 
 from facts_damping.nodes.loopback.domain import Destroyable
-from facts_damping.nodes.loopback.processes import BEGINS_NS, world
+from facts_damping.nodes.loopback.processes import wall_ns, world
 from facts_damping.signals import NEVER
 
 ROS_TIME, STEADY_TIME = 1, 3  # rcl_clock_type_t
@@ -41,7 +41,7 @@ class Clock(Destroyable):
     def now_ns(self) -> int:
         if self._type == ROS_TIME and self._enabled:
             return self._override
-        return world().now_ns + (0 if self._type == STEADY_TIME else BEGINS_NS)
+        return world().now_ns if self._type == STEADY_TIME else wall_ns()
 
     def get_now(self) -> Any:
         return real.rcl_time_point_t(self.now_ns(), self._type)
