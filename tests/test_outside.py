@@ -56,6 +56,7 @@ FILES = {
     "recording/writer.py": "writes",
     "simulation/fmus.py": "unpacks what the door has read",
     "small_signal/linear_plant.py": "writes",
+    "storm/stage.py": "reads again what nodes say",
     "studies/campaigns/campaign_pages.py": "reads shipped pages",
     "studies/sweeps/journal.py": "appends to its own file, once the door has let it",
     "validation/table.py": "reads shipped references",

@@ -133,6 +133,17 @@ def served(case: Case, link: int) -> list[int]:
     return [c for c, used in enumerate(case.used_links) if used == link]
 
 
+def setpoint_topics(case: Case) -> dict[str, tuple[str, list[int]]]:
+    """Sender and controllers of the setpoints on each topic; the sender is empty on topics of links."""
+    found = {
+        f"{address}/setpoints": (name, [c])
+        for c, (name, address) in enumerate(zip(controller_names(case), controller_addresses(case), strict=True))
+    }
+    found |= {f"{address}/{SUPERVISED}": (address.name, [c]) for c, address in supervisor_addresses(case).items()}
+    links = enumerate(link_addresses(case))
+    return found | {link.topic("setpoints/delivered"): ("", served(case, i)) for i, link in links}
+
+
 def listeners(case: Case, link: int) -> int:
     """Number of nodes that receive a link's deliveries: controllers, their identifiers and supervisors."""
     own = served(case, link)

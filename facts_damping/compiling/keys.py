@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dis
 import hashlib
+import os
 import platform
 import sys
 import types
@@ -34,13 +35,22 @@ def target() -> str:
     return TARGETS.get(platform.machine(), "generic")
 
 
+def checks_bounds() -> bool:
+    """Whether compiled functions check indices, which makes them slower: Numba's variable NUMBA_BOUNDSCHECK is 1.
+
+    A process that uses an index beyond an array then ends by SIGILL.
+    """
+    return os.environ.get("NUMBA_BOUNDSCHECK", "") == "1"
+
+
 @cache
 def _compiler() -> str:
     """Identity of the compiler: versions, target, and options of Numba."""
     how = hashlib.sha256(Path(__file__).with_name("with_numba.py").read_bytes()).hexdigest()
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     kind = f"{sys.platform} {platform.machine()} {target()}"
-    return f"{python} {version('numba')} {version('llvmlite')} {kind} {how}"
+    bounds = " bounds" if checks_bounds() else ""
+    return f"{python} {version('numba')} {version('llvmlite')} {kind} {how}{bounds}"
 
 
 def _code(code: types.CodeType, docstring: str | None) -> str:

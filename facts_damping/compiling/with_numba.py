@@ -52,7 +52,7 @@ _dispatchers: list[Any] = []  # kept alive, as types only have weak references
 POINTER = ir.IntType(8).as_pointer()
 WHOLE = ir.IntType(64)
 # Kernels allocate nothing and keep no array, so reference counts of arrays are not needed (`_nrt`).
-OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "boundscheck": keys.checks_bounds()}
 
 
 def _from_the_start(context: Any, builder: Any, kind: Any, index: Any, _size: Any) -> Any:
@@ -364,7 +364,7 @@ def object_code(entry: EntryPoint) -> bytes:
     own = _signature_of(entry)
     flags = compiler.Flags()
     flags.nrt, flags.no_compile, flags.no_cpython_wrapper, flags.no_cfunc_wrapper = False, True, True, True
-    flags.error_model = "numpy"
+    flags.error_model, flags.boundscheck = "numpy", keys.checks_bounds()
     flags.enable_pyobject = flags.force_pyobject = False
     made = compiler.compile_extra(
         typing_context, context, entry.py_func, own.args, own.return_type, flags, {}, pipeline_class=_Passes
@@ -394,9 +394,12 @@ def _write_c_function(context: Any, module: Any, description: Any, entry: EntryP
         for one, to in zip(function.args, packer.argument_types, strict=True)
     ]
     inner = context.declare_function(module, description)
-    _, found = context.call_conv.call_function(
+    status, found = context.call_conv.call_function(
         builder, inner, description.restype, description.argtypes, packer.from_arguments(builder, given)
     )
+    if keys.checks_bounds():
+        with builder.if_then(status.is_error):
+            builder.call(ir.Function(module, ir.FunctionType(ir.VoidType(), []), "llvm.trap"), [])
     if own.return_type == types.void:
         builder.ret_void()
     else:

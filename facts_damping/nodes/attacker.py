@@ -17,15 +17,7 @@ import numpy as np
 from facts_damping_msgs.msg import ControllerState, DeviceSetpoints, JacobianEstimate, PlantState, PmuDataFrame
 from rclpy.serialization import deserialize_message, serialize_message
 
-from facts_damping.case.names import (
-    SUPERVISED,
-    controller_addresses,
-    controller_names,
-    identifier_addresses,
-    link_addresses,
-    served,
-    supervisor_addresses,
-)
+from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses, setpoint_topics
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
@@ -118,17 +110,11 @@ def forgeries(case: Case, start_timeout_s: float, fraction: float = 1.0) -> dict
 
     `fraction`: of the devices' limits, size of the setpoints.
     """
-    by, names, places = signing(case, start_timeout_s), controller_names(case), controller_addresses(case)
-    setpoints = {f"{places[c]}/setpoints": (name, [c]) for c, name in enumerate(names)}
-    for c, address in supervisor_addresses(case).items():
-        setpoints[f"{address}/{SUPERVISED}"] = (address.name, [c])
-    links, frames = link_addresses(case), [FRAMES]
-    for i, link in enumerate(links):
-        setpoints[link.topic("setpoints/delivered")] = ("", served(case, i))
-        frames.append(link.topic("pmu/delivered"))
+    by = signing(case, start_timeout_s)
+    frames = [FRAMES, *(link.topic("pmu/delivered") for link in link_addresses(case))]
     made: dict[str, Callable[[int], bytes]] = {
         topic: partial(_setpoints, case, SetpointsMessage(case, seal=seal(by, topic)), sender, of, fraction)
-        for topic, (sender, of) in setpoints.items()
+        for topic, (sender, of) in setpoint_topics(case).items()
     }
     return made | {topic: partial(_frames, case, FramesMessage(case, seal(by, topic))) for topic in frames}
 

@@ -14,6 +14,7 @@ from facts_damping.case.names import (
     controller_addresses,
     identifier_addresses,
     link_addresses,
+    setpoint_topics,
     supervisor_addresses,
 )
 from facts_damping.control.table import kind_of
@@ -53,10 +54,6 @@ TOPICS = {
     REFUSALS: messages.RefusedMessages,
     CHANGES: messages.RunChange,
     RUN_STATE: messages.RunState,
-}
-SIGNED: dict[Any, type[FramesMessage | SetpointsMessage]] = {
-    messages.PmuDataFrame: FramesMessage,
-    messages.DeviceSetpoints: SetpointsMessage,
 }
 STAMP_END, TICK_END = 12, 20  # byte offsets: end of the header's stamp; end of its empty frame_id
 NO_FRAME = b"\1\0\0\0\0"  # followed by three bytes of padding with any value
@@ -123,10 +120,10 @@ class Recorder:
 
     def begins(self, kind: Any, topic: str) -> Callable[[bytes], bool]:
         """A function that tells whether a message is the first of the run and, if the topic is signed, of its graph."""
-        form, seal = SIGNED.get(kind), self.member.seal(topic)
-        if form is None or seal is None:
+        seal, of = self.member.seal(topic), setpoint_topics(self.case).get(topic)
+        if seal is None or (of is None and kind is not messages.PmuDataFrame):
             return begins_a_run
-        read = form(self.case, seal=seal).read
+        read = (FramesMessage(self.case, seal) if of is None else SetpointsMessage(self.case, *of, seal)).read
 
         def signed(data: bytes) -> bool:
             with suppress(Refused):

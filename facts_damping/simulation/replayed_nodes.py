@@ -15,7 +15,7 @@ from facts_damping.control.identifier import identify, store_setpoints, write_es
 from facts_damping.neurofuzzy.learning import write_learning
 from facts_damping.signals import ESTIMATE, LEARNING, SETPOINT, SUPERVISION
 from facts_damping.simulation.build import identifier_network
-from facts_damping.simulation.loop import control_system
+from facts_damping.simulation.loop import control_system, setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.replayed_changes import ReplayedChanges
@@ -71,8 +71,9 @@ class NewMessages:
         if key not in self._newest and key[:2] in self._tells:
             return range(0)
         newest = self._newest.get(key, {}).get(tick, usual)
-        before = newest - 1 if (role, index, tick) in self._begun else self._used.get(key, -1)
-        self._used[key] = max(self._used.get(key, -1), newest)
+        begins = (role, index, tick) in self._begun
+        before = newest - 1 if begins else self._used.get(key, -1)
+        self._used[key] = max(self._used.get(key, -1), newest, tick - 1 if begins else -1)
         return range(max(0, before + 1), newest + 1)
 
 
@@ -169,8 +170,9 @@ class NodeReplay:
         frames = self._delivered[link][at]
         span = tick, tick_ns(tick, int(own["frame_rate"])), tick_ns(tick + 1, int(own["frame_rate"]))
         given = frames, len(frames), issued, len(issued), np.ascontiguousarray(self._devices)
-        count = supervise(made, state, s, *span, *given, self._out, 0)
-        self._rows["supervised"].append(self._out[:count].copy())
+        out = setpoint_buffer(len(self._case.controllers[c].devices), len(issued))  # a restart brings many at once
+        count = supervise(made, state, s, *span, *given, out, 0)
+        self._rows["supervised"].append(out[:count])
         status = np.zeros(1, SUPERVISION)
         if write_status(made, state, s, tick, status, 0):
             self._rows["supervision"].append(status)

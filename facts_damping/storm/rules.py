@@ -243,7 +243,7 @@ def refusals_are_complete(trace: Trace) -> list[str]:
     for count, cause, topic in re.findall(r"^refused (\d+) (\S+) (\S+) /outsider$", output, re.MULTILINE):
         counts.setdefault(topic.lstrip("/"), {})[cause] = int(count)
     for topic, sent in trace.sent.items():
-        counted = sum(counts.get(topic, {}).values())
+        counted = sum(counts.get(topic.lstrip("/"), {}).values())
         if counted != sent:
             found.append(f"{counted} refusals counted on {topic}, {sent} messages sent")
     return found

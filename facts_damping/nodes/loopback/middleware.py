@@ -65,18 +65,19 @@ class Middleware:
         """Time from which a node knows an endpoint."""
         if not self.discovery_ns or observer is end.node:
             return 0
+        if (at := end.known_ns.get(observer)) is not None:
+            return at
         chance = random.Random(f"{self.seed} {observer.get_node_name()} {end.name} {type(end).__name__}")
-        return max(observer.since_ns, end.since_ns) + int(self.discovery_ns * chance.random())
+        at = max(observer.since_ns, end.since_ns) + int(self.discovery_ns * chance.random())
+        end.known_ns[observer] = at
+        return at
 
     def knows(self, now_ns: int, observer: Node, end: Endpoint) -> bool:
         """Whether a node knows an endpoint now: it has discovered it and has not taken it to have left."""
         if observer is end.node:
             return True
-        if self.discovery_ns:
-            if (at := end.known_ns.get(observer)) is None:
-                at = end.known_ns[observer] = self.known_from_ns(observer, end)
-            if now_ns < at:
-                return False
+        if self.discovery_ns and now_ns < self.known_from_ns(observer, end):
+            return False
         if not self.lease_ns or (not self.disturbances and end.node.process.stopped_ns == NEVER):
             return True
         return now_ns - self._silent_since_ns(now_ns, observer, end) <= self.lease_ns
@@ -92,14 +93,17 @@ class Middleware:
         return not topic or subscription.node.get_node_name() != node or not subscription.name.endswith(topic)
 
     def arrival_ns(self, now_ns: int, sender: Endpoint, receiver: Endpoint) -> int | None:
-        """When a message sent now arrives, not before earlier ones of the same two; None: it is lost."""
-        at = now_ns
+        """When a message sent now arrives, not before earlier ones of the same two; None: it is lost.
+
+        A reliable publisher keeps it for a receiver that does not know it yet.
+        """
+        at = max(now_ns, self.known_from_ns(receiver.node, sender)) if self.discovery_ns else now_ns
         for one in self.disturbances:
             arrival = one.arrival_ns(now_ns, sender, receiver)
             if arrival is None:
                 return None
             at = max(at, arrival)
-        if self.disturbances:
+        if self.disturbances or self.discovery_ns:
             at = self._newest[sender, receiver] = max(at, self._newest.get((sender, receiver), 0))
         return at
 

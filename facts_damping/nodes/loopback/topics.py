@@ -58,13 +58,6 @@ def fit(publisher: TopicEndpoint, subscription: TopicEndpoint) -> bool:
     return reliable and (publisher.latched or not subscription.latched)
 
 
-def _matched(publisher: Publisher, subscription: Subscription) -> bool:
-    """Whether both know each other; that they fit is known."""
-    here = world()
-    knows, now = here.middleware.knows, here.now_ns
-    return knows(now, publisher.node, subscription) and knows(now, subscription.node, publisher)
-
-
 def _send_kept(publisher: Publisher, subscription: Subscription) -> None:
     """Send a late subscription what its latched publisher keeps, once both know each other."""
     here = world()
@@ -87,11 +80,13 @@ class Publisher(TopicEndpoint):
         here.add(here.publishers, self)
 
     def readers(self) -> list[Subscription]:
-        """The subscriptions that it sends to."""
-        here = domain()
-        if self._version != here.version:
-            self._version, self._fitting = here.version, [one for one in here.subscriptions if fit(self, one)]
-        return [one for one in self._fitting if _matched(self, one)]
+        """The subscriptions that it sends to: those that it knows. One that does not know it yet gets them then."""
+        ends = domain()
+        if self._version != ends.version:
+            self._version, self._fitting = ends.version, [one for one in ends.subscriptions if fit(self, one)]
+        here = world()
+        knows, now = here.middleware.knows, here.now_ns
+        return [one for one in self._fitting if knows(now, self.node, one)]
 
     def publish(self, message: Any) -> None:
         self.publish_raw(real.rclpy_serialize(message, self.kind))
