@@ -11,7 +11,7 @@ from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.modes.oscillation import is_stable
 from facts_damping.monitor_table import ARMED, FALLBACK, TRIPPED
-from facts_damping.signals import NANOSECONDS
+from facts_damping.signals import NANOSECONDS, SPEED_BAND
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -182,8 +182,8 @@ def synchronism(record: Record, uncontrolled: Record) -> float | None:
 def harm(record: Record, uncontrolled: Record) -> float | None:
     """ITAE is at most `HARM` times that without control; None if that loses synchronism.
 
-    Margin: `HARM - ITAE / (ITAE without control)`. In a run that loses synchronism the last speed differences count to
-    the end, and the ratio is `LOST` at least.
+    Margin: `HARM - ITAE / (ITAE without control)`. After a loss of synchronism every speed difference counts as
+    `SPEED_BAND`, beyond which the model of a machine is not valid; the ratio is then `LOST` at least.
     """
     own, none = itae(record), itae(uncontrolled)
     if none is None:
@@ -191,13 +191,14 @@ def harm(record: Record, uncontrolled: Record) -> float | None:
     scale = max(none, float(np.finfo(float).tiny))
     if own is not None:
         return (HARM * none - own) / scale
-    return HARM - float(np.fmax(LOST, _held(record, float(uncontrolled.time_s[-1])) / scale))
+    return HARM - float(np.fmax(LOST, _beyond(record, float(uncontrolled.time_s[-1])) / scale))
 
 
-def _held(record: Record, end_s: float) -> float:
-    """ITAE of a run that ended early, with its last speed differences to an end."""
+def _beyond(record: Record, end_s: float) -> float:
+    """ITAE of a run that ended early, to an end (s)."""
     t, x = record.time_s, columns(speed_differences(record))
-    return performance_indices(np.append(t, max(end_s, t[-1])), np.vstack([x, x[-1:]]))["ITAE"]
+    after = x.shape[1] * SPEED_BAND * max(0.0, end_s**2 - float(t[-1]) ** 2) / 2.0
+    return float(performance_indices(t, x)["ITAE"] + after)
 
 
 # Invariants of a single record, by column of the table: margin(case, record, late).
