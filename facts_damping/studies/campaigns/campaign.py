@@ -89,6 +89,7 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
         check_known(f"{path}: faults", fault, list(FAULTS))
     contents = {base_run: read_run(one.run) for base_run, one in campaign.base_runs.items()}
     changed, _ = read_sets(sets)
+    campaign = _without_lists(campaign, changed)
     rests_on = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
     digest = hashlib.sha256(json.dumps(rests_on, sort_keys=True, default=str).encode()).hexdigest()
     made = Plan(path.stem, read_text(path), campaign, contents, changed, digest)
@@ -98,6 +99,22 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
     return made
+
+
+def _without_lists(campaign: Campaign, changed: dict[str, Any]) -> Campaign:
+    """The campaign without the lists whose fields are all set by `--set`, which wins."""
+
+    def chosen(choices: dict[str, dict[str, Any]]) -> bool:
+        paths = [path for fields in choices.values() for path in fields]
+        return not paths or any(
+            all(path != own and not path.startswith(f"{own}.") for own in changed) for path in paths
+        )
+
+    kept = {
+        name: one.model_copy(update={"choose": {of: given for of, given in one.choose.items() if chosen(given)}})
+        for name, one in campaign.base_runs.items()
+    }
+    return campaign.model_copy(update={"base_runs": kept})
 
 
 def _check(made: Plan, base_run: str) -> None:
@@ -238,8 +255,12 @@ def uncontrolled(made: Plan, drawn: Draw) -> Record:
     """The same run without control: only the plant and its events matter."""
     plain = {path: value for path, value in drawn.changes.items() if path.partition(".")[0] in OF_PLANT}
     key = json.dumps([drawn.base_run, plain], default=str, sort_keys=True)
-    changes = {"link": "ideal", "measurement": "ideal", **plain, **UNCONTROLLED}
-    return shared(_uncontrolled, key, lambda: batch.closed_loop(_case(made, drawn.base_run, changes)))
+    content, source = made.contents[drawn.base_run]
+    whole = {"link": "ideal", "measurement": "ideal", **UNCONTROLLED}
+    usual = made.campaign.base_runs[drawn.base_run].set
+    kept = {path: value for path, value in usual.items() if path.partition(".")[0] not in whole}
+    changes = {**kept, **whole, **plain}
+    return shared(_uncontrolled, key, lambda: batch.closed_loop(changed_case(deepcopy(content), source, changes)))
 
 
 def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:

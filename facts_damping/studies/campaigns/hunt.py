@@ -7,6 +7,7 @@ points are evaluated in equal number, in turn with them.
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from functools import partial
@@ -18,8 +19,9 @@ from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.parameters.files import new_folder
 from facts_damping.studies.campaigns import campaign as study
 from facts_damping.studies.campaigns import invariants
-from facts_damping.studies.campaigns.faults import Numbers
+from facts_damping.studies.campaigns.faults import NOTHING, Numbers
 from facts_damping.studies.campaigns.proposals import proposal, turns
+from facts_damping.studies.campaigns.shrink import shrunk
 from facts_damping.studies.sweeps import batch
 from facts_damping.studies.sweeps.journal import Journal
 from facts_damping.studies.sweeps.pool import workers
@@ -33,9 +35,10 @@ if TYPE_CHECKING:
     Rows = Sequence[dict[str, Any]]
 
 JOURNAL = "hunt.jsonl"
-HUNTED, RANDOM = "hunted", "random"
+HUNTED, RANDOM, SHRUNK = "hunted", "random", "shrunk"
 BATCH = 28  # points of a generation: four for each rule
 SIZES = 6  # coordinates for the size of a fault, at least as many as any takes
+KINDS = 3  # faults of which the worst case is shrunk, for each rule
 CHOICES = 6  # those of a choice, beside its lists
 
 
@@ -44,11 +47,19 @@ class Found(NamedTuple):
 
     rule: str
     unit: str
-    worst: dict[str, Any] | None  # row with the smallest margin of the hunt; None: nothing can violate the rule
+    hunted: dict[str, Any] | None  # row with the smallest margin of the hunt; None: nothing can violate the rule
     random: dict[str, Any] | None  # the same of the random draws, in the same number and time
     violated: int  # hunted cases that violate the rule
     random_violated: int
-    ratio: float | None  # severity of the worst to that of the random ones; None: none of them violates
+    ratio: float | None  # severity of the worst to that of the random ones; None: not both violate the rule
+
+
+class Hunt(NamedTuple):
+    """A hunt: rows of all cases, the mildest forms of the worst by rule, and whether it came to its end."""
+
+    rows: list[dict[str, Any]]
+    shrunk: dict[str, dict[str, Any]]
+    complete: bool
 
 
 def coordinates(made: Plan) -> int:
@@ -59,7 +70,10 @@ def coordinates(made: Plan) -> int:
 def case_of(made: Plan, numbers: Sequence[float]) -> tuple[Choice, list[float]]:
     """What a point chooses, and its coordinates for the size of the fault."""
     source = Numbers(numbers)
-    return study.choose(made, source), list(numbers[source.taken :])
+    choice = study.choose(made, source)
+    sizes = Numbers(numbers[source.taken :])
+    study.drawn(made, 0, choice, sizes)
+    return choice, list(sizes.values[: sizes.taken])
 
 
 def margins_of(made: Plan, drawn: Draw) -> dict[str, float | None]:
@@ -74,8 +88,8 @@ def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, 
     began = time.monotonic()
     row: dict[str, Any] = {"arm": key.split()[0], "numbers": numbers, "error": None, "margins": {}}
     try:
-        choice, sizes = case_of(made, numbers)
-        drawn = study.drawn(made, int(key.split()[1]), choice, Numbers(sizes))
+        source = Numbers(numbers)
+        drawn = study.drawn(made, int(key.split()[1]), study.choose(made, source), source)
         row |= study.identity(drawn) | drawn.chosen
         row["margins"] = margins_of(made, drawn)
     except FactsDampingError as error:
@@ -85,30 +99,107 @@ def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, 
     return key, row | {"took_s": time.monotonic() - began}
 
 
+def search(made: Plan, rule: str, cases: int) -> list[dict[str, Any]]:
+    """Rows of so many cases, one after the other, hunted for the smallest margin of a rule."""
+    random, size = np.random.default_rng((made.campaign.seed, 1)), coordinates(made)
+    rows: list[dict[str, Any]] = []
+    for i in range(cases):
+        points = np.array([row["numbers"] for row in rows]).reshape(-1, size)
+        at = proposal(points, [kind(row) for row in rows], np.array([margin(row, rule) for row in rows]), random)
+        rows.append(evaluate(made, (f"{HUNTED} {i}", at.tolist()))[1])
+    return rows
+
+
+def kind(row: dict[str, Any]) -> str:
+    """What distinguishes parents: base run and fault."""
+    return f"{row.get('base_run')} {row.get('fault')}"
+
+
+def mildest(made: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[str, Any]]:
+    """Key and row of the mildest form of a point that violates a rule; the task: key, rule and point."""
+    key, rule, numbers = task
+    asked = 0
+
+    def margin_of(choice: Choice, sizes: list[float]) -> float:
+        nonlocal asked
+        asked += 1
+        try:
+            return _or_infinity(margins_of(made, study.drawn(made, 0, choice, Numbers(sizes)))[rule])
+        except FactsDampingError:
+            return math.inf
+
+    (choice, sizes), margin = shrunk(*case_of(made, numbers), margin_of)
+    return key, {"arm": SHRUNK, "choice": choice._asdict(), "sizes": sizes, "margin": margin, "cases": asked}
+
+
+def draw_of(made: Plan, row: dict[str, Any], number: int) -> Draw:
+    """The draw of a row."""
+    if row["arm"] == SHRUNK:
+        return study.drawn(made, number, study.Choice(**row["choice"]), Numbers(row["sizes"]))
+    choice, sizes = case_of(made, row["numbers"])
+    return study.drawn(made, number, choice, Numbers(sizes))
+
+
 def margin(row: dict[str, Any], rule: str) -> float:
     """Margin of a row; infinity if the rule cannot be violated."""
-    value = row["margins"].get(rule)
+    return _or_infinity(row["margins"].get(rule))
+
+
+def _or_infinity(value: float | None) -> float:
     return math.inf if value is None else float(value)
 
 
 def run(
-    made: Plan, folder: Path, minutes: float, jobs: int, progress: Callable[[int, int], None]
-) -> list[dict[str, Any]]:
-    """Hunt for so many minutes, those of earlier starts included; the rows of all cases, which a journal keeps.
+    made: Plan, folder: Path, minutes: float, jobs: int, scheduler: str | None, progress: Callable[[int, int], None]
+) -> Hunt:
+    """Hunt for so many minutes, those of earlier starts included; a journal keeps all cases.
 
-    Raises `InputError` if the folder belongs to another campaign. An interrupt ends the hunt, not its journal.
+    An interrupt ends the hunt, and what was found is returned. Raises `InputError` if the folder belongs to another
+    campaign.
     """
-    with workers(jobs) as each, Journal(new_folder(folder) / JOURNAL, made.fingerprint) as journal:
+    whole, complete = max(1, round(60.0 * minutes)), False
+    with workers(jobs, scheduler) as each, Journal(new_folder(folder) / JOURNAL, made.fingerprint) as journal:
         rows = journal.rows
-        began = time.monotonic() - max((row["at_s"] for row in rows.values()), default=0.0)
-        generation = 0
-        while time.monotonic() - began < 60.0 * minutes:
-            tasks = generation_of(made, rows, generation)
-            for key, row in each(partial(evaluate, made), [task for task in tasks if task[0] not in rows]):
-                journal.append(key, {**row, "at_s": time.monotonic() - began})
-                progress(min(round(time.monotonic() - began), round(60.0 * minutes)), max(1, round(60.0 * minutes)))
-            generation += 1
-        return list(rows.values())
+        began = time.monotonic() - max((row.get("at_s", 0.0) for row in rows.values()), default=0.0)
+        try:
+            for generation in itertools.count():
+                if time.monotonic() - began >= 60.0 * minutes:
+                    break
+                tasks = [task for task in generation_of(made, rows, generation) if task[0] not in rows]
+                for key, row in each(partial(evaluate, made), tasks):
+                    journal.append(key, {**row, "at_s": time.monotonic() - began})
+                    progress(min(round(time.monotonic() - began), whole), whole)
+            worst = [task for task in violating(rows) if task[0] not in rows]
+            for key, row in each(partial(mildest, made), worst):
+                journal.append(key, row)
+            complete = True
+        except KeyboardInterrupt:
+            pass
+        found: dict[str, dict[str, Any]] = {}
+        for key, rule, _ in violating(rows):
+            if key in rows:
+                found[rule] = min(found.get(rule, rows[key]), rows[key], key=severity_of_means)
+        return Hunt([row for row in rows.values() if row["arm"] != SHRUNK], found, complete)
+
+
+def severity_of_means(row: dict[str, Any]) -> tuple[bool, int, float]:
+    """How far a mildest form is from its base run: whether a part fails, how much was chosen, how long it lasts (s)."""
+    choice = study.Choice(**row["choice"])
+    lasts = math.inf if choice.duration is None else choice.duration
+    return choice.fault != NOTHING, len(choice.chosen) + (choice.seed is not None), lasts
+
+
+def violating(rows: dict[str, dict[str, Any]]) -> list[tuple[str, str, list[float]]]:
+    """The worst case of each of the worst faults, for each violated rule: key of its mildest form, rule, point."""
+    found = []
+    cases = {key: row for key, row in rows.items() if row["arm"] != SHRUNK}
+    for rule in invariants.INVARIANTS:
+        faults: dict[str, str] = {}
+        for key in sorted(cases, key=lambda key: margin(cases[key], rule)):
+            if margin(cases[key], rule) < 0.0 and len(faults) < KINDS:
+                faults.setdefault(cases[key]["fault"], key)
+        found += [(f"{SHRUNK} {rule} {key}", rule, cases[key]["numbers"]) for key in faults.values()]
+    return found
 
 
 def generation_of(made: Plan, rows: dict[str, dict[str, Any]], generation: int) -> list[tuple[str, list[float]]]:
@@ -118,7 +209,7 @@ def generation_of(made: Plan, rows: dict[str, dict[str, Any]], generation: int) 
     points = np.array([row["numbers"] for row in known]).reshape(-1, size)
     margins = np.array([[margin(row, rule) for rule in invariants.INVARIANTS] for row in known])
     margins = margins.reshape(-1, len(invariants.INVARIANTS))
-    kinds = [f"{row.get('base_run')} {row.get('fault')}" for row in known]
+    kinds = [kind(row) for row in known]
     random = np.random.default_rng((made.campaign.seed, generation, 1))
     bests = np.minimum.accumulate(margins)[BATCH - 1 :: BATCH]
     tasks: list[tuple[str, list[float]]] = []
@@ -137,7 +228,7 @@ def compared(rows: Rows) -> list[Found]:
 
 
 def _in_order(rows: Rows, arm: str) -> list[dict[str, Any]]:
-    return sorted((row for row in rows if row["arm"] == arm), key=lambda row: row["at_s"])
+    return sorted((row for row in rows if row["arm"] == arm), key=lambda row: float(row["at_s"]))
 
 
 def _within(rows: Rows, spent_s: float) -> list[dict[str, Any]]:
