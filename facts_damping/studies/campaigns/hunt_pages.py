@@ -79,10 +79,8 @@ def write(made: Plan, hunt: Hunt, folder: Path, command: str) -> list[Path]:
     found, written = compared(hunt.rows), [folder / PAGE]
     lines = [f"# {made.name}: the worst cases", "", made.campaign.description, "", f"    {command}", ""]
     lines += [f"{counts(hunt)}.", "", *rules_table(found, markdown=True), ""]
-    lines += [
-        "A margin is the distance to a violation, below zero that beyond it; the arms are compared in equal number"
-    ]
-    lines += ["and time. A run file of each case can be run with `facts-damping simulate`.", ""]
+    lines += ["A margin is the distance to a violation, below zero beyond it. Each case is a run file, for"]
+    lines += ["`facts-damping simulate`. The mildest form has what can be left out, shortened or made smaller.", ""]
     for rule, shrunk in hunt.shrunk.items():
         worst = min(hunt.rows, key=lambda row: margin(row, rule))
         lines += [f"## {WORDS[rule][0].upper()}{WORDS[rule][1:]}", ""]
