@@ -113,7 +113,7 @@ def told(arguments: list[str], folder: Path) -> dict[str, Any]:
 def test_a_hunt_writes_a_page_and_run_files_that_violate_and_goes_on(turned: Path, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     found = told([str(turned), "--hunt", "0.001"], folder)
-    assert found["cases"] == 14
+    assert found["cases"] % 14 == 0 < found["cases"]
     rules = {one["rule"]: one for one in found["rules"]}
     assert set(rules) == set(invariants.INVARIANTS)
     text = (folder / "hunt.md").read_text()
