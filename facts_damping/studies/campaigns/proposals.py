@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 UNSEEN = 0.8  # probability of a point anywhere for a rule that no point violates yet
-FRESH = 0.1  # the same for one that is violated
+FRESH = 0.3  # the same for one that is violated
 CROSSED = 0.3  # probability that coordinates of a second parent are taken
 ANEW = 0.5  # probability that a coordinate that changes is drawn anew; else it moves
 CHANGED = 2.0  # coordinates that change, on average
