@@ -68,7 +68,7 @@ def test_a_hunt_finds_worse_than_as_many_random_points(seed: int) -> None:
         margins = np.append(margins, toy(points[-1]))
     assert 0.0 <= points.min() <= points.max() < 1.0
     drawn = min(toy(at) for at in np.random.default_rng(seed + 100).random((400, SIZE)))
-    assert margins.min() < min(drawn, 0.0) - 0.1
+    assert margins.min() < min(drawn, 0.0) - 0.03
 
 
 def test_rules_that_no_longer_change_have_a_turn_only_once() -> None:
