@@ -13,7 +13,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.studies.campaigns import campaign, hunt, hunt_pages, invariants
-from facts_damping.studies.campaigns.faults import Numbers
+from facts_damping.studies.campaigns.faults import FAULTS, ONLY_REAL, Numbers
 from facts_damping.studies.campaigns.proposals import proposal, turns
 from facts_damping.studies.campaigns.shrink import shrunk
 from tests.commands import assert_one_line
@@ -102,6 +102,19 @@ def test_what_is_shrunk_violates_still_and_no_worse() -> None:
     assert of_choice(choice, [0.9]) <= margin == of_choice(milder, sizes) < 0.0
     assert (milder.chosen, milder.seed, milder.start, milder.duration) == ({}, None, 3.0, 0.5)
     assert sizes[0] < 0.9
+
+
+@pytest.mark.parametrize("fault", [name for name in FAULTS if name not in ONLY_REAL])
+def test_every_fault_has_a_form_of_the_mildest_size(turned: Path, fault: str) -> None:
+    """Also where the mildest of its stages takes more numbers than the one that was found."""
+    made = campaign.plan(str(turned))
+    for number in (0.01, 0.99):
+        row = {"arm": hunt.SHRUNK, "choice": campaign.Choice("two_area", {}, fault, 1.0, 0.5, None)._asdict()}
+        mild = FAULTS[fault].mild
+        for sizes in ([mild], [number, mild], [mild, number]):
+            drawn = hunt.draw_of(made, {**row, "sizes": sizes}, 0)
+            assert campaign.case_of(made, drawn).run.seed == 0
+            assert fault in hunt_pages.words(made, drawn) or fault == "none"
 
 
 def told(arguments: list[str], folder: Path) -> dict[str, Any]:

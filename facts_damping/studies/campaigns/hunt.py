@@ -124,20 +124,24 @@ def mildest(made: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[s
         nonlocal asked
         asked += 1
         try:
-            return _or_infinity(margins_of(made, study.drawn(made, 0, choice, Numbers(sizes)))[rule])
-        except FactsDampingError:
+            return _or_infinity(margins_of(made, _drawn(made, 0, choice, sizes))[rule])
+        except Exception:  # noqa: BLE001 (a milder case that cannot be run is none)
             return math.inf
 
     (choice, sizes), margin = shrunk(*case_of(made, numbers), margin_of)
     return key, {"arm": SHRUNK, "choice": choice._asdict(), "sizes": sizes, "margin": margin, "cases": asked}
 
 
+def _drawn(made: Plan, number: int, choice: Choice, sizes: list[float]) -> Draw:
+    """The draw of a choice; another stage of a fault may take more numbers, which are those of the smallest sizes."""
+    return study.drawn(made, number, choice, Numbers([*sizes, *([0.0] * SIZES)]))
+
+
 def draw_of(made: Plan, row: dict[str, Any], number: int) -> Draw:
     """The draw of a row."""
     if row["arm"] == SHRUNK:
-        return study.drawn(made, number, study.Choice(**row["choice"]), Numbers(row["sizes"]))
-    choice, sizes = case_of(made, row["numbers"])
-    return study.drawn(made, number, choice, Numbers(sizes))
+        return _drawn(made, number, study.Choice(**row["choice"]), row["sizes"])
+    return _drawn(made, number, *case_of(made, row["numbers"]))
 
 
 def margin(row: dict[str, Any], rule: str) -> float:
