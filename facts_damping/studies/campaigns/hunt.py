@@ -86,10 +86,11 @@ def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, 
     """Key and row of a point; a case that fails has a row too, with the reason in `error`."""
     key, numbers = task
     began = time.monotonic()
-    row: dict[str, Any] = {"arm": key.split()[0], "numbers": numbers, "error": None, "margins": {}}
+    arm, number = key.split()
+    row: dict[str, Any] = {"arm": arm, "number": int(number), "numbers": numbers, "error": None, "margins": {}}
     try:
         source = Numbers(numbers)
-        drawn = study.drawn(made, int(key.split()[1]), study.choose(made, source), source)
+        drawn = study.drawn(made, int(number), study.choose(made, source), source)
         row |= study.identity(drawn) | drawn.chosen
         row["margins"] = margins_of(made, drawn)
     except FactsDampingError as error:
@@ -129,7 +130,8 @@ def mildest(made: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[s
             return math.inf
 
     (choice, sizes), margin = shrunk(*case_of(made, numbers), margin_of)
-    return key, {"arm": SHRUNK, "choice": choice._asdict(), "sizes": sizes, "margin": margin, "cases": asked}
+    found = {"choice": choice._asdict(), "sizes": sizes, "margin": margin, "cases": asked}
+    return key, {"arm": SHRUNK, "number": int(key.split()[-1]), **found}
 
 
 def _drawn(made: Plan, number: int, choice: Choice, sizes: list[float]) -> Draw:
@@ -137,11 +139,11 @@ def _drawn(made: Plan, number: int, choice: Choice, sizes: list[float]) -> Draw:
     return study.drawn(made, number, choice, Numbers([*sizes, *([0.0] * SIZES)]))
 
 
-def draw_of(made: Plan, row: dict[str, Any], number: int) -> Draw:
+def draw_of(made: Plan, row: dict[str, Any]) -> Draw:
     """The draw of a row."""
     if row["arm"] == SHRUNK:
-        return _drawn(made, number, study.Choice(**row["choice"]), row["sizes"])
-    return _drawn(made, number, *case_of(made, row["numbers"]))
+        return _drawn(made, row["number"], study.Choice(**row["choice"]), row["sizes"])
+    return _drawn(made, row["number"], *case_of(made, row["numbers"]))
 
 
 def margin(row: dict[str, Any], rule: str) -> float:
@@ -182,11 +184,11 @@ def run(
         found: dict[str, dict[str, Any]] = {}
         for key, rule, _ in violating(rows):
             if key in rows:
-                found[rule] = min(found.get(rule, rows[key]), rows[key], key=severity_of_means)
+                found[rule] = min(found.get(rule, rows[key]), rows[key], key=distance)
         return Hunt([row for row in rows.values() if row["arm"] != SHRUNK], found, complete)
 
 
-def severity_of_means(row: dict[str, Any]) -> tuple[bool, int, float]:
+def distance(row: dict[str, Any]) -> tuple[bool, int, float]:
     """How far a mildest form is from its base run: whether a part fails, how much was chosen, how long it lasts (s)."""
     choice = study.Choice(**row["choice"])
     lasts = math.inf if choice.duration is None else choice.duration

@@ -85,9 +85,9 @@ def write(made: Plan, hunt: Hunt, folder: Path, command: str) -> list[Path]:
         worst = min(hunt.rows, key=lambda row: margin(row, rule))
         lines += [f"## {WORDS[rule][0].upper()}{WORDS[rule][1:]}", ""]
         for what, row, value in (("worst", worst, margin(worst, rule)), ("mildest", shrunk, shrunk["margin"])):
-            drawn = draw_of(made, row, hunt.rows.index(worst))
+            drawn = draw_of(made, row)
             path = new_folder(folder / FOLDER) / f"{rule}_{what}.yaml"
-            write_whole(path, study.run_file(made, drawn, f"The {what} form of case"))
+            write_whole(path, study.run_file(made, drawn, f"Hunted, {what}: case"))
             written.append(path)
             case = f"margin {value:.3g}: {words(made, drawn)}."
             lines.append(f"- **{what.capitalize()}** ([run file]({FOLDER}/{path.name})), {case}")
