@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from facts_damping.studies.campaigns.campaign import Choice, Draw, Plan
 
     Rows = Sequence[dict[str, Any]]
@@ -39,6 +41,7 @@ HUNTED, RANDOM, SHRUNK = "hunted", "random", "shrunk"
 BATCH = 28  # points of a generation: four for each rule
 SIZES = 6  # coordinates for the size of a fault, at least as many as any takes
 KINDS = 3  # faults of which the worst case is shrunk, for each rule
+TRIES = 10  # points proposed at most for one whose case is new
 CHOICES = 6  # those of a choice, beside its lists
 
 
@@ -88,6 +91,7 @@ def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, 
     began = time.monotonic()
     arm, number = key.split()
     row: dict[str, Any] = {"arm": arm, "number": int(number), "numbers": numbers, "error": None, "margins": {}}
+    row["content"] = content(made, numbers)
     try:
         source = Numbers(numbers)
         drawn = study.drawn(made, int(number), study.choose(made, source), source)
@@ -102,13 +106,34 @@ def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, 
 
 def search(made: Plan, rule: str, cases: int) -> list[dict[str, Any]]:
     """Rows of so many cases, one after the other, hunted for the smallest margin of a rule."""
-    random, size = np.random.default_rng((made.campaign.seed, 1)), coordinates(made)
+    random, size, seen = np.random.default_rng((made.campaign.seed, 1)), coordinates(made), set[str]()
     rows: list[dict[str, Any]] = []
     for i in range(cases):
         points = np.array([row["numbers"] for row in rows]).reshape(-1, size)
-        at = proposal(points, [kind(row) for row in rows], np.array([margin(row, rule) for row in rows]), random)
-        rows.append(evaluate(made, (f"{HUNTED} {i}", at.tolist()))[1])
+        kinds, margins = [kind(row) for row in rows], np.array([margin(row, rule) for row in rows])
+        at = _another(made, seen, partial(proposal, points, kinds, margins, random))
+        rows.append(evaluate(made, (f"{HUNTED} {i}", at))[1])
     return rows
+
+
+def _another(made: Plan, seen: set[str], propose: Callable[[], NDArray[np.float64]]) -> list[float]:
+    """The first point proposed, of a few, whose case differs from those seen by more than its seed; notes it."""
+    for _ in range(TRIES):
+        numbers: list[float] = propose().tolist()
+        case = content(made, numbers)
+        if case not in seen:
+            break
+    seen.add(case)
+    return numbers
+
+
+def content(made: Plan, numbers: Sequence[float]) -> str:
+    """What distinguishes a case, without its seed: many coordinates are used by some faults only."""
+    try:
+        choice, sizes = case_of(made, numbers)
+    except FactsDampingError as error:
+        return str(error)
+    return str((choice._replace(seed=None), sizes))
 
 
 def kind(row: dict[str, Any]) -> str:
@@ -218,9 +243,11 @@ def generation_of(made: Plan, rows: dict[str, dict[str, Any]], generation: int) 
     kinds = [kind(row) for row in known]
     random = np.random.default_rng((made.campaign.seed, generation, 1))
     bests = np.minimum.accumulate(margins)[BATCH - 1 :: BATCH]
+    seen = {row["content"] for row in known}
     tasks: list[tuple[str, list[float]]] = []
     for i, rule in enumerate(turns(bests, BATCH), first):
-        tasks.append((f"{HUNTED} {i}", proposal(points, kinds, margins[:, rule], random).tolist()))
+        at = _another(made, seen, partial(proposal, points, kinds, margins[:, rule], random))
+        tasks.append((f"{HUNTED} {i}", at))
         tasks.append((f"{RANDOM} {i}", random.random(size).tolist()))
     return tasks
 

@@ -21,7 +21,7 @@ FRESH = 0.3  # the same for one that is violated
 CROSSED = 0.3  # probability that coordinates of a second parent are taken
 ANEW = 0.5  # probability that a coordinate that changes is drawn anew; else it moves
 CHANGED = 2.0  # coordinates that change, on average
-STEPS = (1e-3, 0.3)  # standard deviations of a move, log-uniform
+STEPS = (1e-2, 0.3)  # standard deviations of a move, log-uniform
 BEST = 8  # kinds whose best are parents
 PATIENCE = 5  # generations
 
