@@ -217,7 +217,7 @@ def _hunt(arguments: argparse.Namespace, made: Campaign, folder: Path) -> None:
     sets = [f"--set {change}" for change in arguments.set]
     command = ["facts-damping campaign", arguments.campaign, f"--hunt {arguments.hunt:g}", *sets]
     write_json(arguments.json, hunt_pages.document(made, found))
-    say(arguments, f"{hunt_pages.counts(found)}.", *hunt_pages.rules_table(hunt.compared(found.rows)))
+    say(arguments, f"{hunt_pages.counts(found)}.", *hunt_pages.rules_table(hunt_pages.compared(found.rows)))
     say(arguments, *(f"written: {path}" for path in hunt_pages.write(made, found, folder, " ".join(command))))
     if not found.complete:
         with _continuing(folder):

@@ -45,18 +45,6 @@ TRIES = 10  # points proposed at most for one whose case is new
 CHOICES = 6  # those of a choice, beside its lists
 
 
-class Found(NamedTuple):
-    """What was found about a rule."""
-
-    rule: str
-    unit: str
-    hunted: dict[str, Any] | None  # row with the smallest margin of the hunt; None: nothing can violate the rule
-    random: dict[str, Any] | None  # the same of as many random cases
-    violated: int  # hunted cases that violate the rule
-    random_violated: int
-    ratio: float | None  # severity of the worst to that of the random ones; None: not both violate the rule
-
-
 class Hunt(NamedTuple):
     """A hunt: rows of all cases, the mildest forms by rule, and whether it came to its end."""
 
@@ -250,20 +238,3 @@ def generation_of(made: Plan, rows: dict[str, dict[str, Any]], generation: int) 
         tasks.append((f"{HUNTED} {i}", at))
         tasks.append((f"{RANDOM} {i}", random.random(size).tolist()))
     return tasks
-
-
-def compared(rows: Rows) -> list[Found]:
-    """What was found about each rule, in the same number of hunted and random cases."""
-    arms = [[row for row in rows if row["arm"] == arm] for arm in (HUNTED, RANDOM)]
-    many = min(map(len, arms))
-    return [_found(rule, arms[0][:many], arms[1][:many]) for rule in invariants.INVARIANTS]
-
-
-def _found(rule: str, hunted: Rows, drawn: Rows) -> Found:
-    units = {name: one.unit for name, one in (invariants.ALONE | invariants.BESIDE).items()}
-    worst, other = (min(rows, key=lambda row: margin(row, rule), default=None) for rows in (hunted, drawn))
-    counts = [sum(margin(row, rule) < 0.0 for row in rows) for rows in (hunted, drawn)]
-    own, beside = (math.inf if row is None else margin(row, rule) for row in (worst, other))
-    ratio = own / beside if own < 0.0 and beside < 0.0 else None
-    kept = [row if math.isfinite(value) else None for row, value in ((worst, own), (other, beside))]
-    return Found(rule, units[rule], kept[0], kept[1], counts[0], counts[1], ratio)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.parameters.files import new_folder
 from facts_damping.studies.campaigns import campaign as study
+from facts_damping.studies.campaigns import invariants
 from facts_damping.studies.campaigns.campaign_pages import WORDS
 from facts_damping.studies.campaigns.faults import FAULTS, NOTHING
-from facts_damping.studies.campaigns.hunt import HUNTED, RANDOM, compared, draw_of, margin
+from facts_damping.studies.campaigns.hunt import HUNTED, RANDOM, draw_of, margin
 from facts_damping.terminal import table, write_whole
 
 if TYPE_CHECKING:
@@ -16,11 +18,42 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.studies.campaigns.campaign import Draw, Plan
-    from facts_damping.studies.campaigns.hunt import Found, Hunt
+    from facts_damping.studies.campaigns.hunt import Hunt
+
+    Rows = Sequence[dict[str, Any]]
 
 FOLDER, PAGE = "hunt", "hunt.md"
 NONE = "-"
 SPAN = ("start", "duration")
+
+
+class Found(NamedTuple):
+    """What was found about a rule."""
+
+    rule: str
+    unit: str
+    hunted: dict[str, Any] | None  # row with the smallest margin of the hunt; None: nothing can violate the rule
+    random: dict[str, Any] | None  # the same of as many random cases
+    violated: int  # hunted cases that violate the rule
+    random_violated: int
+    ratio: float | None  # severity of the worst to that of the random ones; None: not both violate the rule
+
+
+def compared(rows: Rows) -> list[Found]:
+    """What was found about each rule, in the same number of hunted and random cases."""
+    arms = [[row for row in rows if row["arm"] == arm] for arm in (HUNTED, RANDOM)]
+    many = min(map(len, arms))
+    return [_found(rule, arms[0][:many], arms[1][:many]) for rule in invariants.INVARIANTS]
+
+
+def _found(rule: str, hunted: Rows, drawn: Rows) -> Found:
+    units = {name: one.unit for name, one in (invariants.ALONE | invariants.BESIDE).items()}
+    worst, other = (min(rows, key=lambda row: margin(row, rule), default=None) for rows in (hunted, drawn))
+    counts = [sum(margin(row, rule) < 0.0 for row in rows) for rows in (hunted, drawn)]
+    own, beside = (math.inf if row is None else margin(row, rule) for row in (worst, other))
+    ratio = own / beside if own < 0.0 and beside < 0.0 else None
+    kept = [row if math.isfinite(value) else None for row, value in ((worst, own), (other, beside))]
+    return Found(rule, units[rule], kept[0], kept[1], counts[0], counts[1], ratio)
 
 
 def rules_table(found: Sequence[Found], *, markdown: bool = False) -> list[str]:
