@@ -254,7 +254,7 @@ def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int
 def uncontrolled(made: Plan, drawn: Draw) -> Record:
     """The same run without control: only the plant and its events matter."""
     plain = {path: value for path, value in drawn.changes.items() if path.partition(".")[0] in OF_PLANT}
-    key = json.dumps([drawn.base_run, plain], default=str, sort_keys=True)
+    key = json.dumps([made.fingerprint, drawn.base_run, plain], default=str, sort_keys=True)
     content, source = made.contents[drawn.base_run]
     whole = {"link": "ideal", "measurement": "ideal", **UNCONTROLLED}
     usual = made.campaign.base_runs[drawn.base_run].set
