@@ -49,6 +49,7 @@ PARSED = {
     "pmu-serve": "waits for a client: tests/streaming",
     "pmu-listen": "needs a server: tests/nodes/test_streams.py",
     "--time-domain": "tests/studies/test_linear_margin.py",
+    "--hunt": "tests/studies/test_hunt.py",
 }
 SHORT = {
     "simulate": ["--set", "duration=1"],

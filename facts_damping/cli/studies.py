@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
+    from facts_damping.studies.campaigns.campaign import Plan as Campaign
     from facts_damping.studies.sweeps.sweep import Plan
 
 
@@ -167,7 +168,7 @@ def _report(arguments: argparse.Namespace, plan: Plan) -> None:
 
 
 def campaign(arguments: argparse.Namespace) -> None:
-    """Run the draws of a campaign and check the conditions for each; violating draws are written as run files."""
+    """Run the draws of a campaign and check the conditions for each, or hunt for the worst; both write run files."""
     from facts_damping.studies.campaigns import campaign as study
     from facts_damping.studies.campaigns import campaign_pages as pages
     from facts_damping.studies.sweeps import results
@@ -175,6 +176,9 @@ def campaign(arguments: argparse.Namespace) -> None:
     made = study.plan(arguments.campaign, arguments.set, arguments.draws, arguments.graphs)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / made.name
     clean_up_first()
+    if arguments.hunt is not None:
+        _hunt(arguments, made, folder)
+        return
     with _continuing(folder), Progress("campaign", "draws") as progress:
         rows = study.run(made, folder, arguments.jobs, arguments.scheduler, progress)
     graphs: list[dict[str, Any]] = []
@@ -201,10 +205,33 @@ def campaign(arguments: argparse.Namespace) -> None:
         raise RunError(f"{len(errors)} draws failed, the first: {errors[0]['number']}: {errors[0]['error']}")
 
 
+def _hunt(arguments: argparse.Namespace, made: Campaign, folder: Path) -> None:
+    """Search for the worst cases of a campaign; what was found is written after an interrupt, too."""
+    from facts_damping.studies.campaigns import hunt, hunt_pages
+
+    given = next((name for name in ("draws", "graphs") if getattr(arguments, name) is not None), None)
+    if given is not None:
+        raise InputError(f"--{given} {getattr(arguments, given)}: given with --hunt; allowed: without it")
+    with Progress("hunt", "s") as progress:
+        found = hunt.run(made, folder, arguments.hunt, arguments.jobs, arguments.scheduler, progress)
+    sets = [f"--set {change}" for change in arguments.set]
+    command = ["facts-damping campaign", arguments.campaign, f"--hunt {arguments.hunt:g}", *sets]
+    write_json(arguments.json, hunt_pages.document(made, found))
+    say(arguments, f"{hunt_pages.counts(found)}.", *hunt_pages.rules_table(hunt_pages.compared(found.rows)))
+    say(arguments, *(f"written: {path}" for path in hunt_pages.write(made, found, folder, " ".join(command))))
+    if not found.complete:
+        with _continuing(folder):
+            raise KeyboardInterrupt
+    errors = [row for row in found.rows if row["error"] is not None]
+    if errors:
+        raise RunError(f"{len(errors)} cases failed, the first: {errors[0]['error']}")
+
+
 def score(arguments: argparse.Namespace) -> None:
     """Score a controller on a frozen set of cases, or rank the shipped ones."""
     from facts_damping.studies.score import card, pages
     from facts_damping.studies.score.controllers import candidates
+    from facts_damping.studies.score.worst import with_worst
 
     case_set = card.read_set(arguments.cases)
     own = candidates(case_set, arguments.controller, arguments.against and arguments.against.split(","))
@@ -212,6 +239,7 @@ def score(arguments: argparse.Namespace) -> None:
     clean_up_first()
     with Progress("score", "cases") as progress:
         cards = card.cards_of(case_set, own, arguments.jobs, progress)
+    cards = with_worst(case_set, cards, own, arguments.hunt, arguments.jobs)
     ranked = card.ranking(cards)
     write_json(arguments.json, {"ranking": ranked} if arguments.controller is None else cards[0])
     if arguments.controller is not None:

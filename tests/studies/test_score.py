@@ -14,6 +14,7 @@ from facts_damping.cli.main import main
 from facts_damping.studies.score.card import LOST, case_of, estimate, logs, ranking, read_set
 from facts_damping.studies.score.measure import Measured, measure
 from facts_damping.studies.score.pages import ranking_table, write_ranking
+from facts_damping.studies.score.worst import worst
 from tests.two_devices import ACTUATORS
 
 # What was published under a name and a version never changes.
@@ -73,14 +74,20 @@ def test_a_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(c
     assert [line.split(",")[0] for line in table.read_text().splitlines()[1:]] == ['"LLC"', f'"{rows[2]}"']
 
 
-def test_the_card_is_the_same_on_any_number_of_cores_and_from_the_command(cases: str, tmp_path: Path) -> None:
+def test_the_card_is_the_same_on_any_number_of_cores_and_from_the_command(
+    cases: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     one = fd.score("LLC-tuned", cases, jobs=1)
-    again = tmp_path / "card.json"
-    assert (
-        main(["score", "LLC-tuned", "--cases", cases, "--jobs", "2", "--json", str(again), "--out", str(tmp_path)]) == 0
-    )
-    assert json.loads(again.read_text()) == one.content
-    assert json.loads((tmp_path / "card.json").read_text()) == one.content
+    given = ["score", "LLC-tuned", "--cases", cases, "--jobs", "2", "--json", str(tmp_path / "told.json")]
+    assert main([*given, "--out", str(tmp_path), "--hunt", "4"]) == 0
+    told = json.loads((tmp_path / "told.json").read_text())
+    assert json.loads((tmp_path / "card.json").read_text()) == told
+    hunted = told.pop("worst")
+    assert told == one.content
+    case_set = read_set(cases)
+    assert hunted == worst(case_set, case_set.content.controllers["LLC-tuned"], 4)
+    assert hunted["ratio"] > 0.0
+    assert "ITAE in the worst hunted case" in capsys.readouterr().out
     assert (tmp_path / "card.png").read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "card.md").read_text()
     assert f"score {one.value:.1f}" in page

@@ -20,7 +20,7 @@ from facts_damping.parameters.files import find, new_folder, read_sets, read_tab
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
-from facts_damping.studies.campaigns import invariants
+from facts_damping.studies.campaigns import actions, invariants
 from facts_damping.studies.campaigns.faults import FAULTS, NOTHING, ONLY_REAL, Chance
 from facts_damping.studies.sweeps.journal import Journal
 from facts_damping.studies.sweeps.pool import workers
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.parameters.campaign import BaseRun
     from facts_damping.signals import Record
+    from facts_damping.studies.campaigns.faults import Source
     from facts_damping.terminal import Progress
 
 JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
@@ -54,6 +55,17 @@ class Plan(NamedTuple):
     contents: dict[str, tuple[dict[str, Any], str]]  # of the base runs: content of the run, and its origin
     set: dict[str, Any]  # in all runs
     fingerprint: str
+
+
+class Choice(NamedTuple):
+    """What is chosen of a case before the size of its fault."""
+
+    base_run: str
+    chosen: dict[str, str]  # label of each list; without one the base run is as it is
+    fault: str
+    start: float  # s
+    duration: float | None  # s; None: to the end
+    seed: int | None  # None: that of the base run
 
 
 class Draw(NamedTuple):
@@ -77,6 +89,7 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
         check_known(f"{path}: faults", fault, list(FAULTS))
     contents = {base_run: read_run(one.run) for base_run, one in campaign.base_runs.items()}
     changed, _ = read_sets(sets)
+    campaign = _without_lists(campaign, changed)
     rests_on = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
     digest = hashlib.sha256(json.dumps(rests_on, sort_keys=True, default=str).encode()).hexdigest()
     made = Plan(path.stem, read_text(path), campaign, contents, changed, digest)
@@ -86,6 +99,22 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
     return made
+
+
+def _without_lists(campaign: Campaign, changed: dict[str, Any]) -> Campaign:
+    """The campaign without the lists whose fields are all set by `--set`, which wins."""
+
+    def chosen(choices: dict[str, dict[str, Any]]) -> bool:
+        paths = [path for fields in choices.values() for path in fields]
+        return not paths or any(
+            all(path != own and not path.startswith(f"{own}.") for own in changed) for path in paths
+        )
+
+    kept = {
+        name: one.model_copy(update={"choose": {of: given for of, given in one.choose.items() if chosen(given)}})
+        for name, one in campaign.base_runs.items()
+    }
+    return campaign.model_copy(update={"base_runs": kept})
 
 
 def _check(made: Plan, base_run: str) -> None:
@@ -105,7 +134,12 @@ def _case(made: Plan, base_run: str, changes: dict[str, Any]) -> Case:
 
 def _chosen(base_run: BaseRun, labels: dict[str, str]) -> dict[str, Any]:
     """Fields that labels set in a run, one label of each list."""
-    return {path: value for name, choices in base_run.choose.items() for path, value in choices[labels[name]].items()}
+    return {
+        path: value
+        for name, choices in base_run.choose.items()
+        if name in labels
+        for path, value in choices[labels[name]].items()
+    }
 
 
 def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
@@ -127,26 +161,36 @@ def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
 
 def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
     """A draw of a campaign by its number; always the same for the same number."""
+    random = np.random.default_rng((made.campaign.seed, number))
+    return drawn(made, number, choose(made, random, real=real), random, real=real)
+
+
+def choose(made: Plan, random: Source, *, real: bool = False) -> Choice:
+    """Choose base run, labels, fault, its time, and the seed."""
     campaign = made.campaign
-    random = np.random.default_rng((campaign.seed, number))
     base_run = list(campaign.base_runs)[int(random.integers(len(campaign.base_runs)))]
     lists = campaign.base_runs[base_run].choose
     chosen = {name: list(choices)[int(random.integers(len(choices)))] for name, choices in lists.items()}
-    changes = _chosen(campaign.base_runs[base_run], chosen)
     given = weights(campaign, real=real)
     fault = str(random.choice(list(given), p=np.array(list(given.values())) / sum(given.values())))
     low, high = campaign.window
     high = max(low, min(high, campaign.graph_duration - GRAPH_AFTER_S)) if real else high
     start, lasts = round(random.uniform(low, high), 3), round(float(10 ** random.uniform(-1.0, 1.0)), 3)
     duration = None if random.random() < campaign.lasting else lasts
-    changes = {**made.set, **changes, "seed": int(random.integers(2**31))}
+    return Choice(base_run, chosen, fault, start, duration, int(random.integers(2**31)))
+
+
+def drawn(made: Plan, number: int, choice: Choice, random: Source, *, real: bool = False) -> Draw:
+    """The draw of a choice; `random` gives the sizes of its fault."""
+    base_run, chosen, fault, start, duration, seed = choice
+    changes = {**made.set, **_chosen(made.campaign.base_runs[base_run], chosen)}
+    changes |= {} if seed is None else {"seed": seed}
     if real:
-        changes["duration"] = campaign.graph_duration
+        changes["duration"] = made.campaign.graph_duration
     case = _case(made, base_run, changes)
     changes |= FAULTS[fault].draw(Chance(random, start, duration, case))
-    return Draw(
-        number, base_run, changes, fault, start, chosen | {"lasts": "" if duration is None else f"{duration:g}"}
-    )
+    lasts = {"lasts": "" if duration is None else f"{duration:g}"}
+    return Draw(number, base_run, changes, fault, start, chosen | lasts)
 
 
 def healthy(made: Plan, drawn: Draw) -> Draw:
@@ -161,11 +205,11 @@ def case_of(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case
     return _case(made, drawn.base_run, {**drawn.changes, **(more or {})})
 
 
-def run_file(made: Plan, drawn: Draw) -> str:
-    """A draw as a run file: everything inline."""
+def run_file(made: Plan, drawn: Draw, what: str = "Draw") -> str:
+    """A draw as a run file: everything inline. `what`: how the number is called."""
     document = case_of(made, drawn).document()
     kept = {name: value for name, value in document.items() if value is not None and name != "asked"}
-    return f"# Draw {drawn.number} of the campaign {made.name}: {drawn.fault} at {drawn.start:g} s.\n" + dump(kept)
+    return f"# {what} {drawn.number} of the campaign {made.name}: {drawn.fault} at {drawn.start:g} s.\n" + dump(kept)
 
 
 def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
@@ -202,7 +246,7 @@ def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int
 
     `late`: largest number of ticks by which setpoints acted too late (`invariants.late_ticks`).
     """
-    row = invariants.doings(record, drawn.start) | invariants.beside(record, reference)
+    row = actions.doings(record, drawn.start) | invariants.beside(record, reference)
     row["released"] = bool(record.devices["released"].any())
     return row | invariants.alone(case, record, late)
 
@@ -210,9 +254,13 @@ def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int
 def uncontrolled(made: Plan, drawn: Draw) -> Record:
     """The same run without control: only the plant and its events matter."""
     plain = {path: value for path, value in drawn.changes.items() if path.partition(".")[0] in OF_PLANT}
-    key = json.dumps([drawn.base_run, plain], default=str, sort_keys=True)
-    changes = {"link": "ideal", "measurement": "ideal", **plain, **UNCONTROLLED}
-    return shared(_uncontrolled, key, lambda: loop.run(_case(made, drawn.base_run, changes)))
+    key = json.dumps([made.fingerprint, drawn.base_run, plain], default=str, sort_keys=True)
+    content, source = made.contents[drawn.base_run]
+    whole = {"link": "ideal", "measurement": "ideal", **UNCONTROLLED}
+    usual = made.campaign.base_runs[drawn.base_run].set
+    kept = {path: value for path, value in usual.items() if path.partition(".")[0] not in whole}
+    changes = {**kept, **whole, **plain}
+    return shared(_uncontrolled, key, lambda: loop.run(changed_case(deepcopy(content), source, changes)))
 
 
 def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:

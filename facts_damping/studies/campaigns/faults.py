@@ -5,21 +5,51 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    import numpy as np
+    from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
 
 UNITS = {"frequency": 60.0, "active_power": 50.0}  # equivalent of 1 p.u. of speed: Hz, p.u. of power
 
 
+@dataclass
+class Numbers:
+    """Given numbers from 0 to 1 in place of a random generator: each choice takes the next one."""
+
+    values: Sequence[float]
+    taken: int = 0
+
+    def random(self) -> float:
+        """The next number."""
+        self.taken += 1
+        return float(self.values[self.taken - 1])
+
+    def integers(self, high: int) -> int:
+        """A whole number from 0 to below `high`."""
+        return min(int(high * self.random()), high - 1)
+
+    def uniform(self, low: float, high: float) -> float:
+        """A number between bounds."""
+        return low + (high - low) * self.random()
+
+    def choice(self, names: Sequence[str], p: NDArray[np.float64]) -> str:
+        """One of several names with probabilities `p`."""
+        return names[min(int(np.searchsorted(np.cumsum(p), self.random(), side="right")), len(names) - 1)]
+
+
+Source = np.random.Generator | Numbers
+
+
 @dataclass(frozen=True)
 class Chance:
     """Random numbers for a draw, start and duration of the fault (None: to the end), and the base run."""
 
-    random: np.random.Generator
+    random: Source
     start: float  # s
     duration: float | None  # s
     case: Case
@@ -65,6 +95,7 @@ class Fault(NamedTuple):
     description: str
     draw: Callable[[Chance], Change]
     real: str = ""  # method for real graphs, instead of the random changes (nodes/launching/fault_injection.py)
+    mild: float = 0.0  # number from 0 to 1 that gives the mildest size
 
 
 def _between(low: float, high: float) -> Callable[[Chance], float]:
@@ -150,7 +181,7 @@ FAULTS = {
     "lost": Fault("path", False, "5 to 70 % of the frames are lost, independently",
                   _path("up", {"model": "bernoulli", "loss": _between(0.05, 0.7)})),
     "bursts": Fault("path", False, "frames are lost in bursts of 5 to 50",
-                    _path("up", {"model": "gilbert_elliott", "p_GB": 0.02, "p_BG": _between(0.02, 0.2)})),
+                    _path("up", {"model": "gilbert_elliott", "p_GB": 0.02, "p_BG": _between(0.02, 0.2)}), mild=1.0),
     "cut_up": Fault("path", False, "no frame arrives", _path("up", _CUT)),
     "cut_down": Fault("path", False, "no setpoint arrives", _path("down", _CUT)),
     "cut_both": Fault("path", False, "no frame and no setpoint arrives", _path("both", _CUT), "kill wan_link"),
@@ -175,7 +206,7 @@ FAULTS = {
     "sign_swapped": Fault("path", True, "measurements of the signal have the wrong sign",
                           _path("up", {"model": "scale", "factor": -1.0, "measurement": _channel})),
     "scaled": Fault("path", True, "one PMU's values are multiplied by 0.1 to 10",
-                    _path("up", {"model": "scale", "factor": _between(0.1, 10.0), **_ONE})),
+                    _path("up", {"model": "scale", "factor": _between(0.1, 10.0), **_ONE}), mild=0.5),
     "noisy": Fault("path", True, "measurements of the signal are noisy, speed by 1 mHz to 0.2 Hz",
                    _path("up", {"model": "noise", "std": _of_channel(_between(1.7e-5, 3e-3)),
                                 "measurement": _channel})),

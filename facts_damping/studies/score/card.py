@@ -99,12 +99,17 @@ def _one(case_set: Set, task: tuple[str, Controllers, int]) -> tuple[str, int, M
 
 def case_of(case_set: Set, rows: Controllers, i: int) -> Any:
     """A case of the set with controllers."""
+    alone = {} if rows else {"supervision": None, "arm_at": None}
+    return changed_case(run_of(case_set, rows), case_set.name, {**case_set.content.cases[i].set, **alone})
+
+
+def run_of(case_set: Set, rows: Controllers) -> dict[str, Any]:
+    """The run of all cases of the set with controllers."""
     content = case_set.content
     usual = {"devices": content.devices, "signals": content.signals}
     run = deepcopy(content.run) | {"controllers": [{**usual, **row} for row in rows]}
     change(run, content.set, as_sets(content.set))  # before the case's, which may change what these add
-    alone = {} if rows else {"supervision": None, "arm_at": None}
-    return changed_case(run, case_set.name, {**content.cases[i].set, **alone})
+    return run
 
 
 def log_ratio(own: float | None, reference: float | None) -> float:

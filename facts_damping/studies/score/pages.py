@@ -44,9 +44,17 @@ def answer(card: Mapping[str, Any]) -> list[str]:
         f"better than no control up to {delays(card)} more delay",
         f"mean setpoint {100 * card['effort']:.1f} % of the limit; {duty}",
     ]
+    if "worst" in card:
+        lines.append(f"ITAE in the worst of {card['worst']['cases']} hunted cases: {worst_text(card)}")
     if card["score"] <= 0.0:
         lines.insert(1, "It cannot be said to be better than no control.")
     return lines
+
+
+def worst_text(card: Mapping[str, Any]) -> str:
+    """The worst hunted case: ITAE relative to no control, kind of the case and fault; - if there is none."""
+    worst = card.get("worst", {})
+    return f"{worst['ratio']:.3g} times ({worst['kind']}, {worst['fault']})" if worst.get("ratio") else "-"
 
 
 def delays(card: Mapping[str, Any]) -> str:
@@ -78,6 +86,7 @@ RANKING = {
     "helps_to": "helps to a delay of",
     "harm": "harm",
 }
+WORST = {"worst": "ITAE in the worst hunted case"}  # the last column, if cases were hunted
 
 
 def ranking_table(cards: Sequence[Mapping[str, Any]], *, markdown: bool = False) -> list[str]:
@@ -88,8 +97,9 @@ def ranking_table(cards: Sequence[Mapping[str, Any]], *, markdown: bool = False)
     ]
     at = next((i for i, card in enumerate(cards) if card["score"] < 0.0), len(cards))
     none = sum(row["lost_without_control"] for row in cards[0]["kinds"].values())
-    rows.insert(at, {**dict.fromkeys(RANKING, ""), "controller": NONE, "score": "0", "lost": none})
-    return table(list(RANKING.values()), [[row[name] for name in RANKING] for row in rows], 1, markdown=markdown)
+    shown = RANKING | (WORST if "worst" in cards[0] else {})
+    rows.insert(at, {**dict.fromkeys(shown, ""), "controller": NONE, "score": "0", "lost": none})
+    return table(list(shown.values()), [[row[name] for name in shown] for row in rows], 1, markdown=markdown)
 
 
 def ranked(cards: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -102,6 +112,7 @@ def ranked(cards: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             "lost": sum(row["lost"] for row in card["kinds"].values()),
             "helps_to": delays(card),
             "harm": ", ".join(card["does_harm"]),
+            **({"worst": worst_text(card)} if "worst" in card else {}),
         }
         for card in cards
     ]
