@@ -17,12 +17,12 @@ import numpy as np
 
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.parameters.files import new_folder
+from facts_damping.simulation import loop
 from facts_damping.studies.campaigns import campaign as study
 from facts_damping.studies.campaigns import invariants
 from facts_damping.studies.campaigns.faults import NOTHING, Numbers
 from facts_damping.studies.campaigns.proposals import proposal, turns
 from facts_damping.studies.campaigns.shrink import shrunk
-from facts_damping.studies.sweeps import batch
 from facts_damping.studies.sweeps.journal import Journal
 from facts_damping.studies.sweeps.pool import workers
 
@@ -70,7 +70,7 @@ def case_of(made: Plan, numbers: Sequence[float]) -> tuple[Choice, list[float]]:
 def margins_of(made: Plan, drawn: Draw) -> dict[str, float | None]:
     """Run a case; its margins by rule."""
     case = study.case_of(made, drawn)
-    return invariants.margins(case, batch.closed_loop(case), study.uncontrolled(made, drawn))
+    return invariants.margins(case, loop.run(case), study.uncontrolled(made, drawn))
 
 
 def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, Any]]:
