@@ -110,27 +110,21 @@ class Recorder:
         for topic, kind in sorted(topics(self.case).items(), key=lambda one: one[0].endswith(UNTICKED)):
             name, unticked = node.resolve_topic_name(topic), topic.endswith(UNTICKED)
             self.topics[name] = message_type(kind)
-            begins = self.begins(kind, topic) if waited and not unticked else None
+            begins = begins_a_run if waited and not unticked else None
             qos = LATCHED_SUBSCRIBER_QOS if topic in LATE else SUBSCRIBER_QOS
             use = partial(self.on_message, name)
-            self.message_filter.subscribe(kind, topic, use, begins=begins, common=unticked, qos=qos)
+            check = self.check(kind, topic)
+            self.message_filter.subscribe(kind, topic, use, begins=begins, check=check, common=unticked, qos=qos)
         self.message_filter.senders.know_plant()
         self.written = 0
         self.spinner = self.member.spin()
 
-    def begins(self, kind: Any, topic: str) -> Callable[[bytes], bool]:
-        """A function that tells whether a message is the first of the run and, if the topic is signed, of its graph."""
+    def check(self, kind: Any, topic: str) -> Callable[[bytes], Any] | None:
+        """A function that refuses a message of a signed topic that is not signed by this graph; None: not signed."""
         seal, of = self.member.seal(topic), setpoint_topics(self.case).get(topic)
         if seal is None or (of is None and kind is not messages.PmuDataFrame):
-            return begins_a_run
-        read = (FramesMessage(self.case, seal) if of is None else SetpointsMessage(self.case, *of, seal)).read
-
-        def signed(data: bytes) -> bool:
-            with suppress(Refused):
-                return begins_a_run(data) and read(data) is not None
-            return False
-
-        return signed
+            return None
+        return (FramesMessage(self.case, seal) if of is None else SetpointsMessage(self.case, *of, seal)).read
 
     def ready(self) -> None:
         """Open the recording."""

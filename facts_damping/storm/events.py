@@ -8,7 +8,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses, supervisor_addresses
+from facts_damping.case.names import (
+    controller_addresses,
+    identifier_addresses,
+    link_addresses,
+    setpoint_topics,
+    supervisor_addresses,
+)
 from facts_damping.control.table import kind_of
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.nodes.loopback.middleware import Disturbance, seconds
@@ -64,6 +70,12 @@ class Chance:
     def node(self, *without: str) -> str:
         """A node other than some."""
         return self.random.choice([name for name in self.nodes() if name not in without])
+
+    def sender(self) -> str:
+        """A node that sends setpoints."""
+        return self.random.choice(
+            [name for name in self.nodes() if name not in (PLANT, RECORDER) and "ident" not in name]
+        )
 
     def topic(self) -> str:
         """A topic of the graph."""
@@ -233,6 +245,19 @@ def _attack(chance: Chance) -> Drawn:
     return {"topic": chance.topic(), "lasts": float(chance.random.choice([1, 1, 3, 10, 100])), "size": chance.seed()}
 
 
+def _take_over(stage: Stage, event: Event) -> None:
+    stage.signal(event.node, signal.SIGTERM)
+    end = "delivered" if "link" in event.node else "supervised" if "supervisor" in event.node else "setpoints"
+    topics_ = [topic for topic in setpoint_topics(stage.case) if topic.endswith(end) and _of(topic, event.node)]
+    for topic in topics_[:1]:
+        stage.later(event.lasts, partial(stage.attacks.append, ["forged", topic, 1, int(event.size)]))
+
+
+def _of(topic: str, node: str) -> bool:
+    """Whether a node publishes a topic; links publish in their namespace."""
+    return topic.startswith(node.removesuffix("wan_link"))
+
+
 def _second_plant(stage: Stage, event: Event) -> None:
     stage.asked.append((event.node, False))
 
@@ -298,6 +323,8 @@ KINDS: dict[str, Kind] = {
                       harmless=KEPT, weight=2.0),
     "older": Kind("foreign", "{topic} has messages of an older version for {lasts:g} ticks", _attack,
                   _foreign("older"), harmless=KEPT),
+    "taken_over": Kind("foreign", "{node} gets SIGTERM; its setpoints are forged for {size:g} ticks after {lasts} s",
+                       lambda c: {"node": c.sender(), "lasts": c.lasts(2.0), "size": 100.0}, _take_over, modes=PACED),
     "second_plant": Kind("foreign", "a second plant starts", lambda _: {"node": PLANT}, _second_plant, weight=0.5),
 }  # fmt: skip
 

@@ -19,6 +19,7 @@ from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.monitor_table import TRIPPED
 from facts_damping.nodes.attacker import SWING
 from facts_damping.nodes.launching.graph import PLANT, RECORDER
+from facts_damping.recording.events import STOPPED
 from facts_damping.simulation import changes, replay
 from facts_damping.storm.events import KINDS
 from facts_damping.storm.stage import MARK
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from facts_damping.storm.running import Trace
 
 QUEUE = 20_000  # messages; more in a queue of a node that responds means that it never takes them
+ENDS = "the run has ended: "
 LEAVE = ("reset", "disarm", "start")  # after a trip; a supervisor that starts again knows of none, and is in shadow
 # Kinds of events after which the end of a run must be in its recording.
 HARMLESS_TO_THE_END = ("service", "command", "parameter", "forged", "replayed", "malformed", "older", "clock", "late")
@@ -42,7 +44,7 @@ ARRAYS = ("time_ns", "frames", "delivered", "issued", "applied", "devices", "sup
 
 
 def nothing_foreign_acts(trace: Trace) -> list[str]:
-    """No forged setpoint is passed on, applied or in force, and no forged frame delivered."""
+    """No forged setpoint is passed on, applied or in force, no forged frame delivered, no forged end believed."""
     record, found = trace.record, list[str]()
     if record is None or _may_be_replaced(trace):
         return []
@@ -55,6 +57,10 @@ def nothing_foreign_acts(trace: Trace) -> list[str]:
         found.append("a forged setpoint is in force")
     if len(record.delivered) and np.all(np.abs(record.delivered["values"]) == SWING, axis=1).any():
         found.append("a forged frame is delivered")
+    ends = {text for _, name, _, text in trace.logs if name == PLANT} | {STOPPED}
+    told = {text.removeprefix(ENDS) for _, _, _, text in trace.logs if text.startswith(ENDS)}
+    if trace.mode != "free":
+        found += [f"nodes believe that the run has ended: {text}" for text in sorted(told - ends)]
     return found
 
 
@@ -68,7 +74,7 @@ def _may_be_replaced(trace: Trace) -> bool:
     kinds = {one.kind for one in trace.storm.events}
     if trace.mode == "lockstep" and not any(one.tick < 1 and one.kind.startswith("forged") for one in trace.timeline):
         return False
-    return "forged_with_key" in kinds or ("forged" in kinds and not trace.storm.signed)
+    return "forged_with_key" in kinds or (not kinds.isdisjoint({"forged", "taken_over"}) and not trace.storm.signed)
 
 
 def device_is_released(trace: Trace) -> list[str]:
@@ -234,7 +240,7 @@ def refusals_are_counted(trace: Trace) -> list[str]:
 def refusals_are_complete(trace: Trace) -> list[str]:
     """The recorder has counted each foreign message that it received, as far as nothing else was wrong."""
     storm, found = trace.storm, []
-    if storm is None or trace.mode == "free" or trace.reason or not _begins_undisturbed(trace):
+    if storm is None or trace.mode == "free" or trace.reason or storm.discovery or not _begins_undisturbed(trace):
         return []
     if any(KINDS[one.kind].group not in ("foreign", "operator") or one.kind == "second_plant" for one in storm.events):
         return []

@@ -66,14 +66,13 @@ class Trace:
     longest_queue: int = 0
 
 
-def case_of(storm: Storm, folder: Path) -> Case:
-    """The case of a storm; its key is in the folder. Raises `InputError`."""
+def case_of(storm: Storm, folder: Path, keys: str = "keys.yaml") -> Case:
+    """The case of a storm; its keys are in the folder. Raises `InputError`."""
     run = dict(storm.run)
     if storm.signed:
-        keys = folder / "keys.yaml"
-        if not keys.exists():
-            add_key(keys)
-        run["security"] = {"keys": str(keys)}
+        if not (folder / keys).exists():
+            add_key(folder / keys)
+        run["security"] = {"keys": str(folder / keys)}
     return make_case(run, f"storm {storm.seed}")
 
 
@@ -82,7 +81,7 @@ def run(storm: Storm, folder: Path) -> Trace:
     case = case_of(storm, folder)
     trace = Trace(case, storm.mode, storm=storm)
     with opened(storm.seed) as world:
-        stage = _prepared(world, storm, case)
+        stage = _prepared(world, storm, case, case_of(storm, folder, "other_keys.yaml"))
         with _watched(stage):
             world.at(seconds(LIMIT_S), lambda: _break_off(stage, trace))
             failed = io.StringIO()
@@ -104,12 +103,12 @@ def run(storm: Storm, folder: Path) -> Trace:
     return trace
 
 
-def _prepared(world: World, storm: Storm, case: Case) -> Stage:
+def _prepared(world: World, storm: Storm, case: Case, foreign: Case) -> Stage:
     """The stage with the storm's middleware, and the events that concern the start of nodes."""
     middleware = world.middleware
     middleware.seed, middleware.discovery_ns = storm.seed, seconds(storm.discovery)
     middleware.lease_ns = seconds(storm.lease)
-    stage = Stage(world, storm, case)
+    stage = Stage(world, storm, case, foreign)
     for event in storm.events:
         if KINDS[event.kind].starts:
             stage.do(event)

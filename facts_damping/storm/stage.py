@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.nodes import clock
@@ -50,6 +50,7 @@ class Stage:
     world: World
     storm: Storm
     case: Case
+    foreign: Case  # the same with keys that are not the graph's
     outsider: Outsider = field(init=False)
     running: dict[str, graph.Process] = field(default_factory=dict)  # newest of each name
     asked: list[tuple[str, bool]] = field(default_factory=list)  # nodes to start: again after their end, or once more
@@ -121,11 +122,10 @@ class Stage:
     def conduct(self) -> None:
         """Do what the events say, in time, as a process of the world."""
         self.outsider = Outsider(self.case)
-        unsigned = replace(self.case, run=self.case.run.model_copy(update={"security": None}))
-        forged, attacked = (
-            {key: forgeries(case, PATIENCE_S, MARK) for key, case in ((False, unsigned), (True, self.case))},
-            -1,
-        )
+        forged = {
+            with_key: forgeries(case, PATIENCE_S, MARK) for with_key, case in enumerate((self.foreign, self.case))
+        }
+        attacked = -1
         waiting = [one for one in self.storm.events if not KINDS[one.kind].starts]
         while True:
             now_s = self.time_s()
@@ -150,7 +150,7 @@ class Stage:
             found.values["mended"] = True
             self.outsider.call(PLANT, "resume", None)
 
-    def _attack(self, forged: dict[bool, dict[str, Callable[[int], bytes]]], tick: int) -> None:
+    def _attack(self, forged: dict[int, dict[str, Callable[[int], bytes]]], tick: int) -> None:
         """Publish one message of each attack."""
         for attack in self.attacks:
             what, topic, seed, left = attack

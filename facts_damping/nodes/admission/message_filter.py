@@ -83,6 +83,7 @@ class MessageFilter:
         read: Callable[[bytes], tuple[Any, ...]] | None = None,
         newest: Callable[[], int] | None = None,
         begins: Callable[[bytes], bool] | None = None,
+        check: Callable[[bytes], Any] | None = None,
         common: bool = False,
         plant: bool = False,
         leads: bool = False,
@@ -93,9 +94,12 @@ class MessageFilter:
         `read` decodes a message into its tick (absent on common topics) and further values, or raises `Refused`; `use`
         is called with these. Without `read`, `use` gets the bytes and the middleware's message information.
         `newest`: returns the newest tick allowed. `begins`: tells whether a message is the first of a run; its
-        publisher is then this graph's. `leads`: the topic's ticks are the run's.
+        publisher is then this graph's. `check`: raises `Refused` for a message that is not signed by this graph, where
+        `read` does not. `leads`: the topic's ticks are the run's.
         """
-        state = TopicState(self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads)
+        state = TopicState(
+            self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads, check=check
+        )
         self.senders.topics.append(state)
         callback: Any = partial(self.take, state)  # returns whether the message was admitted, for the spinner
         self._subscriptions.append(self.node.create_subscription(kind, topic, callback, qos, raw=True))
@@ -203,6 +207,8 @@ class MessageFilter:
             return False  # not for this node, and not counted as a refusal
         epoch = stamps.epoch_ns()
         try:
+            if state.check is not None:
+                state.check(data)
             self.senders.admit(state, data, publisher)
             self._count(state, publisher, information["publication_sequence_number"])
             if self.senders.another_plant(state, publisher):

@@ -35,6 +35,7 @@ class TopicState:
     common: bool
     plant: bool = False  # only the plant's messages are admitted, though all nodes may publish
     leads: bool = False  # frames: a new publisher with an earlier tick begins another run
+    check: Callable[[bytes], Any] | None = None
     silent: bool = False  # not subscribed to: only its publisher is known
     publisher: bytes | None = None  # identity (GID) of its publisher in this graph, once known
     sequences: dict[bytes, int] = field(default_factory=dict)  # sequence number of the newest message, by publisher
