@@ -242,6 +242,8 @@ def refusals_are_complete(trace: Trace) -> list[str]:
     storm, found = trace.storm, []
     if storm is None or trace.mode == "free" or trace.reason or storm.discovery or not _begins_undisturbed(trace):
         return []
+    if _may_be_replaced(trace):
+        return []
     if any(KINDS[one.kind].group not in ("foreign", "operator") or one.kind == "second_plant" for one in storm.events):
         return []
     output = next(node.output for node in trace.nodes if node.name == RECORDER)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import random
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
@@ -10,16 +11,17 @@ from unittest import mock
 
 from facts_damping import terminal
 from facts_damping.case.loading import make_case
-from facts_damping.errors import FactsDampingError, RunError, one_line
+from facts_damping.errors import FactsDampingError, RunError, check_known, one_line
 from facts_damping.nodes import clock
 from facts_damping.nodes.base import weights_file
 from facts_damping.nodes.launching import graph
 from facts_damping.nodes.loopback.middleware import seconds
 from facts_damping.nodes.loopback.opening import opened
 from facts_damping.nodes.loopback.processes import process
+from facts_damping.nodes.recorder import topics
 from facts_damping.parameters.security import add_key
 from facts_damping.recording import reader, writer
-from facts_damping.storm.events import KINDS
+from facts_damping.storm.events import KINDS, Chance
 from facts_damping.storm.stage import PATIENCE_S, Disk, Done, Stage, disk_error
 
 if TYPE_CHECKING:
@@ -79,6 +81,7 @@ def case_of(storm: Storm, folder: Path, keys: str = "keys.yaml") -> Case:
 def run(storm: Storm, folder: Path) -> Trace:
     """Run a storm; the graph's files are in a new folder. Raises `InputError` if the storm is none."""
     case = case_of(storm, folder)
+    _check(storm, case)
     trace = Trace(case, storm.mode, storm=storm)
     with opened(storm.seed) as world:
         stage = _prepared(world, storm, case, case_of(storm, folder, "other_keys.yaml"))
@@ -101,6 +104,15 @@ def run(storm: Storm, folder: Path) -> Trace:
     except FactsDampingError as error:
         trace.unreadable = one_line(error)
     return trace
+
+
+def _check(storm: Storm, case: Case) -> None:
+    """Raise `InputError` for an event of an unknown kind, node or topic."""
+    nodes = ["", *Chance(random.Random(0), case, storm.mode).nodes()]
+    allowed = {"kind": list(KINDS), "node": nodes, "topic": ["", *topics(case)]}
+    for i, event in enumerate(storm.events):
+        for field_, known in allowed.items():
+            check_known(f"events.{i}.{field_}", getattr(event, field_), known)
 
 
 def _prepared(world: World, storm: Storm, case: Case, foreign: Case) -> Stage:

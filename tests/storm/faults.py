@@ -29,8 +29,8 @@ FAULTS = (
     # Checks left out.
     Fault("an unknown publisher is admitted", "admission.publishers",
           "if publisher != state.publisher and publisher[:NODE] not in self._succeeding(state):", "if False:"),
-    Fault("a foreign node's run state counts", "admission.publishers",
-          "return known is not None and publisher[:NODE] == known[:NODE]", "return True"),
+    Fault("the recorder does not check signatures", "admission.message_filter", "if state.check is not None:",
+          "if False:"),
     Fault("signatures are not checked", "transport.signing",
           "if key is None or not hmac.compare_digest(", "if False and not hmac.compare_digest("),
     Fault("a supervisor carries out commands in every state", "supervisor", "if state not in FROM[code]:", "if False:"),
@@ -114,16 +114,17 @@ def main() -> None:
     chosen = range(len(FAULTS)) if arguments.only is None else [arguments.only]
     for number in chosen:
         fault = FAULTS[number]
-        original = _code_of(fault)
+        original = code_of(fault)
         insert(fault)
         seconds, found = found_within(fault, arguments.minutes, arguments.seed, arguments.jobs)
         rule = next(iter(found.broken), "NOT FOUND")
         sys.stdout.write(f"| {number} | {fault.what} | {seconds:.0f} | {found.storms} | {rule[:90]} |\n")
         sys.stdout.flush()
-        _restore(original)
+        restore(original)
 
 
-def _code_of(fault: Fault) -> list[tuple[Any, Any]]:
+def code_of(fault: Fault) -> list[tuple[Any, Any]]:
+    """Functions of the fault's module with their code, for `restore`."""
     module = importlib.import_module(f"facts_damping.nodes.{fault.module}")
     return list(_functions(vars(module), module.__name__))
 
@@ -138,7 +139,8 @@ def _functions(own: Any, name: str) -> Any:
             yield from _functions(vars(value), name)
 
 
-def _restore(original: list[tuple[Any, Any]]) -> None:
+def restore(original: list[tuple[Any, Any]]) -> None:
+    """Take a fault out again."""
     for function, code in original:
         function.__code__ = code
 

@@ -1,0 +1,152 @@
+"""Storms: the rules hold under the faults of seeds, a storm repeats itself, and what breaks a rule is shrunk."""
+
+from __future__ import annotations
+
+import random
+import secrets
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from facts_damping.digest import digest
+from facts_damping.errors import InputError
+from facts_damping.storm import drawing, model, running, search
+from facts_damping.storm.events import KINDS, words
+from facts_damping.storm.rules import RULES, violations
+from facts_damping.storm.shrinking import fingerprint, shrink
+from tests.storm.faults import FAULTS, code_of, insert, restore
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+CORPUS = sorted((Path(__file__).parents[1] / "data" / "storms").glob("*.yaml"))
+FIXED = range(120)  # seeds
+RANDOM = 20  # storms of a random seed
+
+
+def assert_holds(storm: model.Storm, folder: Path) -> running.Trace:
+    folder.mkdir()
+    trace = running.run(storm, folder)
+    assert violations(trace) == [], storm.text()
+    return trace
+
+
+def test_the_rules_hold_in_storms_of_fixed_seeds_and_of_a_random_one(tmp_path: Path) -> None:
+    first = secrets.randbelow(2**31)
+    print(f"storms of the seeds {first} to {first + RANDOM - 1}")
+    modes, kinds = set[str](), set[str]()
+    for seed in (*FIXED, *range(first, first + RANDOM)):
+        trace = assert_holds(drawing.draw(seed), tmp_path / str(seed))
+        modes.add(trace.mode)
+        kinds.update(one.kind for one in trace.timeline)
+    assert modes == set(drawing.MODES)
+    assert len(kinds) > 0.8 * len(KINDS)
+
+
+@pytest.mark.parametrize("path", CORPUS, ids=lambda path: str(path.stem))
+def test_what_storms_have_found_stays_mended(path: Path, tmp_path: Path) -> None:
+    assert_holds(model.read(path), tmp_path / "storm")
+
+
+def test_a_storm_repeats_itself(tmp_path: Path) -> None:
+    """With its messages, logs and times; the fields of a file give the same storm."""
+    storm = drawing.draw(12)
+    (tmp_path / "storm.yaml").write_text(storm.text())
+    first, second = (
+        assert_holds(one, tmp_path / name)
+        for name, one in (("first", storm), ("second", model.read(tmp_path / "storm.yaml")))
+    )
+    logs = [[row for row in one.logs if "messages written" not in row[3]] for one in (first, second)]
+    assert logs[0] == logs[1]
+    assert first.world_s == second.world_s
+    assert first.record is not None
+    assert second.record is not None
+    assert digest(first.record) == digest(second.record)
+
+
+@pytest.fixture(params=[0, 10, 12, 16])
+def fault(request: pytest.FixtureRequest) -> Iterator[str]:
+    """One of the deliberate faults, in this process."""
+    chosen = FAULTS[request.param]
+    original = code_of(chosen)
+    insert(chosen)
+    yield chosen.what
+    restore(original)
+
+
+def test_a_deliberate_fault_is_found_and_shrunk(fault: str, tmp_path: Path) -> None:
+    number = iter(range(10**6))
+
+    def broken(storm: model.Storm) -> list[tuple[str, str]]:
+        folder = tmp_path / str(next(number))
+        folder.mkdir()
+        return violations(running.run(storm, folder))
+
+    storm, found = next((storm, found) for seed in range(100) if (found := broken(storm := drawing.draw(seed))))
+    mark = fingerprint(*found[0])
+    mild = shrink(storm, lambda one: mark in [fingerprint(*row) for row in broken(one)], most=15)
+    assert mark in [fingerprint(*row) for row in broken(mild)], fault
+    assert len(mild.events) <= min(2, len(storm.events))
+
+
+def test_what_reaches_something_new_is_kept_and_varied() -> None:
+    found, storm = search.Findings(), drawing.draw(3)
+    reached = search.Result([], frozenset(["a log"]), 1.0, 1.0)
+    for _ in range(2):
+        found.add(storm, reached)
+    assert (found.storms, found.kept, found.world_s) == (2, [storm], 2.0)
+    chance = random.Random(0)
+    varied = [search.vary(storm, chance) for _ in range(20)]
+    assert all(one.run == storm.run for one in varied)
+    assert len({one.text() for one in varied}) == len(varied)
+
+
+def test_a_search_counts_what_it_tries() -> None:
+    found = search.search(1.0, 1, 1, enough=lambda one: one.storms == 3)
+    assert found.storms == 3
+    assert found.plant_s > 0.0
+    assert not found.broken
+
+
+def test_each_kind_of_event_is_in_words() -> None:
+    for kind in KINDS:
+        event = model.Event(at=0.0, kind=kind, node="plant_sim", topic="pmu/frames", lasts=1.0, size=2.0, name="arm")
+        assert "{" not in words(event)
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("seed: 1\nevents: [{at: 1, kind: hail}]", "events.0.kind: 'hail' given; allowed: late"),
+        (
+            "seed: 1\nevents: [{at: 0, kind: killed, node: nobody}]",
+            "events.0.node: 'nobody' given; allowed: , ",
+        ),
+        ("seed: 1\nevents: [{at: 0, kind: forged, topic: x}]", "events.0.topic: 'x' given; allowed: "),
+        ("seed: 1\nmode: fast", "mode: 'fast' given"),
+    ],
+)
+def test_a_storm_that_is_none_is_refused_in_one_line(content: str, expected: str, tmp_path: Path) -> None:
+    path = tmp_path / "storm.yaml"
+    path.write_text(content)
+    with pytest.raises(InputError) as refused:
+        running.run(model.read(path), tmp_path)
+    assert expected in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_every_rule_says_what_it_demands() -> None:
+    assert all((rule.__doc__ or "").endswith(".") for rule in RULES.values())
+
+
+def only_record(trace: running.Trace) -> running.Trace:
+    """What a recording of a graph on DDS gives."""
+    return running.Trace(trace.case, trace.mode, trace.record)
+
+
+def test_the_rules_judge_a_recording_alone(tmp_path: Path) -> None:
+    trace: Any = assert_holds(model.Storm(seed=1, run={"duration": 1.0}), tmp_path / "storm")
+    assert violations(only_record(trace)) == []
+    trace.record.devices["reference"][-1] = 10.0
+    assert {name for name, _ in violations(only_record(trace))} == {"setpoints_are_limited", "equals_in_process"}
