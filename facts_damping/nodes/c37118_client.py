@@ -17,7 +17,7 @@ from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options, read_stamp
 from facts_damping.nodes.base.run import run_node
-from facts_damping.nodes.base.spinner import Stopped, check_wanted
+from facts_damping.nodes.base.spinner import check_wanted
 from facts_damping.nodes.frame_source import FrameSource, SimulatedClock
 from facts_damping.nodes.transport import stamps
 from facts_damping.nodes.transport.messages import Health
@@ -82,10 +82,8 @@ class C37118Client:
             self.sources.clients.append(client)
             self.tasks.append(asyncio_thread.begin(client.run()))
         try:
-            self.follow()
-        except Stopped:
-            self.source.stop(self.tick)
-            raise
+            with self.source.until_end(lambda: self.tick):
+                self.follow()
         finally:
             asyncio_thread.close()
             self.log.info(self.health().message)

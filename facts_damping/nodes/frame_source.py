@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,20 +12,21 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from facts_damping.case.names import link_addresses, served, supervisor_names
-from facts_damping.errors import RunError
+from facts_damping.errors import RunError, one_line
 from facts_damping.nodes import clock
 from facts_damping.nodes.admission.member import PLANT, Member
 from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.qos import LATCHED, PUBLISHER_QOS
+from facts_damping.nodes.base.spinner import Stopped
 from facts_damping.nodes.base.topics import FRAMES, PLANT_STATE, RUN_STATE
 from facts_damping.nodes.transport.messages import PlantStateMessage, set_time, stamped, synchronism_lost
 from facts_damping.nodes.transport.tables import FramesMessage
-from facts_damping.recording.events import STOPPED
+from facts_damping.recording.events import FAILED, STOPPED
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.measured_plant import tick_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from numpy.typing import NDArray
     from rclpy.lifecycle import LifecycleNode
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from facts_damping.nodes.base.parameters import Options
     from facts_damping.nodes.base.spinner import Spinner
 
+FAILED_S = 0.5  # longest wall time that a plant which failed waits for readers of the reason
 PROGRESS_S = 0.2  # wall time between two progress lines
 CLOCK_QOS = QoSProfile(depth=1)  # reliable; a slow subscriber gets only the newest time
 
@@ -113,10 +116,22 @@ class FrameSource:
                 who = ", ".join(name for name, newest in self.answered.items() if newest < tick)
                 raise RunError(f"{who} is silent: {what} tick {tick} within {patience:g} s")
 
-    def stop(self, tick: int) -> None:
-        """Publish that the run was stopped after a tick; a run without end counts as done."""
-        reason = self._done(tick) if self.ticks == sys.maxsize else STOPPED
-        self.publish_state(RunState.ENDED, tick, reason)
+    @contextmanager
+    def until_end(self, tick: Callable[[], int]) -> Iterator[None]:
+        """Publish why the run in the context ends early: stopped (one without end counts as done), or failed.
+
+        `tick`: returns the newest one.
+        """
+        try:
+            yield
+        except Stopped:
+            reason = self._done(tick()) if self.ticks == sys.maxsize else STOPPED
+            self.publish_state(RunState.ENDED, tick(), reason)
+            raise
+        except RunError as error:
+            self.publish_state(RunState.ENDED, tick(), f"{FAILED}{one_line(error)}")
+            finish([self._to_state], FAILED_S)
+            raise
 
     def end(self, tick: int, sound: bool = True) -> str:
         """Publish that the run has ended after a tick. Returns the reason."""

@@ -12,7 +12,7 @@ from facts_damping.nodes import clock
 from facts_damping.nodes.base.live_parameters import MeasurementParameters
 from facts_damping.nodes.base.parameters import read_case, read_options, read_stamp
 from facts_damping.nodes.base.run import run_node
-from facts_damping.nodes.base.spinner import Stopped, check_wanted
+from facts_damping.nodes.base.spinner import check_wanted
 from facts_damping.nodes.frame_source import FrameSource, SimulatedClock
 from facts_damping.nodes.live_plant import LivePlant
 from facts_damping.nodes.run_control import RunControl
@@ -110,12 +110,9 @@ class PlantSim:
         self.misses += any(oldest <= newest < tick for newest in self.source.answered.values())
 
     def run(self) -> None:
-        """Run to the end or until stopped; publish which of both as the run's state."""
-        try:
+        """Run to the end, until stopped, or until a node is silent; publish which of these as the run's state."""
+        with self.source.until_end(lambda: self.plant.tick):
             self.simulate()
-        except Stopped:
-            self.source.stop(self.plant.tick)
-            raise
 
     def simulate(self) -> None:
         """Simulate all ticks or until synchronism is lost; without end in a free graph without a duration."""

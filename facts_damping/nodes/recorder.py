@@ -61,9 +61,13 @@ UNTICKED = ("plant/events", "link/statistics", DIAGNOSTICS, REFUSALS, CHANGES, R
 LATE = (CHANGES, RUN_STATE)  # earlier messages are received, too
 
 
-def begins_a_run(data: bytes) -> bool:
-    """Whether a message that begins with header and tick is of tick 0."""
-    return data[STAMP_END:].startswith(NO_FRAME) and int.from_bytes(data[TICK_END : TICK_END + 8], "little") == 0
+def begins_a_run(check: Callable[[bytes], Any] | None, data: bytes) -> bool:
+    """Whether a message that begins with header and tick is of tick 0, and not refused by `check`, if there is one."""
+    if not data[STAMP_END:].startswith(NO_FRAME) or int.from_bytes(data[TICK_END : TICK_END + 8], "little") != 0:
+        return False
+    with suppress(Refused):
+        return check is None or check(data) is not None
+    return False
 
 
 def topics(case: Case) -> dict[str, Any]:
@@ -110,10 +114,10 @@ class Recorder:
         for topic, kind in sorted(topics(self.case).items(), key=lambda one: one[0].endswith(UNTICKED)):
             name, unticked = node.resolve_topic_name(topic), topic.endswith(UNTICKED)
             self.topics[name] = message_type(kind)
-            begins = begins_a_run if waited and not unticked else None
             qos = LATCHED_SUBSCRIBER_QOS if topic in LATE else SUBSCRIBER_QOS
             use = partial(self.on_message, name)
             check = self.check(kind, topic)
+            begins = partial(begins_a_run, check) if waited and not unticked else None
             self.message_filter.subscribe(kind, topic, use, begins=begins, check=check, common=unticked, qos=qos)
         self.message_filter.senders.know_plant()
         self.written = 0

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 ROLES = ("plant", "link", "controller", "identifier", "supervisor")
 KINDS = ("start", *COMMANDS, "weights", "parameter", "link", "event", "rearm", "release", "pause", "resume", "step")
 MAX_TICKS = 10**9  # upper bound of any run
-ENDED, STOPPED = 2, "stopped"  # state of an ended RunState; the reason if the run was stopped early
+ENDED = 2  # state of an ended RunState
+STOPPED, FAILED = "stopped", "failed: "  # the reason if the run was stopped early; its begin if the plant failed
 TIME = r"[0-9]{1,18}"  # ns
 SIMULATED_NS = 10**17  # about three years: simulated times are below, wall times above
 

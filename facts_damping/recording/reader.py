@@ -286,6 +286,8 @@ def _check_end(
         why = "the run was cut off, perhaps killed: its plant has not reported an end"
     elif reasons == [events.STOPPED]:
         why = "the run was stopped"
+    elif reasons and str(reasons[0]).startswith(events.FAILED):
+        why = f"the run {reasons[0]}"
     else:
         return
     times = decode.column(state, lambda message: decode.time_ns(message.header.stamp), np.int64)

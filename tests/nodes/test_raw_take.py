@@ -49,7 +49,7 @@ def test_profiles_of_both_versions_of_fast_dds_are_the_same(monkeypatch: pytest.
     for name, major in run.FAST_DDS.items():
         monkeypatch.setattr(run, "version", {f"ros-{name}": f"{major}0"}.get)
         monkeypatch.setattr(run, "FAST_DDS", {name: major})
-        ours = run.profile(this_host)
+        ours = run.profile.__wrapped__(this_host)
         assert ours is not None
         found[ours[0]] = ours[1].read_text().partition("-->")[2]
     assert list(found) == ["FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"]

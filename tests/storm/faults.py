@@ -58,7 +58,8 @@ FAULTS = (
     Fault("nodes wait for their peers for ever", "base.discovery", "        if late:\n", "        if False:\n"),
     Fault("a stop signal is ignored", "base.spinner", "if running := not stop_requested():", "if running := True:"),
     Fault("why a node failed is not told", "base.run", "log.fatal(one_line(error), traced(error))", "pass"),
-    Fault("a stopped plant does not publish why", "plant_sim", "self.source.stop(self.plant.tick)", "pass"),
+    Fault("a stopped plant does not publish why", "frame_source",
+          "self.publish_state(RunState.ENDED, tick(), reason)", "pass"),
     Fault("the recorder does not flush", "recorder", "                self.writer.flush()\n", "                pass\n"),
     # Order.
     Fault("changes are not published", "admission.member", "            self._publish_change(kind, name, value)\n", ""),

@@ -207,9 +207,9 @@ class MessageFilter:
             return False  # not for this node, and not counted as a refusal
         epoch = stamps.epoch_ns()
         try:
+            self.senders.admit(state, data, publisher)
             if state.check is not None:
                 state.check(data)
-            self.senders.admit(state, data, publisher)
             self._count(state, publisher, information["publication_sequence_number"])
             if self.senders.another_plant(state, publisher):
                 raise BeginAgain
@@ -268,9 +268,3 @@ class MessageFilter:
     def newest(self) -> int:
         """The newest tick of all topics; 0 before the first."""
         return max((state.tick for state in self.senders.topics if state.tick > 0), default=0)
-
-    def remark(self) -> str:
-        """Text to append to an error: a peer that seems silent may be one whose messages were refused; else empty."""
-        foreign = self.refusals.foreign()
-        text = f"; {foreign} messages of others were refused: another graph in this ROS_DOMAIN_ID (0 to 101)?"
-        return text if foreign else ""

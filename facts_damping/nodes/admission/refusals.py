@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 TELL_S = 1.0  # minimum wall time between two reports
 MAXIMUM = 200  # separate counts by topic, cause and publisher; further publishers are counted together as others
 OTHERS = b""
+REMARKS = {
+    "publisher": "of others were refused: another graph in this ROS_DOMAIN_ID (0 to 101)?",
+    "session": "of another session were refused: do the clocks of the hosts agree?",
+}  # by cause of refusal, for an error
 UNKNOWN = "_NODE_NAME_UNKNOWN_"  # the middleware's name of a node that it has not discovered yet
 
 
@@ -84,9 +88,12 @@ class Refusals:
             self._sources[publisher] = node_name(self._node, topic, publisher) or publisher.hex()
         return self._sources[publisher]
 
-    def foreign(self) -> int:
-        """Number of refused messages of publishers that are not this graph's."""
-        return sum(count for (_, cause, _), count in self._refused.items() if cause == "publisher")
+    def remark(self) -> str:
+        """Text to append to an error: a peer that seems silent may be one whose messages were refused; else empty."""
+        counts = Counter[str]()
+        for (_, cause, _), count in self._refused.items():
+            counts[cause] += count
+        return "".join(f"; {counts[cause]} messages {text}" for cause, text in REMARKS.items() if counts[cause])
 
 
 def node_name(node: Node, topic: str, publisher: bytes) -> str:

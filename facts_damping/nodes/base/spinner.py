@@ -157,7 +157,7 @@ class Spinner:
 
     def remark(self) -> str:
         """Text that the node's message filter appends to an error."""
-        return "" if self._member is None else str(self._member.message_filter.remark())
+        return "" if self._member is None else str(self._member.message_filter.refusals.remark())
 
     def close(self) -> None:
         """Report for the last time and release all entities."""
