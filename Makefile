@@ -3,6 +3,7 @@
 # make test-fast  what a change most likely breaks, in a minute
 # make coverage   lines that tests reach
 # make explore tests with random examples for MINUTES=10
+# make storm   graphs under random faults, without DDS, for MINUTES=10
 # make site    the documentation as a site, with search, into results/site
 # make pages   all tables and pictures that follow from runs, into results/pages, and those that docs quote (an hour)
 # make wheel   wheels of the package, with compiled kernels inside, and of the messages, into dist
@@ -44,7 +45,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHE
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-fast coverage lint explore site pages wheel setup test-setup prerequisites clean
+.PHONY: demo test test-fast coverage lint explore storm site pages wheel setup test-setup prerequisites clean
 
 demo: setup
 	@$(BIN)/python -m facts_damping.cli.demo
@@ -82,6 +83,11 @@ explore: test-setup
 	    $(BIN)/python -m pytest -q -x -n logical -m hypothesis --hypothesis-profile explore --hypothesis-seed $$seed || exit 1; \
 	    seed=$$((seed + 1)); \
 	done
+
+# Ends with an error if a rule is broken; what breaks it is in results/storms. MINUTES=60 make storm SEED=5
+SEED ?= 0
+storm: test-setup
+	$(BIN)/facts-damping storm --minutes $(MINUTES) --seed $(SEED)
 
 site: test-setup
 	$(BIN)/mkdocs build --strict

@@ -206,6 +206,7 @@ class Recorder:
                 break
             if not more:
                 clock.sleep(POLL_S)
+        self.record_waiting()  # what has come since the last poll
 
 
 main = partial(

@@ -21,6 +21,7 @@ CONTROLLERS: tuple[list[dict[str, Any]], ...] = (
     [{"name": "HBsWC", "scheme": "direct"}],
     [{"name": "HBsWC"}],
     [{"name": "ANFTSC"}],
+    [{"name": "mine", "external": True}],
     [],
     [{"name": "LLC"}, {"name": "LLC-tuned", "signals": ["power"], "fallback_of": 0, "link": "ideal"}],
 )
@@ -95,7 +96,7 @@ def draw(seed: int, kinds: Sequence[str] = ()) -> Storm:
         seed=seed,
         mode=mode,
         run=run,
-        signed=chance.random() < 0.3,
+        signed=chance.random() < 0.5 and not any(one.get("external") for one in run["controllers"]),
         discovery=round(chance.uniform(0.0, 2.0), 3) if late else 0.0,
     )
     case = make_case(dict(run), f"storm {seed}")

@@ -324,7 +324,8 @@ KINDS: dict[str, Kind] = {
     "older": Kind("foreign", "{topic} has messages of an older version for {lasts:g} ticks", _attack,
                   _foreign("older"), harmless=KEPT),
     "taken_over": Kind("foreign", "{node} gets SIGTERM; its setpoints are forged for {size:g} ticks after {lasts} s",
-                       lambda c: {"node": c.sender(), "lasts": c.lasts(2.0), "size": 100.0}, _take_over, modes=PACED),
+                       lambda c: {"node": c.sender(), "lasts": c.lasts(2.0), "size": 100.0}, _take_over, modes=PACED,
+                       weight=2.0),
     "second_plant": Kind("foreign", "a second plant starts", lambda _: {"node": PLANT}, _second_plant, weight=0.5),
 }  # fmt: skip
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import random
+import sys
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
@@ -11,9 +12,11 @@ from unittest import mock
 
 from facts_damping import terminal
 from facts_damping.case.loading import make_case
+from facts_damping.case.names import controller_addresses
 from facts_damping.errors import FactsDampingError, RunError, check_known, one_line
 from facts_damping.nodes import clock
 from facts_damping.nodes.base import weights_file
+from facts_damping.nodes.foreign import own_controller
 from facts_damping.nodes.launching import graph
 from facts_damping.nodes.loopback.middleware import seconds
 from facts_damping.nodes.loopback.opening import opened
@@ -89,6 +92,7 @@ def run(storm: Storm, folder: Path) -> Trace:
             world.at(seconds(LIMIT_S), lambda: _break_off(stage, trace))
             failed = io.StringIO()
             world.start("outsider", stage.conduct, (), {}, failed, failed)
+            _start_own(stage)
             try:
                 _run_graph(stage, folder / "graph")
             except FactsDampingError as error:
@@ -125,6 +129,14 @@ def _prepared(world: World, storm: Storm, case: Case, foreign: Case) -> Stage:
         if KINDS[event.kind].starts:
             stage.do(event)
     return stage
+
+
+def _start_own(stage: Stage) -> None:
+    """Start the user's own nodes, which a graph waits for; whether they survive is the user's affair."""
+    for address, controller in zip(controller_addresses(stage.case), stage.case.controllers, strict=True):
+        if controller.external:
+            arguments = ["--ros-args", "-r", f"__node:={address.name}"]
+            stage.world.start(str(address), own_controller.main, arguments, {}, sys.stdout, io.StringIO())
 
 
 def _run_graph(stage: Stage, out: Path) -> None:

@@ -238,7 +238,7 @@ def test_nodes_do_not_take_a_view_for_a_peer(loopback: Any) -> None:
 
     def wait(seconds: float, recorder: bool = False) -> None:
         own = Options("lockstep", 5.0, seconds, recorder=recorder, view=False)
-        wait_for_peers(node, {publisher: 1}, [], f"/{REFUSALS}", own, lambda: None)
+        wait_for_peers(node, {publisher: 1}, [], [f"/{REFUSALS}"], own, lambda: None)
 
     try:
         publisher = node.create_publisher(GridEvent, "events", PUBLISHER_QOS)

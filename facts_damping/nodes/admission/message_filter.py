@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping_msgs.msg import RunState
 
+from facts_damping.case.names import controller_addresses
+from facts_damping.control.table import kind_of
 from facts_damping.nodes import clock
 from facts_damping.nodes.admission.publishers import SILENT_S, Publishers, TopicState
 from facts_damping.nodes.admission.refusals import Refusals
@@ -67,6 +69,9 @@ class MessageFilter:
         self.log, self._leads = NodeLog(node), leads
         self.over = False  # whether the plant has announced the end of the run
         self._rate, self._options = case.run.frame_rate, options
+        users = zip(controller_addresses(case), case.controllers, strict=True)
+        # Topics by whose publishers a node knows its peers: its own nodes', and those of users' nodes.
+        self._of_peers = [REFUSALS, *(f"{address}/setpoints" for address, one in users if kind_of(one).node)]
         self._last = sys.maxsize if options.free else case.ticks - 1  # last tick that the run can have
         self._graph = graph
         self.senders = Publishers(node, options, graph)
@@ -162,8 +167,8 @@ class MessageFilter:
         """
         if not self._options.free:
             topics = [state.topic for state in self.senders.topics if not state.common and not state.silent]
-            peers = f"{self._graph}{REFUSALS}"
-            wait_for_peers(self.node, expected, topics, self.node.resolve_topic_name(peers), self._options, serve)
+            peers = [self.node.resolve_topic_name(f"{self._graph}{topic}") for topic in self._of_peers]
+            wait_for_peers(self.node, expected, topics, peers, self._options, serve)
         if self._options.late or (self._options.paced and self._leads):
             until = clock.monotonic() + (NOTICED_S if self._options.join else FOUND_S)
             while clock.monotonic() < until:

@@ -43,14 +43,14 @@ def wait_for_peers(
     node: Node,
     expected: dict[Publisher[Any], int],
     topics: Sequence[str],
-    peers: str,
+    peers: Sequence[str],
     options: Options,
     serve: Callable[[], None],
 ) -> None:
     """Wait until every publisher has its `expected` subscribers and every topic of `topics` a publisher.
 
-    Only subscribers of peers count: nodes that publish on a topic of `topics`, or on `peers`, as all nodes of a graph
-    do. A joining node also waits until publishers with another name have left. `serve` answers requests meanwhile.
+    Only subscribers of peers count: nodes that publish on a topic of `topics` or of `peers`. A joining node also waits
+    until publishers with another name have left. `serve` answers requests meanwhile.
     Raises `RunError` if another graph publishes the same topics, or names what is missing after the time-out.
     """
     log, logged = NodeLog(node), False
@@ -59,7 +59,7 @@ def wait_for_peers(
     while True:
         there = {topic: node.get_publishers_info_by_topic(topic) for topic in published}
         own = {_participant(one) for topic in topics for one in there[topic]}
-        own |= {_participant(one) for one in node.get_publishers_info_by_topic(peers)}
+        own |= {_participant(one) for topic in peers for one in node.get_publishers_info_by_topic(topic)}
         missing = [
             f"a subscriber of {publisher.topic_name}"
             for publisher, count in expected.items()
