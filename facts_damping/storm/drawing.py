@@ -12,7 +12,7 @@ from facts_damping.storm.model import Event, Storm
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-RATES = (10, 20, 25, 30, 50, 60)  # frames/s
+RATES = (10, 10, 15, 20, 20, 25, 30, 60)  # frames/s
 MODES: tuple[Any, ...] = ("lockstep", "lockstep", "realtime", "realtime", "free")
 DURATIONS = (0.5, 1.0, 1.0, 2.0, 2.0, 3.0, 4.0)  # s
 CONTROLLERS: tuple[list[dict[str, Any]], ...] = (
@@ -97,7 +97,7 @@ def draw(seed: int, kinds: Sequence[str] = ()) -> Storm:
         mode=mode,
         run=run,
         signed=chance.random() < 0.5 and not any(one.get("external") for one in run["controllers"]),
-        discovery=round(chance.uniform(0.0, 2.0), 3) if late else 0.0,
+        discovery=round(chance.uniform(0.0, 1.0), 3) if late else 0.0,
     )
     case = make_case(dict(run), f"storm {seed}")
     events = [event(Chance(chance, case, mode), kinds) for _ in range(min(1 + int(chance.expovariate(0.5)), 8))]

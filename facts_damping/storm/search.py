@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import multiprocessing
 import random
@@ -132,7 +133,9 @@ class Findings:
 
 
 def _work(pipe: Connection) -> None:
-    """Try the storms that come, until the other end closes."""
+    """Try the storms that come, until the other end closes; of what is loaded nothing is garbage."""
+    gc.freeze()
+    gc.set_threshold(100_000, 50, 100)
     with suppress(EOFError, KeyboardInterrupt):
         while True:
             storm, traced = pipe.recv()

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 STARTS_S = 0.05  # world time in which nodes start on an idle machine: -1 to 0 for events
 STALLED_S = 3.0  # world time at the start after which events do not wait for the first tick
-PATIENCE_S = 3.0  # longest wait of a node for its peers at the start
+PATIENCE_S = 1.5  # longest wait of a node for its peers at the start
 POLL_S = 0.05
 MARK = 0.7310585786300049  # of the limit: forged setpoints; no controller computes it
 LINES = ("nodes/recorder.py", "recording/writer.py")  # files whose lines count for a signal at a line
