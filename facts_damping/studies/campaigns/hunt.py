@@ -21,7 +21,7 @@ from facts_damping.simulation import loop
 from facts_damping.studies.campaigns import campaign as study
 from facts_damping.studies.campaigns import invariants
 from facts_damping.studies.campaigns.faults import NOTHING, Numbers
-from facts_damping.studies.campaigns.proposals import proposal, turns
+from facts_damping.studies.campaigns.proposals import proposal, spread, turns
 from facts_damping.studies.campaigns.shrink import shrunk
 from facts_damping.studies.sweeps.journal import Journal
 from facts_damping.studies.sweeps.pool import workers
@@ -42,7 +42,7 @@ BATCH = 28  # points of a generation: four for each rule
 SIZES = 6  # coordinates for the size of a fault, at least as many as any takes
 KINDS = 3  # faults of which the worst case is shrunk, for each rule
 TRIES = 10  # points proposed at most for one whose case is new
-CHOICES = 6  # those of a choice, beside its lists
+EXPLORED = 6  # generations that fill the cube
 
 
 class Hunt(NamedTuple):
@@ -55,7 +55,13 @@ class Hunt(NamedTuple):
 
 def coordinates(made: Plan) -> int:
     """Number of coordinates of a campaign's cases."""
-    return CHOICES + max(len(one.choose) for one in made.campaign.base_runs.values()) + SIZES
+    return len(amounts(made))
+
+
+def amounts(made: Plan) -> NDArray[np.bool_]:
+    """Which coordinates are amounts, start, duration and sizes; the others choose from lists, the last of them a seed."""
+    lists = max(len(one.choose) for one in made.campaign.base_runs.values())
+    return np.array([*[False] * (lists + 2), True, True, False, False, *[True] * SIZES])
 
 
 def case_of(made: Plan, numbers: Sequence[float]) -> tuple[Choice, list[float]]:
@@ -76,7 +82,7 @@ def margins_of(made: Plan, drawn: Draw) -> dict[str, float | None]:
 def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, Any]]:
     """Key and row of a point; a case that fails has a row too, with the reason in `error`."""
     key, numbers = task
-    began = time.monotonic()
+    began = time.process_time()
     arm, number = key.split()
     row: dict[str, Any] = {"arm": arm, "number": int(number), "numbers": numbers, "error": None, "margins": {}}
     row["content"] = content(made, numbers)
@@ -89,7 +95,7 @@ def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, 
         row["error"] = one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a case dies of, the others go on)
         row["error"] = f"{type(error).__name__}: {one_line(error)}"
-    return key, row | {"took_s": time.monotonic() - began}
+    return key, row | {"took_s": time.process_time() - began}
 
 
 def search(made: Plan, rule: str, cases: int) -> list[dict[str, Any]]:
@@ -229,12 +235,13 @@ def generation_of(made: Plan, rows: dict[str, dict[str, Any]], generation: int) 
     margins = np.array([[margin(row, rule) for rule in invariants.INVARIANTS] for row in known])
     margins = margins.reshape(-1, len(invariants.INVARIANTS))
     kinds = [kind(row) for row in known]
-    random = np.random.default_rng((made.campaign.seed, generation, 1))
-    bests = np.minimum.accumulate(margins)[BATCH - 1 :: BATCH]
-    seen = {row["content"] for row in known}
-    tasks: list[tuple[str, list[float]]] = []
-    for i, rule in enumerate(turns(bests, BATCH), first):
-        at = _another(made, seen, partial(proposal, points, kinds, margins[:, rule], random))
-        tasks.append((f"{HUNTED} {i}", at))
-        tasks.append((f"{RANDOM} {i}", random.random(size).tolist()))
-    return tasks
+    random, anywhere = (np.random.default_rng((made.campaign.seed, generation, arm)) for arm in (1, 2))
+    if generation < EXPLORED:
+        every = spread(EXPLORED * BATCH, amounts(made), np.random.default_rng(made.campaign.seed))
+        hunted = every[first : first + BATCH].tolist()
+    else:
+        bests, seen = np.minimum.accumulate(margins)[BATCH - 1 :: BATCH], {row["content"] for row in known}
+        nexts = [partial(proposal, points, kinds, margins[:, i], amounts(made), random) for i in turns(bests, BATCH)]
+        hunted = [_another(made, seen, propose) for propose in nexts]
+    arms = zip(hunted, anywhere.random((BATCH, size)).tolist(), strict=True)
+    return [(f"{arm} {first + i}", at) for i, both in enumerate(arms) for arm, at in zip((HUNTED, RANDOM), both)]
