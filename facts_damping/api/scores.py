@@ -59,8 +59,8 @@ def score(
 
     `controller`: a name, `file.py:Class`, `module:Class`, a run, an FMU or a linear law as text; a class; a row of
     `controllers` of a run, or a list of them. `cases`: name or path of a set; `against`: others beside it, the set's by
-    default; `hunt`: so many cases in which something fails are searched for the worst; `jobs`: runs at once, all cores by
-    default. Raises `InputError`.
+    default; `hunt`: also search for the worst of so many cases in which something fails; `jobs`: runs at once, all
+    cores by default. Raises `InputError`.
     """
     refuse_within()
     jobs = jobs or os.cpu_count() or 1

@@ -42,7 +42,7 @@ BATCH = 28  # points of a generation: four for each rule
 SIZES = 6  # coordinates for the size of a fault, at least as many as any takes
 KINDS = 3  # faults of which the worst case is shrunk, for each rule
 TRIES = 10  # points proposed at most for one whose case is new
-EXPLORED = 6  # generations that fill the cube
+EXPLORED = 4  # generations that fill the cube
 
 
 class Hunt(NamedTuple):
@@ -59,7 +59,7 @@ def coordinates(made: Plan) -> int:
 
 
 def amounts(made: Plan) -> NDArray[np.bool_]:
-    """Which coordinates are amounts, start, duration and sizes; the others choose from lists, the last of them a seed."""
+    """Which coordinates are amounts: start, duration and sizes of a fault; the others choose."""
     lists = max(len(one.choose) for one in made.campaign.base_runs.values())
     return np.array([*[False] * (lists + 2), True, True, False, False, *[True] * SIZES])
 
@@ -100,12 +100,13 @@ def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, 
 
 def search(made: Plan, rule: str, cases: int) -> list[dict[str, Any]]:
     """Rows of so many cases, one after the other, hunted for the smallest margin of a rule."""
-    random, size, seen = np.random.default_rng((made.campaign.seed, 1)), coordinates(made), set[str]()
-    rows: list[dict[str, Any]] = []
+    random, seen, rows = np.random.default_rng((made.campaign.seed, 1)), set[str](), list[dict[str, Any]]()
+    first = spread(min(EXPLORED * BATCH, cases // 4), amounts(made), random).tolist()
     for i in range(cases):
-        points = np.array([row["numbers"] for row in rows]).reshape(-1, size)
+        points = np.array([row["numbers"] for row in rows]).reshape(-1, coordinates(made))
         kinds, margins = [kind(row) for row in rows], np.array([margin(row, rule) for row in rows])
-        at = _another(made, seen, partial(proposal, points, kinds, margins, random))
+        propose = partial(proposal, points, kinds, margins, amounts(made), random)
+        at = first[i] if i < len(first) else _another(made, seen, propose)
         rows.append(evaluate(made, (f"{HUNTED} {i}", at))[1])
     return rows
 
@@ -130,9 +131,9 @@ def content(made: Plan, numbers: Sequence[float]) -> str:
     return str((choice._replace(seed=None), sizes))
 
 
-def kind(row: dict[str, Any]) -> str:
+def kind(row: dict[str, Any]) -> tuple[str, str]:
     """What distinguishes parents: base run and fault."""
-    return f"{row.get('base_run')} {row.get('fault')}"
+    return str(row.get("base_run")), str(row.get("fault"))
 
 
 def mildest(made: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[str, Any]]:
@@ -244,4 +245,8 @@ def generation_of(made: Plan, rows: dict[str, dict[str, Any]], generation: int) 
         nexts = [partial(proposal, points, kinds, margins[:, i], amounts(made), random) for i in turns(bests, BATCH)]
         hunted = [_another(made, seen, propose) for propose in nexts]
     arms = zip(hunted, anywhere.random((BATCH, size)).tolist(), strict=True)
-    return [(f"{arm} {first + i}", at) for i, both in enumerate(arms) for arm, at in zip((HUNTED, RANDOM), both)]
+    return [
+        (f"{arm} {first + i}", at)
+        for i, both in enumerate(arms)
+        for arm, at in zip((HUNTED, RANDOM), both, strict=True)
+    ]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.parameters.files import new_folder
@@ -40,10 +42,11 @@ class Found(NamedTuple):
 
 
 def compared(rows: Rows) -> list[Found]:
-    """What was found about each rule, in the same number of hunted and random cases."""
+    """What was found about each rule, by hunted and random cases in the same time of computing."""
     arms = [[row for row in rows if row["arm"] == arm] for arm in (HUNTED, RANDOM)]
-    many = min(map(len, arms))
-    return [_found(rule, arms[0][:many], arms[1][:many]) for rule in invariants.INVARIANTS]
+    until = [list(accumulate(row["took_s"] for row in arm)) for arm in arms]
+    many = [bisect_right(own, min((each[-1] for each in until if each), default=0.0)) for own in until]
+    return [_found(rule, arms[0][: many[0]], arms[1][: many[1]]) for rule in invariants.INVARIANTS]
 
 
 def _found(rule: str, hunted: Rows, drawn: Rows) -> Found:

@@ -1,9 +1,9 @@
 """Points of the unit cube worth trying for the least of several objectives at once.
 
 Each point is a case of a campaign: some coordinates choose from lists, the others are amounts. Every evaluation tells
-the margins of all rules, so the points of all rules are one pool. The first points fill the cube evenly, with many
-amounts at an end, where the worst mostly is. Then a rule's next point is a mutation of the best of a kind of case (J.-B.
-Mouret, J. Clune, arXiv:1504.04909); the worse a kind and the more often it was tried, the less likely it is.
+the margins of all rules, so the points of all rules are one pool. The first points fill the cube evenly. Then a rule's
+next point is a mutation of one of its best. Parents are the best of each kind of case, which is base run and fault
+(J.-B. Mouret, J. Clune, arXiv:1504.04909), half of them of other base runs than that of the best.
 """
 
 from __future__ import annotations
@@ -18,15 +18,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-FRESH = 0.3  # probability of a point anywhere
-ENDS = 0.5  # probability that an amount drawn anew is at an end
+FRESH = 0.15  # probability of a point anywhere
+ENDS = 0.2  # probability that an amount drawn anew is at an end
 CROSSED = 0.3  # probability that coordinates of a second parent are taken
-JUMPED = 0.4  # probability that choices are drawn anew; else amounts change
 STEPS = (1e-2, 0.3)  # standard deviation of a move of amounts, log-uniform
 CHANGED = 2.0  # coordinates that change, on average
 MOVED = 0.5  # probability that an amount that changes moves; else it is drawn anew
 BEST = 8  # kinds whose best are parents
-TRIED = 0.5  # exponent of the number of tries of a kind, which makes it less likely
+OTHERS = 0.5  # probability of a parent in other base runs than that of the best
 PATIENCE = 5  # generations
 
 
@@ -38,7 +37,7 @@ def spread(many: int, amounts: NDArray[np.bool_], random: np.random.Generator) -
 
 def proposal(
     points: NDArray[np.float64],
-    kinds: Sequence[str],
+    kinds: Sequence[tuple[str, str]],
     margins: NDArray[np.float64],
     amounts: NDArray[np.bool_],
     random: np.random.Generator,
@@ -47,10 +46,13 @@ def proposal(
     best = parents(kinds, margins)
     anew = spread(1, amounts, random)[0]
     if not best or random.random() < FRESH:
-        return anew
-    child, other = points[best[int(len(best) * random.random() ** 2)]], points[random.choice(best)]
+        return np.asarray(anew)
+    near = [i for i in best if kinds[i][0] == kinds[best[0]][0]]
+    others = [i for i in best if i not in near]
+    best = (others if others and random.random() < OTHERS else near)[:BEST]
+    child = points[best[int(len(best) * random.random() ** 2)]]  # the better, the likelier
     if random.random() < CROSSED:
-        child = np.where(random.random(len(amounts)) < 0.5, child, other)
+        child = np.where(random.random(len(amounts)) < 0.5, child, points[random.choice(best)])
     some = random.random(len(amounts)) < CHANGED / len(amounts)
     some[random.integers(len(amounts))] = True
     step = np.exp(random.uniform(*np.log(STEPS))) * random.standard_normal(len(amounts))
@@ -60,14 +62,14 @@ def proposal(
 
 def _inside(at: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points with what is above one reflected there; one itself is just below."""
-    return np.minimum(np.where(at > 1.0, np.abs(2.0 - at) % 1.0, at), np.nextafter(1.0, 0.0))
+    return np.asarray(np.minimum(np.where(at > 1.0, np.abs(2.0 - at) % 1.0, at), np.nextafter(1.0, 0.0)))
 
 
-def parents(kinds: Sequence[str], margins: NDArray[np.float64]) -> list[int]:
+def parents(kinds: Sequence[tuple[str, str]], margins: NDArray[np.float64]) -> list[int]:
     """Indices of the best point of each of the best kinds, the best first; none with an infinite margin."""
-    found: dict[str, int] = {}
+    found: dict[tuple[str, str], int] = {}
     for i in np.argsort(margins, kind="stable").tolist():
-        if len(found) == BEST or not np.isfinite(margins[i]):
+        if not np.isfinite(margins[i]):
             break
         found.setdefault(kinds[i], i)
     return list(found.values())
