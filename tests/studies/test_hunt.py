@@ -84,8 +84,8 @@ def test_a_hunt_comes_twice_as_near_to_the_worst_as_as_many_random_points() -> N
 
 def test_parents_of_other_base_runs_are_kept_beside_the_best() -> None:
     """A base run that is better at first must not end the search in the others."""
-    points, kinds = np.array([[0.1, 0.5], [0.9, 0.5]]), [("first", "gain"), ("second", "gain")]
-    random, amounts = np.random.default_rng(0), np.array([False, True])
+    points, kinds = np.full((2, SIZE), [[0.1], [0.9]]), [("first", "gain"), ("second", "gain")]
+    random, amounts = np.random.default_rng(0), np.arange(SIZE) > 1
     nexts = [proposal(points, kinds, np.array([-5.0, -1.0]), amounts, random) for _ in range(200)]
     assert sum(at[0] == 0.1 for at in nexts) > 30 < sum(at[0] == 0.9 for at in nexts)
 
