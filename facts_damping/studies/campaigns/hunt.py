@@ -38,11 +38,12 @@ if TYPE_CHECKING:
 
 JOURNAL = "hunt.jsonl"
 HUNTED, RANDOM, SHRUNK = "hunted", "random", "shrunk"
+ARMS = (HUNTED, RANDOM)
 BATCH = 28  # points of a generation: four for each rule
+EXPLORED = 112  # points that fill the cube first
 SIZES = 6  # coordinates for the size of a fault, at least as many as any takes
 KINDS = 3  # faults of which the worst case is shrunk, for each rule
 TRIES = 10  # points proposed at most for one whose case is new
-EXPLORED = 4  # generations that fill the cube
 
 
 class Hunt(NamedTuple):
@@ -51,11 +52,6 @@ class Hunt(NamedTuple):
     rows: list[dict[str, Any]]
     shrunk: dict[str, dict[str, Any]]
     complete: bool
-
-
-def coordinates(made: Plan) -> int:
-    """Number of coordinates of a campaign's cases."""
-    return len(amounts(made))
 
 
 def amounts(made: Plan) -> NDArray[np.bool_]:
@@ -100,15 +96,11 @@ def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, 
 
 def search(made: Plan, rule: str, cases: int) -> list[dict[str, Any]]:
     """Rows of so many cases, one after the other, hunted for the smallest margin of a rule."""
-    random, seen, rows = np.random.default_rng((made.campaign.seed, 1)), set[str](), list[dict[str, Any]]()
-    first = spread(min(EXPLORED * BATCH, cases // 4), amounts(made), random).tolist()
+    rows: dict[str, dict[str, Any]] = {}
     for i in range(cases):
-        points = np.array([row["numbers"] for row in rows]).reshape(-1, coordinates(made))
-        kinds, margins = [kind(row) for row in rows], np.array([margin(row, rule) for row in rows])
-        propose = partial(proposal, points, kinds, margins, amounts(made), random)
-        at = first[i] if i < len(first) else _another(made, seen, propose)
-        rows.append(evaluate(made, (f"{HUNTED} {i}", at))[1])
-    return rows
+        key, row = evaluate(made, points_of(made, rows, i, 1, [rule], cases // 4)[0])
+        rows[key] = row
+    return list(rows.values())
 
 
 def _another(made: Plan, seen: set[str], propose: Callable[[], NDArray[np.float64]]) -> list[float]:
@@ -129,11 +121,6 @@ def content(made: Plan, numbers: Sequence[float]) -> str:
     except FactsDampingError as error:
         return str(error)
     return str((choice._replace(seed=None), sizes))
-
-
-def kind(row: dict[str, Any]) -> tuple[str, str]:
-    """What distinguishes parents: base run and fault."""
-    return str(row.get("base_run")), str(row.get("fault"))
 
 
 def mildest(made: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[str, Any]]:
@@ -188,10 +175,10 @@ def run(
         rows = journal.rows
         began = time.monotonic() - max((row.get("at_s", 0.0) for row in rows.values()), default=0.0)
         try:
-            for generation in itertools.count():
+            for first in itertools.count(0, BATCH):
                 if time.monotonic() - began >= 60.0 * minutes:
                     break
-                tasks = [task for task in generation_of(made, rows, generation) if task[0] not in rows]
+                tasks = [task for task in points_of(made, rows, first, BATCH) if task[0] not in rows]
                 for key, row in each(partial(evaluate, made), tasks):
                     journal.append(key, {**row, "at_s": time.monotonic() - began})
                     progress(min(round(time.monotonic() - began), whole), whole)
@@ -228,25 +215,26 @@ def violating(rows: dict[str, dict[str, Any]]) -> list[tuple[str, str, list[floa
     return found
 
 
-def generation_of(made: Plan, rows: dict[str, dict[str, Any]], generation: int) -> list[tuple[str, list[float]]]:
-    """Points of a generation with their keys, from the rows of those before it: hunted and random ones."""
-    size, first = coordinates(made), generation * BATCH
+def points_of(
+    made: Plan,
+    rows: dict[str, dict[str, Any]],
+    first: int,
+    many: int,
+    rules: Sequence[str] = tuple(invariants.INVARIANTS),
+    explored: int = EXPLORED,
+) -> list[tuple[str, list[float]]]:
+    """So many hunted points from number `first` on, in turn with random ones, with their keys; `rows`: those before.
+
+    The first `explored` points fill the cube.
+    """
     known = [rows[f"{HUNTED} {i}"] for i in range(first)]
-    points = np.array([row["numbers"] for row in known]).reshape(-1, size)
-    margins = np.array([[margin(row, rule) for rule in invariants.INVARIANTS] for row in known])
-    margins = margins.reshape(-1, len(invariants.INVARIANTS))
-    kinds = [kind(row) for row in known]
-    random, anywhere = (np.random.default_rng((made.campaign.seed, generation, arm)) for arm in (1, 2))
-    if generation < EXPLORED:
-        every = spread(EXPLORED * BATCH, amounts(made), np.random.default_rng(made.campaign.seed))
-        hunted = every[first : first + BATCH].tolist()
-    else:
-        bests, seen = np.minimum.accumulate(margins)[BATCH - 1 :: BATCH], {row["content"] for row in known}
-        nexts = [partial(proposal, points, kinds, margins[:, i], amounts(made), random) for i in turns(bests, BATCH)]
-        hunted = [_another(made, seen, propose) for propose in nexts]
-    arms = zip(hunted, anywhere.random((BATCH, size)).tolist(), strict=True)
-    return [
-        (f"{arm} {first + i}", at)
-        for i, both in enumerate(arms)
-        for arm, at in zip((HUNTED, RANDOM), both, strict=True)
-    ]
+    kinds = [(row.get("base_run"), row.get("fault")) for row in known]  # neither if a case cannot be made
+    seen, which, seed = {row["content"] for row in known}, amounts(made), made.campaign.seed
+    points = np.array([row["numbers"] for row in known]).reshape(-1, len(which))
+    margins = np.array([[margin(row, rule) for rule in rules] for row in known]).reshape(-1, len(rules))
+    random, anywhere = (np.random.default_rng((seed, first // many, arm)) for arm in (1, 2))
+    hunted = spread(max(1, explored), which, np.random.default_rng(seed))[first : first + many].tolist()
+    for i in turns(np.minimum.accumulate(margins)[many - 1 :: many], many)[len(hunted) :]:
+        hunted.append(_another(made, seen, partial(proposal, points, kinds, margins[:, i], which, random)))
+    both = zip(hunted, anywhere.random((many, len(which))).tolist(), strict=True)
+    return [(f"{arm} {i}", at) for i, pair in enumerate(both, first) for arm, at in zip(ARMS, pair, strict=True)]

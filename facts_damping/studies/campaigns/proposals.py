@@ -8,7 +8,7 @@ next point is a mutation of one of its best. Parents are the best of each kind o
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import qmc
@@ -37,7 +37,7 @@ def spread(many: int, amounts: NDArray[np.bool_], random: np.random.Generator) -
 
 def proposal(
     points: NDArray[np.float64],
-    kinds: Sequence[tuple[str, str]],
+    kinds: Sequence[tuple[Any, Any]],
     margins: NDArray[np.float64],
     amounts: NDArray[np.bool_],
     random: np.random.Generator,
@@ -65,9 +65,9 @@ def _inside(at: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.minimum(np.where(at > 1.0, np.abs(2.0 - at) % 1.0, at), np.nextafter(1.0, 0.0)))
 
 
-def parents(kinds: Sequence[tuple[str, str]], margins: NDArray[np.float64]) -> list[int]:
+def parents(kinds: Sequence[tuple[Any, Any]], margins: NDArray[np.float64]) -> list[int]:
     """Indices of the best point of each of the best kinds, the best first; none with an infinite margin."""
-    found: dict[tuple[str, str], int] = {}
+    found: dict[tuple[Any, Any], int] = {}
     for i in np.argsort(margins, kind="stable").tolist():
         if not np.isfinite(margins[i]):
             break
