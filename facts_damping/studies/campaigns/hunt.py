@@ -2,7 +2,7 @@
 
 A case is a point of the unit cube: each random choice of a draw takes the next coordinate (`faults.Numbers`). A search
 proposes points for the rules in turn (`proposals`), and every case that is run tells the margins of all rules. Random
-points are evaluated in equal number, in turn with them.
+points are evaluated in turn with them; the arms are compared after equal time of computing (`hunt_pages`).
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def mildest(made: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[s
         nonlocal asked
         asked += 1
         try:
-            return _or_infinity(margins_of(made, _drawn(made, 0, choice, sizes))[rule])
+            return margin({"margins": margins_of(made, _drawn(made, 0, choice, sizes))}, rule)
         except Exception:  # noqa: BLE001 (a milder case that cannot be run is none)
             return math.inf
 
@@ -155,10 +155,7 @@ def draw_of(made: Plan, row: dict[str, Any]) -> Draw:
 
 def margin(row: dict[str, Any], rule: str) -> float:
     """Margin of a row; infinity if the rule cannot be violated."""
-    return _or_infinity(row["margins"].get(rule))
-
-
-def _or_infinity(value: float | None) -> float:
+    value = row["margins"].get(rule)
     return math.inf if value is None else float(value)
 
 

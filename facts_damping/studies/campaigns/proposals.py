@@ -30,7 +30,7 @@ PATIENCE = 5  # generations
 
 
 def spread(many: int, amounts: NDArray[np.bool_], random: np.random.Generator) -> NDArray[np.float64]:
-    """A Latin hypercube, (many, coordinates), with many amounts at an end; `amounts`: which coordinates are."""
+    """A Latin hypercube, (many, coordinates), some amounts at an end; `amounts`: which coordinates are."""
     at = qmc.LatinHypercube(len(amounts), rng=random).random(many)
     return _inside(np.where(amounts & (random.random(at.shape) < ENDS), np.round(at), at))
 
@@ -47,8 +47,8 @@ def proposal(
     anew = spread(1, amounts, random)[0]
     if not best or random.random() < FRESH:
         return np.asarray(anew)
-    near = [i for i in best if kinds[i][0] == kinds[best[0]][0]]
-    others = [i for i in best if i not in near]
+    others = [i for i in best if kinds[i][0] != kinds[best[0]][0]]
+    near = [i for i in best if i not in others]
     best = (others if others and random.random() < OTHERS else near)[:BEST]
     child = points[best[int(len(best) * random.random() ** 2)]]  # the better, the likelier
     if random.random() < CROSSED:
