@@ -136,8 +136,8 @@ def mildest(made: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[s
         except Exception:  # noqa: BLE001 (a milder case that cannot be run is none)
             return math.inf
 
-    (choice, sizes), margin = shrunk(*case_of(made, numbers), margin_of)
-    found = {"choice": choice._asdict(), "sizes": sizes, "margin": margin, "cases": asked}
+    (choice, sizes), reached = shrunk(*case_of(made, numbers), margin_of)
+    found = {"choice": choice._asdict(), "sizes": sizes, "margin": reached, "cases": asked}
     return key, {"arm": SHRUNK, "number": int(key.split()[-1]), **found}
 
 
