@@ -12,6 +12,7 @@ from facts_damping.parameters.files import new_folder
 from facts_damping.studies.score import card as cards
 from facts_damping.studies.score import pages
 from facts_damping.studies.score.controllers import candidates
+from facts_damping.studies.score.worst import with_worst
 from facts_damping.studies.sweeps.pool import refuse_within
 from facts_damping.terminal import Progress
 
@@ -50,6 +51,7 @@ def score(
     cases: str = "two_area_1.0",
     against: Sequence[str] | None = None,
     *,
+    hunt: int = 0,
     jobs: int | None = None,
     progress: bool = False,
 ) -> Score:
@@ -57,11 +59,14 @@ def score(
 
     `controller`: a name, `file.py:Class`, `module:Class`, a run, an FMU or a linear law as text; a class; a row of
     `controllers` of a run, or a list of them. `cases`: name or path of a set; `against`: others beside it, the set's by
-    default; `jobs`: runs at once, all cores by default. Raises `InputError`.
+    default; `hunt`: also search for the worst of so many cases in which something fails; `jobs`: runs at once, all
+    cores by default. Raises `InputError`.
     """
     refuse_within()
+    jobs = jobs or os.cpu_count() or 1
     case_set = cards.read_set(cases)
     own = candidates(case_set, plain(controller), against)
     with Progress("score", "cases", shown=progress) as shown:
-        made = cards.cards_of(case_set, own, jobs or os.cpu_count() or 1, shown)
+        made = cards.cards_of(case_set, own, jobs, shown)
+    made = with_worst(case_set, made, own, hunt, jobs)
     return Score(made[0], made[1:], case_set)

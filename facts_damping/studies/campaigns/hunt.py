@@ -2,7 +2,7 @@
 
 A case is a point of the unit cube: each random choice of a draw takes the next coordinate (`faults.Numbers`). A search
 proposes points for the rules in turn (`proposals`), and every case that is run tells the margins of all rules. Random
-points are evaluated in equal number, in turn with them.
+points are evaluated in turn with them; the arms are compared after equal time of computing (`hunt_pages`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from facts_damping.simulation import loop
 from facts_damping.studies.campaigns import campaign as study
 from facts_damping.studies.campaigns import invariants
 from facts_damping.studies.campaigns.faults import NOTHING, Numbers
-from facts_damping.studies.campaigns.proposals import proposal, turns
+from facts_damping.studies.campaigns.proposals import proposal, spread, turns
 from facts_damping.studies.campaigns.shrink import shrunk
 from facts_damping.studies.sweeps.journal import Journal
 from facts_damping.studies.sweeps.pool import workers
@@ -38,11 +38,12 @@ if TYPE_CHECKING:
 
 JOURNAL = "hunt.jsonl"
 HUNTED, RANDOM, SHRUNK = "hunted", "random", "shrunk"
+ARMS = (HUNTED, RANDOM)
 BATCH = 28  # points of a generation: four for each rule
+EXPLORED = 112  # points that fill the cube first
 SIZES = 6  # coordinates for the size of a fault, at least as many as any takes
 KINDS = 3  # faults of which the worst case is shrunk, for each rule
 TRIES = 10  # points proposed at most for one whose case is new
-CHOICES = 6  # those of a choice, beside its lists
 
 
 class Hunt(NamedTuple):
@@ -53,9 +54,10 @@ class Hunt(NamedTuple):
     complete: bool
 
 
-def coordinates(made: Plan) -> int:
-    """Number of coordinates of a campaign's cases."""
-    return CHOICES + max(len(one.choose) for one in made.campaign.base_runs.values()) + SIZES
+def amounts(made: Plan) -> NDArray[np.bool_]:
+    """Which coordinates are amounts: start, duration and sizes of a fault; the others choose."""
+    lists = max(len(one.choose) for one in made.campaign.base_runs.values())
+    return np.array([*[False] * (lists + 2), True, True, False, False, *[True] * SIZES])
 
 
 def case_of(made: Plan, numbers: Sequence[float]) -> tuple[Choice, list[float]]:
@@ -76,7 +78,7 @@ def margins_of(made: Plan, drawn: Draw) -> dict[str, float | None]:
 def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, Any]]:
     """Key and row of a point; a case that fails has a row too, with the reason in `error`."""
     key, numbers = task
-    began = time.monotonic()
+    began = time.process_time()
     arm, number = key.split()
     row: dict[str, Any] = {"arm": arm, "number": int(number), "numbers": numbers, "error": None, "margins": {}}
     row["content"] = content(made, numbers)
@@ -89,19 +91,16 @@ def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, 
         row["error"] = one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a case dies of, the others go on)
         row["error"] = f"{type(error).__name__}: {one_line(error)}"
-    return key, row | {"took_s": time.monotonic() - began}
+    return key, row | {"took_s": time.process_time() - began}
 
 
 def search(made: Plan, rule: str, cases: int) -> list[dict[str, Any]]:
     """Rows of so many cases, one after the other, hunted for the smallest margin of a rule."""
-    random, size, seen = np.random.default_rng((made.campaign.seed, 1)), coordinates(made), set[str]()
-    rows: list[dict[str, Any]] = []
+    rows: dict[str, dict[str, Any]] = {}
     for i in range(cases):
-        points = np.array([row["numbers"] for row in rows]).reshape(-1, size)
-        kinds, margins = [kind(row) for row in rows], np.array([margin(row, rule) for row in rows])
-        at = _another(made, seen, partial(proposal, points, kinds, margins, random))
-        rows.append(evaluate(made, (f"{HUNTED} {i}", at))[1])
-    return rows
+        key, row = evaluate(made, points_of(made, rows, i, 1, [rule], cases // 4)[0])
+        rows[key] = row
+    return list(rows.values())
 
 
 def _another(made: Plan, seen: set[str], propose: Callable[[], NDArray[np.float64]]) -> list[float]:
@@ -124,11 +123,6 @@ def content(made: Plan, numbers: Sequence[float]) -> str:
     return str((choice._replace(seed=None), sizes))
 
 
-def kind(row: dict[str, Any]) -> str:
-    """What distinguishes parents: base run and fault."""
-    return f"{row.get('base_run')} {row.get('fault')}"
-
-
 def mildest(made: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[str, Any]]:
     """Key and row of the mildest form of a point that violates a rule; the task: key, rule and point."""
     key, rule, numbers = task
@@ -138,12 +132,12 @@ def mildest(made: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[s
         nonlocal asked
         asked += 1
         try:
-            return _or_infinity(margins_of(made, _drawn(made, 0, choice, sizes))[rule])
+            return margin({"margins": margins_of(made, _drawn(made, 0, choice, sizes))}, rule)
         except Exception:  # noqa: BLE001 (a milder case that cannot be run is none)
             return math.inf
 
-    (choice, sizes), margin = shrunk(*case_of(made, numbers), margin_of)
-    found = {"choice": choice._asdict(), "sizes": sizes, "margin": margin, "cases": asked}
+    (choice, sizes), reached = shrunk(*case_of(made, numbers), margin_of)
+    found = {"choice": choice._asdict(), "sizes": sizes, "margin": reached, "cases": asked}
     return key, {"arm": SHRUNK, "number": int(key.split()[-1]), **found}
 
 
@@ -161,10 +155,7 @@ def draw_of(made: Plan, row: dict[str, Any]) -> Draw:
 
 def margin(row: dict[str, Any], rule: str) -> float:
     """Margin of a row; infinity if the rule cannot be violated."""
-    return _or_infinity(row["margins"].get(rule))
-
-
-def _or_infinity(value: float | None) -> float:
+    value = row["margins"].get(rule)
     return math.inf if value is None else float(value)
 
 
@@ -181,10 +172,10 @@ def run(
         rows = journal.rows
         began = time.monotonic() - max((row.get("at_s", 0.0) for row in rows.values()), default=0.0)
         try:
-            for generation in itertools.count():
+            for first in itertools.count(0, BATCH):
                 if time.monotonic() - began >= 60.0 * minutes:
                     break
-                tasks = [task for task in generation_of(made, rows, generation) if task[0] not in rows]
+                tasks = [task for task in points_of(made, rows, first, BATCH) if task[0] not in rows]
                 for key, row in each(partial(evaluate, made), tasks):
                     journal.append(key, {**row, "at_s": time.monotonic() - began})
                     progress(min(round(time.monotonic() - began), whole), whole)
@@ -221,20 +212,26 @@ def violating(rows: dict[str, dict[str, Any]]) -> list[tuple[str, str, list[floa
     return found
 
 
-def generation_of(made: Plan, rows: dict[str, dict[str, Any]], generation: int) -> list[tuple[str, list[float]]]:
-    """Points of a generation with their keys, from the rows of those before it: hunted and random ones."""
-    size, first = coordinates(made), generation * BATCH
+def points_of(
+    made: Plan,
+    rows: dict[str, dict[str, Any]],
+    first: int,
+    many: int,
+    rules: Sequence[str] = tuple(invariants.INVARIANTS),
+    explored: int = EXPLORED,
+) -> list[tuple[str, list[float]]]:
+    """So many hunted points from number `first` on, in turn with random ones, with their keys; `rows`: those before.
+
+    The first `explored` points fill the cube.
+    """
     known = [rows[f"{HUNTED} {i}"] for i in range(first)]
-    points = np.array([row["numbers"] for row in known]).reshape(-1, size)
-    margins = np.array([[margin(row, rule) for rule in invariants.INVARIANTS] for row in known])
-    margins = margins.reshape(-1, len(invariants.INVARIANTS))
-    kinds = [kind(row) for row in known]
-    random = np.random.default_rng((made.campaign.seed, generation, 1))
-    bests = np.minimum.accumulate(margins)[BATCH - 1 :: BATCH]
-    seen = {row["content"] for row in known}
-    tasks: list[tuple[str, list[float]]] = []
-    for i, rule in enumerate(turns(bests, BATCH), first):
-        at = _another(made, seen, partial(proposal, points, kinds, margins[:, rule], random))
-        tasks.append((f"{HUNTED} {i}", at))
-        tasks.append((f"{RANDOM} {i}", random.random(size).tolist()))
-    return tasks
+    kinds = [(row.get("base_run"), row.get("fault")) for row in known]  # neither if a case cannot be made
+    seen, which, seed = {row["content"] for row in known}, amounts(made), made.campaign.seed
+    points = np.array([row["numbers"] for row in known]).reshape(-1, len(which))
+    margins = np.array([[margin(row, rule) for rule in rules] for row in known]).reshape(-1, len(rules))
+    random, anywhere = (np.random.default_rng((seed, first // many, arm)) for arm in (1, 2))
+    hunted = spread(max(1, explored), which, np.random.default_rng(seed))[first : first + many].tolist()
+    for i in turns(np.minimum.accumulate(margins)[many - 1 :: many], many)[len(hunted) :]:
+        hunted.append(_another(made, seen, partial(proposal, points, kinds, margins[:, i], which, random)))
+    both = zip(hunted, anywhere.random((many, len(which))).tolist(), strict=True)
+    return [(f"{arm} {i}", at) for i, pair in enumerate(both, first) for arm, at in zip(ARMS, pair, strict=True)]

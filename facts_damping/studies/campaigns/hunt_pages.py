@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.parameters.files import new_folder
@@ -10,7 +12,7 @@ from facts_damping.studies.campaigns import campaign as study
 from facts_damping.studies.campaigns import invariants
 from facts_damping.studies.campaigns.campaign_pages import WORDS
 from facts_damping.studies.campaigns.faults import FAULTS, NOTHING
-from facts_damping.studies.campaigns.hunt import HUNTED, RANDOM, draw_of, margin
+from facts_damping.studies.campaigns.hunt import ARMS, draw_of, margin
 from facts_damping.terminal import table, write_whole
 
 if TYPE_CHECKING:
@@ -40,10 +42,11 @@ class Found(NamedTuple):
 
 
 def compared(rows: Rows) -> list[Found]:
-    """What was found about each rule, in the same number of hunted and random cases."""
-    arms = [[row for row in rows if row["arm"] == arm] for arm in (HUNTED, RANDOM)]
-    many = min(map(len, arms))
-    return [_found(rule, arms[0][:many], arms[1][:many]) for rule in invariants.INVARIANTS]
+    """What was found about each rule, by hunted and random cases in the same time of computing."""
+    arms = [[row for row in rows if row["arm"] == arm] for arm in ARMS]
+    until = [list(accumulate(row["took_s"] for row in arm)) for arm in arms]
+    many = [bisect_right(own, min((each[-1] for each in until if each), default=0.0)) for own in until]
+    return [_found(rule, arms[0][: many[0]], arms[1][: many[1]]) for rule in invariants.INVARIANTS]
 
 
 def _found(rule: str, hunted: Rows, drawn: Rows) -> Found:
@@ -69,7 +72,7 @@ def rules_table(found: Sequence[Found], *, markdown: bool = False) -> list[str]:
 
 def counts(hunt: Hunt) -> str:
     """The number of cases and their time as a sentence."""
-    arms = [[row for row in hunt.rows if row["arm"] == arm] for arm in (HUNTED, RANDOM)]
+    arms = [[row for row in hunt.rows if row["arm"] == arm] for arm in ARMS]
     hunted, drawn = (f"{len(arm)} in {sum(row['took_s'] for row in arm):.0f} s" for arm in arms)
     minutes = max((row["at_s"] for row in hunt.rows), default=0.0) / 60.0
     rate = f", {len(hunt.rows) / minutes:.0f} a minute" if minutes else ""

@@ -165,7 +165,7 @@ def synchronism(record: Record, uncontrolled: Record) -> float | None:
     """Synchronism is kept if it is kept without control (else None).
 
     Margin: `1 - (largest rotor angle difference) / 180 deg`; if synchronism is lost, less the fraction of the run after
-    the loss.
+    the loss. The run ends there, so that only a robustness in time exists (A. Donze, O. Maler, FORMATS 2010).
     """
     if lost_s(uncontrolled) is not None:
         return None
