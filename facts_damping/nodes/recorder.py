@@ -188,11 +188,10 @@ class Recorder:
 
     def drain(self) -> None:
         """Poll the queues and flush periodically; after a stop signal, until the queues are empty or time is up."""
-        flushed = reported = noted_s = clock.monotonic()
-        more = True
-        while not stop_requested() or clock.monotonic() - noted_s < (
-            BEHIND_S if more else DRAIN_S if clock.monotonic() - self.message_filter.admitted_at < QUIET_S else 0.0
-        ):
+        flushed = reported = clock.monotonic()
+        noted_s: float | None = None  # when the stop signal was noted
+        while True:
+            stopping = stop_requested()  # asked before the queues are read: what has come by then is recorded
             more, now = self.record_waiting(), clock.monotonic()
             if now - flushed > FLUSH_S:
                 self.writer.flush()
@@ -200,13 +199,14 @@ class Recorder:
             if now - reported > REPORT_S and self.member.at_ns:  # the time comes from the plant
                 self.member.publish(self.health())
                 reported = now
-            if not stop_requested():
-                noted_s = now
+            quiet = now - self.message_filter.admitted_at >= QUIET_S
+            noted_s = now if stopping and noted_s is None else noted_s
+            if noted_s is not None and now - noted_s >= (BEHIND_S if more else 0.0 if quiet else DRAIN_S):
+                break
             if self.message_filter.done():
                 break
             if not more:
                 clock.sleep(POLL_S)
-        self.record_waiting()  # what has come since the last poll
 
 
 main = partial(

@@ -112,12 +112,12 @@ def changes(found: Iterable[Block]) -> list[RunChange]:
     return [change for _, _, change in sorted(rows, key=itemgetter(0, 1))]
 
 
-def run_ended(found: Iterable[Block]) -> str | None:
-    """Reason why the run ended, by the last message of its plant; None if the plant does not state one."""
+def run_ended(found: Iterable[Block]) -> tuple[str, int] | None:
+    """Why the run ended and its last tick, by the last message of its plant; None if the plant does not state them."""
     states = [
-        (int(row), str(block.message.reason) if state == ENDED else None)
+        (int(row), (str(block.message.reason), int(tick)) if state == ENDED else None)
         for block in found
-        for row, state in zip(block.rows, block.message.state, strict=True)
+        for row, state, tick in zip(block.rows, block.message.state, block.message.tick, strict=True)
     ]
     return max(states, key=itemgetter(0))[1] if states else None
 

@@ -273,21 +273,24 @@ def _check_end(
     configuration: dict[str, Any],
     state: Series,
     complete: bool,
-    reasons: list[str | None],
+    ends: list[tuple[str, int] | None],
     notes: list[str],
 ) -> None:
-    """Note where a recording was cut, or that the run did not end by itself; `reasons`: those that its plant gives.
+    """Note where a recording was cut, or that the run did not end by itself; `ends`: reason and tick of its plant.
 
     A recording without the plant's `/run/state` gets no such note.
     """
+    reason, last = (ends[0] if ends else None) or ("", -1)
     if not complete:
         why = "the end is missing"
-    elif reasons == [None]:
+    elif ends == [None]:
         why = "the run was cut off, perhaps killed: its plant has not reported an end"
-    elif reasons == [events.STOPPED]:
+    elif reason == events.STOPPED:
         why = "the run was stopped"
-    elif reasons and str(reasons[0]).startswith(events.FAILED):
-        why = f"the run {reasons[0]}"
+    elif reason.startswith(events.FAILED):
+        why = f"the run {reason}"
+    elif last > ticks[-1]:
+        why = f"the rest is missing: the run ended with tick {last}"
     else:
         return
     times = decode.column(state, lambda message: decode.time_ns(message.header.stamp), np.int64)

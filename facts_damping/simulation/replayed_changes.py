@@ -110,6 +110,8 @@ class ReplayedChanges:
         own = list(made.settings["controller"])
         if change.kind == "start" and change.index in own:
             begin(made.inputs, state, own.index(change.index))
+            row = state.rows[own.index(change.index)]  # as a new process, it does not know the controller's health
+            row["finite"], row["norm"], row["lyapunov"], row["fall"] = 1, 0.0, 0.0, 0.0
         else:
             ask(made, state, change)
 

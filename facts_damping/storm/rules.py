@@ -267,7 +267,7 @@ def end_is_recorded(trace: Trace) -> list[str]:
     storm, record = trace.storm, trace.record
     if storm is None or record is None or trace.mode == "free":
         return []
-    if any(one.kind not in HARMLESS_TO_THE_END for one in storm.events):
+    if any(one.kind not in HARMLESS_TO_THE_END or one.node == RECORDER for one in storm.events):
         return []
     cut = [note for note in record.notes if "cut off" in note]
     return [f"the plant ended, and the recording says: {cut[0]}"] if cut else []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
@@ -29,6 +30,7 @@ STARTS_S = 0.05  # world time in which nodes start on an idle machine: -1 to 0 f
 STALLED_S = 3.0  # world time at the start after which events do not wait for the first tick
 PATIENCE_S = 1.5  # longest wait of a node for its peers at the start
 POLL_S = 0.05
+UNREACHABLE = 200  # polls after which a plant that was resumed and has no new tick is stopped
 MARK = 0.7310585786300049  # of the limit: forged setpoints; no controller computes it
 LINES = ("nodes/recorder.py", "recording/writer.py")  # files whose lines count for a signal at a line
 ERRORS = {"full": errno.ENOSPC, "read-only": errno.EROFS}
@@ -145,10 +147,13 @@ class Stage:
         KINDS[event.kind].act(self, event)
 
     def _mend(self) -> None:
-        """Resume a plant that an operator has left paused, once all events are over."""
-        if (found := self.process(PLANT)) and not found.values.get("mended"):
-            found.values["mended"] = True
-            self.outsider.call(PLANT, "resume", None)
+        """Resume a plant that is paused once all events are over, and stop one that cannot be reached."""
+        if found := self.process(PLANT):
+            found.values["mended"] = found.values.get("mended", 0) + 1
+            if found.values["mended"] == 1:
+                self.outsider.call(PLANT, "resume", None)
+            elif found.values["mended"] == UNREACHABLE:
+                self.signal(PLANT, signal.SIGTERM)
 
     def _attack(self, forged: dict[int, dict[str, Callable[[int], bytes]]], tick: int) -> None:
         """Publish one message of each attack."""

@@ -222,6 +222,7 @@ def supervisors(
         expected=np.zeros((n, round(LATEST_S * frame_rate) + 1), np.complex128),
         sums=np.zeros((n, 2, UNKNOWNS + 1, UNKNOWNS + 1)),
     )
+    state.rows["finite"] = 1  # until the controller tells its health, which a user's own node need not
     for s in range(n):
         begin(frozen.inputs, state, s)
     return frozen, state

@@ -6,6 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.loading import changed_case, load_case
+from facts_damping.monitor_table import ARMED
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.storm.rules import violations
@@ -45,6 +46,8 @@ def test_a_replay_knows_a_link_and_a_supervisor_that_were_started_again(domain: 
 
 def test_a_supervised_node_of_the_users_own_runs(domain: int, tmp_path: Path) -> None:
     controllers = [{"name": "mine", "command": OWN}]
-    case = changed_case({}, "test", {"duration": 1, "supervision": "standard", "controllers": controllers})
+    fields = {"duration": 1, "supervision": "standard", "arm_at": 0.2, "controllers": controllers}
+    case = changed_case({}, "test", fields)
     record: Any = assert_holds(case, "lockstep", tmp_path / "graph", LOADED_S).record
     assert len(record.issued) > 0
+    assert (record.supervision["state"] == ARMED).any()
