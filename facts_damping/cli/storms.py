@@ -68,7 +68,7 @@ def _many(arguments: argparse.Namespace) -> None:
 
         found = search.search(arguments.minutes, arguments.seed, arguments.jobs, tell)
     folder = new_folder(Path(arguments.out or "results/storms"))
-    say(arguments, *_summary(found))
+    say(arguments, *_summary(found, arguments.minutes))
     files = []
     for number, (mark, storms) in enumerate(sorted(found.broken.items(), key=lambda row: -len(row[1]))):
         one, text = min(storms, key=lambda row: len(row[0].events))
@@ -83,10 +83,11 @@ def _many(arguments: argparse.Namespace) -> None:
         raise RunError(f"{len(found.broken)} kinds of violations: {folder}")
 
 
-def _summary(found: Findings) -> list[str]:
+def _summary(found: Findings, minutes: float) -> list[str]:
+    rate = f"{found.storms / minutes:.0f} a minute" if minutes else ""
     kinds = ", ".join(f"{count} {kind}" for kind, count in found.kinds.most_common())
     return [
-        f"{found.storms} storms, {found.world_s:.0f} s simulated, {found.plant_s:.0f} s of plants",
+        f"{found.storms} storms, {rate}: {found.world_s:.0f} s simulated, {found.plant_s:.0f} s of plants",
         f"reached: {len(found.reached)} lines, logs and pairs of event and state; {len(found.kept)} storms kept",
         f"events: {kinds}",
     ]

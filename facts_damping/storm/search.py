@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from facts_damping.storm.running import Trace
 
 HANGS_S = 60.0  # wall time after which a storm counts as hanging
-TRACED = 8  # one storm in so many is traced line by line, which makes it twice as slow
+TRACED = 20  # one storm in so many is traced line by line, which makes it twice as slow
 VARIED = 0.5  # fraction of storms that vary an earlier one, once there are some
 RAM = Path("/dev/shm")  # noqa: S108 (a file system in memory, if there is one)
 
