@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.case.names import served
 from facts_damping.control.table import kind_of
 from facts_damping.digest import canonical
 from facts_damping.errors import FactsDampingError, one_line
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from facts_damping.storm.running import Trace
 
 QUEUE = 20_000  # messages; more in a queue of a node that responds means that it never takes them
+SENDS = {"controller": "issued", "link": "applied"}  # table with the setpoints of a role
 ENDS = "the run has ended: "
 LEAVE = ("reset", "disarm", "start")  # after a trip; a supervisor that starts again knows of none, and is in shadow
 # Kinds of events after which the end of a run must be in its recording.
@@ -182,26 +184,24 @@ def _begins_undisturbed(trace: Trace) -> bool:
 
 
 def restarted_nodes_are_disarmed(trace: Trace) -> list[str]:
-    """A controller or link that was started again, with `join`, is disarmed until an operator arms it."""
-    if trace.record is None or trace.storm is None or _may_be_replaced(trace):
+    """A controller or link that was started again, with `join`, sends no setpoint until an operator arms it."""
+    record, storm = trace.record, trace.storm
+    if record is None or storm is None or _may_be_replaced(trace):
         return []
-    again = {f"/{one.node}" for one in trace.storm.events if one.kind == "restarted"}
-    changes_ = [one for one in trace.record.changes if one.kind == "start" and one.node in again]
-    ended = {node.name for node in trace.nodes if node.killed}
+    killed_at = {f"/{one.node}": one.tick for one in reversed(trace.timeline) if one.kind == "restarted"}
     found = []
-    for one in changes_:
-        armed = one.role in ("controller", "link", "identifier") and one.value != "disarmed"
-        if armed and one.node.lstrip("/") in ended and one.tick > max(_killed_at(trace, one.node), 0):
-            found.append(f"{one.node} starts again at tick {one.tick}, and is armed")
+    for one in [one for one in record.changes if one.kind == "start" and one.role in SENDS]:
+        if one.value != "disarmed":
+            if one.tick > killed_at.get(one.node, 10**9):
+                found.append(f"{one.node} starts again at tick {one.tick}, and is armed")
+            continue
+        later = [row.tick for row in record.changes if row.node == one.node and row.kind in ("arm", "start")]
+        end = min([tick for tick in later if tick > one.tick], default=10**9)
+        rows = getattr(record, SENDS[one.role])
+        own = [one.index] if one.role == "controller" else served(trace.case, one.index)
+        sent = np.isin(rows["controller"], own) & (rows["tick"] >= one.tick) & (rows["tick"] < end)
+        found += [f"{one.node} sends setpoints, though disarmed since tick {one.tick}"] if sent.any() else []
     return found
-
-
-def _killed_at(trace: Trace, node: str) -> int:
-    """Tick at which a node was first killed to be started again."""
-    storm = trace.storm
-    names = [one.node for one in storm.events if one.kind == "restarted"] if storm is not None else []
-    ticks = [one.tick for one in trace.timeline if one.kind == "restarted" and f"/{names[0]}" == node]
-    return min(ticks, default=10**9)
 
 
 def equals_in_process(trace: Trace) -> list[str]:

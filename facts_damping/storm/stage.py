@@ -37,11 +37,12 @@ ERRORS = {"full": errno.ENOSPC, "read-only": errno.EROFS}
 
 
 class Done(NamedTuple):
-    """What was done to a graph: world time in s, tick, kind of event, in words."""
+    """What was done to a graph: world time in s, tick, kind of event, its node, in words."""
 
     world_s: float
     tick: int
     kind: str
+    node: str
     text: str
 
 
@@ -143,7 +144,7 @@ class Stage:
     def do(self, event: Event) -> None:
         """Let an event happen."""
         tick = self._tick_at[0]
-        self.timeline.append(Done(1e-9 * self.world.now_ns, tick, event.kind, words(event)))
+        self.timeline.append(Done(1e-9 * self.world.now_ns, tick, event.kind, event.node, words(event)))
         KINDS[event.kind].act(self, event)
 
     def _mend(self) -> None:
