@@ -113,13 +113,17 @@ def changes(found: Iterable[Block]) -> list[RunChange]:
 
 
 def run_ended(found: Iterable[Block]) -> tuple[str, int] | None:
-    """Why the run ended and its last tick, by the last message of its plant; None if the plant does not state them."""
-    states = [
-        (int(row), (str(block.message.reason), int(tick)) if state == ENDED else None)
+    """Why the run ended and its last tick, by its plant; None if the plant does not state them.
+
+    If the clock was set back meanwhile, this is not its last message.
+    """
+    ends = [
+        (int(row), str(block.message.reason), int(tick))
         for block in found
         for row, state, tick in zip(block.rows, block.message.state, block.message.tick, strict=True)
+        if state == ENDED
     ]
-    return max(states, key=itemgetter(0))[1] if states else None
+    return max(ends)[1:] if ends else None
 
 
 def joined(found: Iterable[Block]) -> list[dict[str, Any]]:

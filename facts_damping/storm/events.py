@@ -279,7 +279,7 @@ KINDS: dict[str, Kind] = {
     "unplugged": Kind("middleware", "{node} is cut off for ever", lambda c: {"node": c.node()},
                       _disturbance(cut=True), weight=0.5),
     "never_matched": Kind("middleware", "{node} never matches {topic}",
-                          lambda c: {"node": c.node(), "topic": c.topic()}, _never_match, weight=0.2, starts=True),
+                          lambda c: {"node": c.node(), "topic": c.topic()}, _never_match, weight=0.5, starts=True),
     "deaf": Kind("middleware", "a foreign subscriber of {topic} never reads", lambda c: {"topic": c.topic()}, _deaf,
                  harmless=ALL, weight=0.5),
     # Processes.

@@ -39,7 +39,9 @@ SENDS = {"controller": "issued", "link": "applied"}  # table with the setpoints 
 ENDS = "the run has ended: "
 LEAVE = ("reset", "disarm", "start")  # after a trip; a supervisor that starts again knows of none, and is in shadow
 # Kinds of events after which the end of a run must be in its recording.
-HARMLESS_TO_THE_END = ("service", "command", "parameter", "forged", "replayed", "malformed", "older", "clock", "late")
+HARMLESS_TO_THE_END = (
+    *("service", "command", "parameter", "forged", "replayed", "malformed", "older", "clock", "late", "terminated"),
+)
 FLUSHED_S = 1.0  # wall time within which a recorder writes what it received to disk: twice its interval
 KNOWN = 2  # tick from which all nodes know the publishers of their topics
 ARRAYS = ("time_ns", "frames", "delivered", "issued", "applied", "devices", "supervised", "supervision", "estimates")
@@ -76,7 +78,8 @@ def _may_be_replaced(trace: Trace) -> bool:
     kinds = {one.kind for one in trace.storm.events}
     if trace.mode == "lockstep" and not any(one.tick < 1 and one.kind.startswith("forged") for one in trace.timeline):
         return False
-    return "forged_with_key" in kinds or (not kinds.isdisjoint({"forged", "taken_over"}) and not trace.storm.signed)
+    foreign = any(KINDS[kind].group == "foreign" and kind != "second_plant" for kind in kinds)
+    return "forged_with_key" in kinds or (foreign and not trace.storm.signed)
 
 
 def device_is_released(trace: Trace) -> list[str]:
@@ -144,8 +147,12 @@ def _since(tripped: NDArray[np.int64], tick: int) -> int:
 
 
 def time_goes_on(trace: Trace) -> list[str]:
-    """No node waits for ever: the graph ends by itself."""
-    return [f"the graph does not end: {trace.world_s:.0f} s"] if trace.overdue else []
+    """No node waits for ever: the graph ends by itself, and its plant gives up before the program that runs it does."""
+    if trace.overdue:
+        return [f"the graph does not end: {trace.world_s:.0f} s"]
+    events = trace.storm.events if trace.storm is not None else []
+    given_up = "no progress within" in trace.reason and all(one.node != PLANT for one in events)
+    return [f"the plant waits for ever: {trace.reason}"] if given_up else []
 
 
 def ends_are_named(trace: Trace) -> list[str]:

@@ -171,7 +171,8 @@ def _watched(stage: Stage) -> Iterator[None]:
     def write_whole(path: Path, text: str) -> None:
         if what := process().values.get("disk"):
             raise disk_error(what)
-        whole(path, text)
+        if not process().killed:
+            whole(path, text)
 
     def opened_new(file: Path) -> Any:
         if what := process().values.get("disk"):

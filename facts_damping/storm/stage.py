@@ -30,6 +30,7 @@ STARTS_S = 0.05  # world time in which nodes start on an idle machine: -1 to 0 f
 STALLED_S = 3.0  # world time at the start after which events do not wait for the first tick
 PATIENCE_S = 1.5  # longest wait of a node for its peers at the start
 POLL_S = 0.05
+BUFFER = 8192  # bytes that a file buffers
 UNREACHABLE = 200  # polls after which a plant that was resumed and has no new tick is stopped
 MARK = 0.7310585786300049  # of the limit: forged setpoints; no controller computes it
 LINES = ("nodes/recorder.py", "recording/writer.py")  # files whose lines count for a signal at a line
@@ -187,10 +188,10 @@ def _at_line(own: Process, line: int) -> Callable[..., Any]:
 
 
 class Disk:
-    """A file on a disk that may be full or read-only, as its process says."""
+    """A file on a disk that may be full or read-only, as its process says; a killed process loses what it buffers."""
 
     def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
+        self._file, self._buffer = file, bytearray()
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._file, name)
@@ -201,12 +202,23 @@ class Disk:
             if what == "full":
                 self._file.write(data[: len(data) // 2])
             raise disk_error(what)
-        return self._file.write(data)
+        self._buffer += data
+        if len(self._buffer) > BUFFER:
+            self.flush()
+        return len(data)
+
+    def flush(self) -> None:
+        """Write what is buffered."""
+        if not process().killed:
+            self._file.write(bytes(self._buffer))
+            self._file.flush()
+        self._buffer.clear()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.flush()
         self._file.close()
 
 

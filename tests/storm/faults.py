@@ -55,8 +55,8 @@ FAULTS = (
     Fault("refusals beyond the first are not counted", "admission.refusals",
           "self._refused[topic, cause, publisher] += 1", "self._refused[topic, cause, publisher] = 1"),
     # Waits and ends.
-    Fault("nodes wait for silent ones a thousand times longer", "input_collector",
-          "patience = fraction * self._options.patience", "patience = 1000.0 * self._options.patience"),
+    Fault("nodes wait a thousand times longer for readers at the end", "base.discovery",
+          "    deadline = clock.monotonic() + timeout\n", "    deadline = clock.monotonic() + 1000.0 * timeout\n"),
     Fault("nodes wait for their peers for ever", "base.discovery", "        if late:\n", "        if False:\n"),
     Fault("a stop signal is ignored", "base.spinner", "if running := not stop_requested():", "if running := True:"),
     Fault("why a node failed is not told", "base.run", "log.fatal(one_line(error), traced(error))", "pass"),
@@ -65,9 +65,8 @@ FAULTS = (
     Fault("the recorder does not flush", "recorder", "                self.writer.flush()\n", "                pass\n"),
     # Order.
     Fault("changes are not published", "admission.member", "            self._publish_change(kind, name, value)\n", ""),
-    Fault("a change acts before its tick", "admission.member",
-          "self._pending.append((kind, name, value, act))",
-          "self._pending.append((kind, name, value, None)); act and act(self._tick + 1)"),
+    Fault("changes are published with a later tick", "admission.member",
+          "name=name, tick=self._tick)", "name=name, tick=self._tick + 1)"),
     Fault("an estimate of the same tick is used", "input_collector",
           "due = [content for at, content in self._messages if at < tick]",
           "due = [content for at, content in self._messages if at <= tick]"),
@@ -89,8 +88,8 @@ def insert(fault: Fault) -> None:
 
 
 def _take_over(own: Any, changed: Any) -> None:
-    for name, value in list(own.items()):
-        new = changed.get(name)
+    for name, one in list(own.items()):
+        value, new = (getattr(row, "__wrapped__", row) for row in (one, changed.get(name)))  # of a context manager
         if isinstance(value, types.FunctionType) and isinstance(new, types.FunctionType):
             value.__code__ = new.__code__
         elif isinstance(value, property) and isinstance(value.fget, types.FunctionType):
@@ -133,7 +132,8 @@ def code_of(fault: Fault) -> list[tuple[Any, Any]]:
 
 
 def _functions(own: Any, name: str) -> Any:
-    for value in list(own.values()):
+    for one in list(own.values()):
+        value = getattr(one, "__wrapped__", one)
         if isinstance(value, types.FunctionType) and value.__module__ == name:
             yield value, value.__code__
         elif isinstance(value, property) and isinstance(value.fget, types.FunctionType):

@@ -251,10 +251,12 @@ class Endpoint(Destroyable):
 
 
 def deliver(sender: Endpoint, receiver: Endpoint, message: Any) -> None:
-    """Let a message arrive when the middleware says so; a process that was killed receives none."""
+    """Let a message arrive when the middleware says so; a process that was killed sends and receives none."""
     here = world()
     at = here.middleware.arrival_ns(here.now_ns, sender, receiver)
     if at is None or receiver.node.process.exitcode is not None or receiver.node.process.killed:
+        return
+    if sender.node.process.killed:  # what it does on its way out
         return
     if at <= here.now_ns:
         _arrive(receiver, message)
