@@ -187,6 +187,7 @@ OF_THIS_PROCESS = {
     "loopback/opening.py": {"time"},  # replaced for the nodes of users
     "loopback/processes.py": {"threading", "random"},  # whose turn it is
     "loopback/middleware.py": {"random"},
+    "foreign/own_controller.py": {"time"},  # as a user writes it
     "base/asyncio_thread.py": {"threading"},  # sockets of servers, which no storm has
     "launching/forked.py": {"threading"},  # processes of the system
 }
