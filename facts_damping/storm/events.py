@@ -42,7 +42,17 @@ EVENTS = (
     "",
 )  # what may be asked of the plant
 LINKS = ("fibre", "pdci", "ideal", "{up: [], down: []}", "{up: [{model: constant, delay: 0.2}]}", "nonsense", "../x")
+SUBSCRIBED = {
+    "supervisor": ("plant/state", "pmu/delivered", "setpoints"),
+    "controller": ("pmu/delivered",),
+    "identifier": ("pmu/delivered",),
+    "link": ("pmu/frames", "setpoints"),
+    "plant": ("setpoints/delivered",),
+}  # ends of topics by role; the recorder subscribes to all
 TRANSITIONS = (1, 2, 3, 4, 5, 6, 7, 99)  # lifecycle_msgs/msg/Transition
+
+
+Drawn = dict[str, Any]
 
 
 @dataclass
@@ -77,6 +87,12 @@ class Chance:
             [name for name in self.nodes() if name not in (PLANT, RECORDER) and "ident" not in name]
         )
 
+    def subscription(self) -> Drawn:
+        """A node and the end of a topic that it subscribes to."""
+        node = self.node()
+        own = next((ends for role, ends in SUBSCRIBED.items() if role in node), None)
+        return {"node": node, "topic": self.random.choice(own) if own else self.topic()}
+
     def topic(self) -> str:
         """A topic of the graph."""
         return self.random.choice(sorted(topics(self.case)))
@@ -88,9 +104,6 @@ class Chance:
     def seed(self) -> float:
         """A seed of the event's own random numbers."""
         return float(self.random.randrange(2**31))
-
-
-Drawn = dict[str, Any]
 
 
 class Kind(NamedTuple):
@@ -279,7 +292,7 @@ KINDS: dict[str, Kind] = {
     "unplugged": Kind("middleware", "{node} is cut off for ever", lambda c: {"node": c.node()},
                       _disturbance(cut=True), weight=0.5),
     "never_matched": Kind("middleware", "{node} never matches {topic}",
-                          lambda c: {"node": c.node(), "topic": c.topic()}, _never_match, weight=0.5, starts=True),
+                          lambda c: c.subscription(), _never_match, weight=0.5, starts=True),
     "deaf": Kind("middleware", "a foreign subscriber of {topic} never reads", lambda c: {"topic": c.topic()}, _deaf,
                  harmless=ALL, weight=0.5),
     # Processes.

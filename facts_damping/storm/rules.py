@@ -285,10 +285,12 @@ def recording_keeps_what_was_flushed(trace: Trace) -> list[str]:
     storm, record = trace.storm, trace.record
     if storm is None or trace.mode == "lockstep":
         return []
-    kills = [one for one in storm.events if one.kind == "killed" and one.node == RECORDER]
-    if len(kills) != 1 or any(one.kind not in ("killed", "clock") or one.node == PLANT for one in storm.events):
+    kills = [one for one in trace.timeline if one.kind == "killed" and one.node == RECORDER]
+    others = [one for one in storm.events if (one.kind, one.node) not in (("killed", RECORDER), ("clock", ""))]
+    hurt = any(one.node in ("", RECORDER) and KINDS[one.kind].group != "foreign" for one in others)
+    if len(kills) != 1 or hurt or _may_be_replaced(trace):
         return []
-    at = next((one.tick for one in trace.timeline if one.text.startswith(RECORDER)), 0)
+    at = kills[0].tick
     kept = at - int(FLUSHED_S * trace.case.run.frame_rate) - 1
     last = -1 if record is None else int(record.ticks[-1])
     return [f"the recording ends with tick {last}, but the recorder was killed at tick {at}"] if last < kept else []

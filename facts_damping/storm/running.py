@@ -113,7 +113,7 @@ def run(storm: Storm, folder: Path) -> Trace:
 def _check(storm: Storm, case: Case) -> None:
     """Raise `InputError` for an event of an unknown kind, node or topic."""
     nodes = ["", *Chance(random.Random(0), case, storm.mode).nodes()]
-    allowed = {"kind": list(KINDS), "node": nodes, "topic": ["", *topics(case)]}
+    allowed = {"kind": list(KINDS), "node": nodes, "topic": ["", "setpoints", *topics(case)]}
     for i, event in enumerate(storm.events):
         for field_, known in allowed.items():
             check_known(f"events.{i}.{field_}", getattr(event, field_), known)
