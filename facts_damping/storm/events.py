@@ -299,7 +299,7 @@ KINDS: dict[str, Kind] = {
     "started_late": Kind("process", "{node} starts {lasts} s late",
                          lambda c: {"node": c.node(), "lasts": c.lasts(c.random.choice([2.0, 2.0, 40.0]))},
                          _start_late, starts=True),
-    "killed": Kind("process", "{node} is killed", lambda c: {"node": c.node()}, _kill),
+    "killed": Kind("process", "{node} is killed", lambda c: {"node": c.random.choice([RECORDER, c.node()])}, _kill),
     "suspended": Kind("process", "{node} is suspended for {lasts} s",
                       lambda c: {"node": c.node(), "lasts": c.lasts(c.random.choice([1.0, 1.0, 30.0]))}, _suspend),
     "restarted": Kind("process", "{node} is killed, and started again after {lasts} s and {size} more times",
