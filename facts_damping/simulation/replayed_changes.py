@@ -17,7 +17,6 @@ from facts_damping.signals import Absence
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.changes import ask, set_parameter
 from facts_damping.simulation.restarts import restore
-from facts_damping.supervision.model import begin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -50,9 +49,8 @@ class ReplayedChanges:
         own = [one for one in record.changes if one.index in same and _possible(case, one)]
         self._case, self._control = case, control
         self._changes = list(own)  # by tick; a recording that starts late includes earlier changes
-        starts = any(one.kind == "start" and one.role != "supervisor" for one in own)
-        self._fresh = deepcopy(control) if starts else control
         self._starts = {(one.role, one.index, one.tick) for one in own if one.kind == "start"}
+        self._fresh = deepcopy(control) if self._starts else control
         self._absences = [one for one in record.absences if one.role != "link" and one.index in same]
         self._silent = [*self._absences, *_disarmed(own)]
 
@@ -60,10 +58,10 @@ class ReplayedChanges:
         """Apply the changes that act from a tick on."""
         while self._changes and self._changes[0].tick <= tick:
             one = self._changes.pop(0)
-            if one.role == "supervisor":
-                self._command(one)
-            elif one.kind == "start":
+            if one.kind == "start":
                 self._start_again(one.role, one.index)
+            elif one.role == "supervisor":
+                ask(self._control.supervisors, self._control.supervisor_state, one)
             elif one.kind == "weights":
                 self._restore_weights(one.role, one.index, one.value)
             elif one.kind == "parameter":
@@ -104,22 +102,14 @@ class ReplayedChanges:
                 keep &= ~(_within(one, rows["tick"]) & (rows["controller"] == one.index))
         return np.asarray(rows[keep])
 
-    def _command(self, change: RunChange) -> None:
-        """Apply an operator's command to a supervisor, or its restart."""
-        made, state = self._control.supervisors, self._control.supervisor_state
-        own = list(made.settings["controller"])
-        if change.kind == "start" and change.index in own:
-            begin(made.inputs, state, own.index(change.index))
-            row = state.rows[own.index(change.index)]  # as a new process, it does not know the controller's health
-            row["finite"], row["norm"], row["lyapunov"], row["fall"] = 1, 0.0, 0.0, 0.0
-        else:
-            ask(made, state, change)
-
     def _start_again(self, role: str, c: int) -> None:
         now, fresh = self._control, self._fresh
         if role == "controller":
             restore(now.bank_state, fresh.bank_state, c)
             now.bank.settings[c] = fresh.bank.settings[c]
+        elif role == "supervisor":
+            for place in np.flatnonzero(now.supervisors.settings["controller"] == c).tolist():
+                restore(now.supervisor_state, fresh.supervisor_state, place)
         else:
             place = list(now.identifiers.controller).index(c)
             restore(now.identifier_state, fresh.identifier_state, place)
