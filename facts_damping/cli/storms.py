@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import time
+from contextlib import nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.cli.runs import say
@@ -28,18 +31,12 @@ def storm(arguments: argparse.Namespace) -> None:
 
 
 def _one(arguments: argparse.Namespace) -> None:
-    from tempfile import TemporaryDirectory
-
     from facts_damping.nodes.launching import preload  # noqa: F401 (nodes are loaded before the loopback opens)
     from facts_damping.storm import drawing, model, rules, running
 
     one = drawing.draw(arguments.seed) if arguments.storm is None else model.read(Path(arguments.storm))
-    if arguments.out is None:
-        with TemporaryDirectory() as folder:
-            trace = running.run(one, Path(folder))
-            broken = rules.violations(trace)
-    else:
-        trace = running.run(one, new_folder(Path(arguments.out)))
+    with TemporaryDirectory() if arguments.out is None else nullcontext(arguments.out) as folder:
+        trace = running.run(one, new_folder(Path(folder)))
         broken = rules.violations(trace)
     say(arguments, one.text(), *_told(trace))
     write_json(arguments.json, {"storm": one.model_dump(), "reason": trace.reason, "broken": broken})
@@ -61,10 +58,10 @@ def _many(arguments: argparse.Namespace) -> None:
     from facts_damping.storm import search
 
     with Progress("storm", "seconds") as progress:
-        began, whole = search.now_s(), round(60 * arguments.minutes)
+        began, whole = time.monotonic(), round(60 * arguments.minutes)
 
         def tell(_: Findings) -> None:
-            progress(min(int(search.now_s() - began), whole), whole)
+            progress(min(int(time.monotonic() - began), whole), whole)
 
         found = search.search(arguments.minutes, arguments.seed, arguments.jobs, tell)
     folder = new_folder(Path(arguments.out or "results/storms"))

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import random
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from facts_damping.case.loading import make_case
 from facts_damping.storm.events import KINDS, Chance
 from facts_damping.storm.model import Event, Storm
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 RATES = (10, 10, 15, 20, 20, 25, 30, 60)  # frames/s
 MODES: tuple[Any, ...] = ("lockstep", "lockstep", "realtime", "realtime", "free")
@@ -45,7 +42,6 @@ SUPERVISIONS: tuple[dict[str, Any], ...] = (
     {"supervision": "standard"},
     {"supervision": "strict"},
 )
-FOR_EVER = 1e5
 
 
 def _link(chance: random.Random) -> Any:
@@ -83,8 +79,8 @@ def _run(chance: random.Random) -> dict[str, Any]:
     return run
 
 
-def draw(seed: int, kinds: Sequence[str] = ()) -> Storm:
-    """The storm of a seed; `kinds`: of its events; default: all."""
+def draw(seed: int) -> Storm:
+    """The storm of a seed."""
     chance = random.Random(seed)
     run, mode = _run(chance), chance.choice(MODES)
     if not run["controllers"]:
@@ -100,13 +96,13 @@ def draw(seed: int, kinds: Sequence[str] = ()) -> Storm:
         discovery=round(chance.uniform(0.0, 1.0), 3) if late else 0.0,
     )
     case = make_case(dict(run), f"storm {seed}")
-    events = [event(Chance(chance, case, mode), kinds) for _ in range(min(1 + int(chance.expovariate(0.5)), 8))]
+    events = [event(Chance(chance, case, mode)) for _ in range(min(1 + int(chance.expovariate(0.5)), 8))]
     return storm.model_copy(update={"events": sorted(events, key=lambda one: one.at)})
 
 
-def event(chance: Chance, kinds: Sequence[str] = ()) -> Event:
+def event(chance: Chance) -> Event:
     """An event of a random kind, at a random time."""
-    names = [name for name, kind in KINDS.items() if (not kinds or name in kinds) and chance.mode in kind.modes]
+    names = [name for name, kind in KINDS.items() if chance.mode in kind.modes]
     weights = [KINDS[name].weight for name in names]
     kind = chance.random.choices(names, weights)[0]
     starts = KINDS[kind].starts or chance.random.random() < 0.1

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import signal
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.case.names import (
-    controller_addresses,
-    identifier_addresses,
-    link_addresses,
-    setpoint_topics,
-    supervisor_addresses,
-)
+from facts_damping.case.names import controller_addresses, replaceable, setpoint_topics, supervisor_addresses
 from facts_damping.control.table import kind_of
 from facts_damping.monitor_table import COMMANDS
-from facts_damping.nodes.loopback.middleware import Disturbance, seconds
+from facts_damping.nodes.launching.graph import PLANT, RECORDER
+from facts_damping.nodes.loopback.middleware import Disturbance
 from facts_damping.nodes.recorder import topics
+from facts_damping.signals import NEVER, to_ns
 
 if TYPE_CHECKING:
     import random
@@ -31,7 +26,6 @@ if TYPE_CHECKING:
 ALL = ("lockstep", "realtime", "free")
 PACED = ("realtime", "free")
 KEPT = ("lockstep", "realtime")  # modes in which nodes keep their peers
-PLANT, RECORDER = "plant_sim", "recorder"
 ODD = (0.0, -1.0, 1.0, 1e9, -1e9, 1e-9, 0.5, "x", True, 3, [1.0])  # values for parameters
 EVENTS = (
     "{kind: load, name: load_1, change: 0.1}",
@@ -68,24 +62,13 @@ class Chance:
         """Simulated time of the run, s."""
         return self.case.ticks / self.case.run.frame_rate
 
-    def nodes(self) -> list[str]:
-        """Names of the graph's nodes, relative to it."""
-        of = (link_addresses, controller_addresses, identifier_addresses, supervisor_addresses)
-        found: list[str] = [PLANT, RECORDER]
-        for addresses in of:
-            rows: Any = addresses(self.case)
-            found += [str(one) for one in (rows.values() if isinstance(rows, dict) else rows)]
-        return found
-
     def node(self, *without: str) -> str:
         """A node other than some."""
-        return self.random.choice([name for name in self.nodes() if name not in without])
+        return self.random.choice([name for name in nodes(self.case) if name not in without])
 
     def sender(self) -> str:
         """A node that sends setpoints."""
-        return self.random.choice(
-            [name for name in self.nodes() if name not in (PLANT, RECORDER) and "ident" not in name]
-        )
+        return self.random.choice([name for name in replaceable(self.case) if "identifier" not in name])
 
     def subscription(self) -> Drawn:
         """A node and the end of a topic that it subscribes to."""
@@ -106,6 +89,11 @@ class Chance:
         return float(self.random.randrange(2**31))
 
 
+def nodes(case: Case) -> list[str]:
+    """Names of the nodes of a graph, relative to it."""
+    return [PLANT, RECORDER, *replaceable(case)]
+
+
 class Kind(NamedTuple):
     """A kind of event."""
 
@@ -124,11 +112,11 @@ def _disturbance(**fields: Any) -> Callable[[Stage, Event], None]:
 
     def act(stage: Stage, event: Event) -> None:
         now = stage.world.now_ns
-        ends = now + seconds(event.lasts or math.inf) if event.lasts else seconds(math.inf)
+        ends = now + to_ns(event.lasts) if event.lasts else NEVER
         given = {name: value(event) if callable(value) else value for name, value in fields.items()}
         node = event.node.rpartition("/")[2]
-        row = Disturbance(now, ends, node, event.topic, seed=stage.storm.seed + stage.count(), **given)
-        stage.world.middleware.disturbances.append(row)
+        rows = stage.world.middleware.disturbances
+        rows.append(Disturbance(now, ends, node, event.topic, seed=stage.storm.seed + len(rows) + 1, **given))
 
     return act
 
@@ -140,7 +128,7 @@ def _late(chance: Chance) -> Drawn:
 
 
 def _size_ns(event: Event) -> int:
-    return seconds(event.size)
+    return to_ns(event.size)
 
 
 def _kill(stage: Stage, event: Event) -> None:
@@ -165,19 +153,19 @@ def _restart(stage: Stage, event: Event) -> None:
 
 def _hang(stage: Stage, event: Event) -> None:
     if process := stage.process(event.node):
-        process.busy_until_ns = max(process.busy_until_ns, stage.world.now_ns + seconds(event.lasts))
+        process.busy_until_ns = max(process.busy_until_ns, stage.world.now_ns + to_ns(event.lasts))
 
 
 def _slow(stage: Stage, event: Event) -> None:
     if process := stage.process(event.node):
-        process.turn_ns = seconds(event.size)
+        process.turn_ns = to_ns(event.size)
         stage.later(event.lasts, lambda: setattr(process, "turn_ns", 0))
 
 
 def _clock(stage: Stage, event: Event) -> None:
     for name in [event.node] if event.node else list(stage.running):
         if process := stage.process(name):
-            process.clock_offset_ns += round(event.size * 1e9)
+            process.clock_offset_ns += to_ns(event.size)
 
 
 def _disk(stage: Stage, event: Event) -> None:
@@ -188,7 +176,7 @@ def _disk(stage: Stage, event: Event) -> None:
 
 
 def _terminate_at_line(stage: Stage, event: Event) -> None:
-    stage.terminate_at_line(event.node, int(event.size))
+    stage.at_line[event.node] = int(event.size)
 
 
 def _start_late(stage: Stage, event: Event) -> None:

@@ -19,7 +19,7 @@ from facts_damping.digest import canonical
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.monitor_table import TRIPPED
 from facts_damping.nodes.attacker import SWING
-from facts_damping.nodes.launching.graph import PLANT, RECORDER
+from facts_damping.nodes.launching.graph import PLANT, RECORDER, REFUSED
 from facts_damping.recording.events import FAILED, STOPPED
 from facts_damping.simulation import changes, replay
 from facts_damping.storm.events import KINDS
@@ -242,10 +242,10 @@ def refusals_are_counted(trace: Trace) -> list[str]:
             found.append(f"{name} says {count} times: {text}")
     for node in trace.nodes:
         counts: dict[tuple[str, ...], int] = {}
-        for line in re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", node.output, re.MULTILINE):
-            if int(line[0]) < counts.get(line[1:], 0) and trace.mode != "free":
-                found.append(f"{node.name}: count of {line[1:]} falls to {line[0]}")
-            counts[line[1:]] = int(line[0])
+        for count, *how in REFUSED.findall(node.output):
+            if int(count) < counts.get(tuple(how), 0) and trace.mode != "free":
+                found.append(f"{node.name}: count of {tuple(how)} falls to {count}")
+            counts[tuple(how)] = int(count)
     return found
 
 
@@ -259,11 +259,9 @@ def refusals_are_complete(trace: Trace) -> list[str]:
     if any(KINDS[one.kind].group not in ("foreign", "operator") or one.kind == "second_plant" for one in storm.events):
         return []
     output = next(node.output for node in trace.nodes if node.name == RECORDER)
-    counts: dict[str, dict[str, int]] = {}
-    for count, cause, topic in re.findall(r"^refused (\d+) (\S+) (\S+) /outsider$", output, re.MULTILINE):
-        counts.setdefault(topic.lstrip("/"), {})[cause] = int(count)
+    newest = {how: int(count) for count, *rest in REFUSED.findall(output) if (how := tuple(rest))[2] == "/outsider"}
     for topic, sent in trace.sent.items():
-        counted = sum(counts.get(topic.lstrip("/"), {}).values())
+        counted = sum(count for how, count in newest.items() if how[1].lstrip("/") == topic.lstrip("/"))
         if counted != sent:
             found.append(f"{counted} refusals counted on {topic}, {sent} messages sent")
     return found

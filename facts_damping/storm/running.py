@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import random
 import sys
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,13 +17,13 @@ from facts_damping.nodes import clock
 from facts_damping.nodes.base import weights_file
 from facts_damping.nodes.foreign import own_controller
 from facts_damping.nodes.launching import graph
-from facts_damping.nodes.loopback.middleware import seconds
 from facts_damping.nodes.loopback.opening import opened
 from facts_damping.nodes.loopback.processes import process
 from facts_damping.nodes.recorder import topics
 from facts_damping.parameters.security import add_key
 from facts_damping.recording import reader, writer
-from facts_damping.storm.events import KINDS, Chance
+from facts_damping.signals import to_ns
+from facts_damping.storm.events import KINDS, nodes
 from facts_damping.storm.stage import PATIENCE_S, Disk, Done, Stage, disk_error
 
 if TYPE_CHECKING:
@@ -89,7 +88,7 @@ def run(storm: Storm, folder: Path) -> Trace:
     with opened(storm.seed) as world:
         stage = _prepared(world, storm, case, case_of(storm, folder, "other_keys.yaml"))
         with _watched(stage):
-            world.at(seconds(LIMIT_S), lambda: _break_off(stage, trace))
+            world.at(to_ns(LIMIT_S), lambda: _break_off(stage, trace))
             failed = io.StringIO()
             world.start("outsider", stage.conduct, (), {}, failed, failed)
             _start_own(stage)
@@ -112,8 +111,7 @@ def run(storm: Storm, folder: Path) -> Trace:
 
 def _check(storm: Storm, case: Case) -> None:
     """Raise `InputError` for an event of an unknown kind, node or topic."""
-    nodes = ["", *Chance(random.Random(0), case, storm.mode).nodes()]
-    allowed = {"kind": list(KINDS), "node": nodes, "topic": ["", "setpoints", *topics(case)]}
+    allowed = {"kind": list(KINDS), "node": ["", *nodes(case)], "topic": ["", "setpoints", *topics(case)]}
     for i, event in enumerate(storm.events):
         for field_, known in allowed.items():
             check_known(f"events.{i}.{field_}", getattr(event, field_), known)
@@ -122,8 +120,8 @@ def _check(storm: Storm, case: Case) -> None:
 def _prepared(world: World, storm: Storm, case: Case, foreign: Case) -> Stage:
     """The stage with the storm's middleware, and the events that concern the start of nodes."""
     middleware = world.middleware
-    middleware.seed, middleware.discovery_ns = storm.seed, seconds(storm.discovery)
-    middleware.lease_ns = seconds(storm.lease)
+    middleware.seed, middleware.discovery_ns = storm.seed, to_ns(storm.discovery)
+    middleware.lease_ns = to_ns(storm.lease)
     stage = Stage(world, storm, case, foreign)
     for event in storm.events:
         if KINDS[event.kind].starts:

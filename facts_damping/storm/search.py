@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import importlib
 import multiprocessing
 import random
 import tempfile
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.case.loading import make_case
 from facts_damping.errors import FactsDampingError, InputError
+from facts_damping.extras import library
 from facts_damping.nodes.launching import preload
 from facts_damping.storm import drawing, running
 from facts_damping.storm.events import Chance
@@ -33,11 +33,6 @@ HANGS_S = 60.0  # wall time after which a storm counts as hanging
 TRACED = 20  # one storm in so many is traced line by line, which makes it twice as slow
 VARIED = 0.5  # fraction of storms that vary an earlier one, once there are some
 RAM = Path("/dev/shm")  # noqa: S108 (a file system in memory, if there is one)
-
-
-def now_s() -> float:
-    """Wall time, s."""
-    return time.monotonic()
 
 
 class Result(NamedTuple):
@@ -69,8 +64,8 @@ def try_storm(storm: Storm, *, traced: bool = False) -> Result:
 
 def _coverage() -> Any:
     """The library that traces lines, if it is installed."""
-    with suppress(ImportError):
-        return importlib.import_module("coverage")
+    with suppress(InputError):
+        return library("coverage", "test")
     return None
 
 
@@ -163,7 +158,7 @@ class Worker:
 
     def send(self, storm: Storm, traced: bool) -> None:
         """Give it a storm."""
-        self.storm, self.sent_s = storm, now_s()
+        self.storm, self.sent_s = storm, time.monotonic()
         self.pipe.send((storm, traced))
 
     def result(self) -> Result | None:
@@ -176,7 +171,7 @@ class Worker:
 
     def overdue(self) -> Result | None:
         """A result if its storm hangs; the worker is then started anew."""
-        if self.storm is None or now_s() - self.sent_s < HANGS_S:
+        if self.storm is None or time.monotonic() - self.sent_s < HANGS_S:
             return None
         return self._dead(f"nothing within {HANGS_S:g} s: a node works without end")
 
@@ -200,10 +195,10 @@ def search(
     enough: Callable[[Findings], bool] = lambda _: False,
 ) -> Findings:
     """Try storms for some minutes; `seed`: of all of them; `tell`: called after each; `enough`: ends it early."""
-    chance, found, until = random.Random(seed), Findings(), now_s() + 60.0 * minutes
+    chance, found, until = random.Random(seed), Findings(), time.monotonic() + 60.0 * minutes
     workers = [Worker() for _ in range(jobs)]
     try:
-        while now_s() < until and not enough(found):
+        while time.monotonic() < until and not enough(found):
             for one in workers:
                 if one.storm is None:
                     one.send(_next(found, chance), found.storms % TRACED == 0)
@@ -234,10 +229,10 @@ def shrunk(storm: Storm, mark: str, most: int = 200) -> Storm:
 
     def breaks(milder: Storm) -> bool:
         worker.send(milder, False)
-        while not worker.pipe.poll(1.0):
-            if (late := worker.overdue()) is not None:
-                return any(fingerprint(*one) == mark for one in late.violations)
-        result = worker.result()
+        late = None
+        while late is None and not worker.pipe.poll(1.0):
+            late = worker.overdue()
+        result = worker.result() if late is None else late
         return result is not None and any(fingerprint(*one) == mark for one in result.violations)
 
     try:

@@ -15,7 +15,8 @@ from facts_damping.nodes.foreign.messages import foreign
 from facts_damping.nodes.foreign.outsider import Outsider
 from facts_damping.nodes.launching import graph
 from facts_damping.nodes.loopback.processes import process
-from facts_damping.storm.events import KINDS, PLANT, words
+from facts_damping.signals import to_ns
+from facts_damping.storm.events import KINDS, words
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,18 +60,12 @@ class Stage:
     running: dict[str, graph.Process] = field(default_factory=dict)  # newest of each name
     asked: list[tuple[str, bool]] = field(default_factory=list)  # nodes to start: again after their end, or once more
     ever: list[tuple[str, Process, IO[bytes], IO[bytes]]] = field(default_factory=list)  # with copies of their files
-    late_s: dict[str, float] = field(default_factory=dict)
-    at_line: dict[str, int] = field(default_factory=dict)
+    late_s: dict[str, float] = field(default_factory=dict)  # by node: how much later it starts
+    at_line: dict[str, int] = field(default_factory=dict)  # by node: number of lines after which it gets SIGTERM
     attacks: list[list[Any]] = field(default_factory=list)  # what, topic, seed, messages left
     timeline: list[Done] = field(default_factory=list)
     killed: set[int] = field(default_factory=set)  # process numbers
-    _count: int = 0
     _tick_at: tuple[int, int] = (-1, 0)  # newest tick, and the world's time at which it came
-
-    def count(self) -> int:
-        """A new number."""
-        self._count += 1
-        return self._count
 
     def time_s(self) -> float:
         """Simulated time, s: of the newest tick, and what has passed since; negative while the nodes start."""
@@ -96,7 +91,7 @@ class Stage:
 
     def later(self, after_s: float, act: Callable[[], Any]) -> None:
         """Do something after a time."""
-        self.world.at(self.world.now_ns + round(1e9 * after_s), act)
+        self.world.at(self.world.now_ns + to_ns(after_s), act)
 
     def launched(self, name: str, made: graph.Process) -> graph.Process:
         """Take note of a node that is started, and let it start late if an event says so."""
@@ -104,7 +99,7 @@ class Stage:
         self.running[name] = made
         files = [os.fdopen(os.dup(file.fileno()), "rb") for file in (made.output, made.errors)]
         self.ever.append((name, own, files[0], files[1]))
-        own.busy_until_ns = self.world.now_ns + round(1e9 * self.late_s.pop(name, 0.0))
+        own.busy_until_ns = self.world.now_ns + to_ns(self.late_s.pop(name, 0.0))
         if line := self.at_line.pop(name, 0):
             own.at_begin = lambda: sys.settrace(_at_line(own, line))
         return made
@@ -116,12 +111,8 @@ class Stage:
             if name in members and again:
                 graph.start_again(members, name)
             elif name in members and members[name].again:
-                members[f"second {name} {self.count()}"] = graph.start(*members[name].again)
+                members[f"second {name} {len(members)}"] = graph.start(*members[name].again)
                 self.running[name] = members[name]  # events happen to the first one
-
-    def terminate_at_line(self, name: str, line: int) -> None:
-        """Send SIGTERM when a node has executed a number of lines."""
-        self.at_line[name] = line
 
     def conduct(self) -> None:
         """Do what the events say, in time, as a process of the world."""
@@ -150,12 +141,12 @@ class Stage:
 
     def _mend(self) -> None:
         """Resume a plant that is paused once all events are over, and stop one that cannot be reached."""
-        if found := self.process(PLANT):
+        if found := self.process(graph.PLANT):
             found.values["mended"] = found.values.get("mended", 0) + 1
             if found.values["mended"] == 1:
-                self.outsider.call(PLANT, "resume", None)
+                self.outsider.call(graph.PLANT, "resume", None)
             elif found.values["mended"] == UNREACHABLE:
-                self.signal(PLANT, signal.SIGTERM)
+                self.signal(graph.PLANT, signal.SIGTERM)
 
     def _attack(self, forged: dict[int, dict[str, Callable[[int], bytes]]], tick: int) -> None:
         """Publish one message of each attack."""
@@ -181,7 +172,7 @@ def _at_line(own: Process, line: int) -> Callable[..., Any]:
             left[0] -= 1
             if left[0] == 0:
                 sys.settrace(None)
-                own.world.signal(own.pid, 15)
+                own.world.signal(own.pid, signal.SIGTERM)
         return trace
 
     return trace

@@ -8,7 +8,6 @@ import numpy as np
 from facts_damping_msgs.msg import DeviceSetpoint, DeviceSetpoints, PmuDataFrame
 from rclpy.serialization import serialize_message
 
-from facts_damping.nodes.foreign.messages import hostile
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage, start_of
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
 
@@ -16,8 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from facts_damping.case.model import Case
-
-__all__ = ["hostile"]
 
 CONTROLLER, IDENTIFIER = "controller_0_HBsWC", "identifier_0_ANFGuMoI"  # of these runs
 SETS = ["scenario=large", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]

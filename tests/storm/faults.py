@@ -11,9 +11,12 @@ import sys
 import time
 import types
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.storm.search import Findings, search
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 
 class Fault(NamedTuple):
@@ -76,26 +79,37 @@ FAULTS = (
 )  # fmt: skip
 
 
-def insert(fault: Fault) -> None:
-    """Insert a fault into this process: functions and methods of the module get the code of the changed text."""
+def insert(fault: Fault) -> Callable[[], None]:
+    """Insert a fault into this process: functions and methods of the module get the code of the changed text.
+
+    Returns a function that takes it out again.
+    """
     module: Any = importlib.import_module(f"facts_damping.nodes.{fault.module}")
     text = Path(module.__file__).read_text(encoding="utf-8")
     if text.count(fault.right) != 1:
         raise ValueError(f"{fault.what}: {text.count(fault.right)} places in {module.__name__}")
     changed: dict[str, Any] = {"__name__": module.__name__, "__file__": module.__file__}
     exec(compile(text.replace(fault.right, fault.wrong), module.__file__, "exec"), changed)
-    _take_over(vars(module), changed)
+    replaced = list(_take_over(vars(module), changed))
+
+    def take_out() -> None:
+        for function, code in replaced:
+            function.__code__ = code
+
+    return take_out
 
 
-def _take_over(own: Any, changed: Any) -> None:
+def _take_over(own: Any, changed: Any) -> Iterator[tuple[Any, types.CodeType]]:
+    """Give functions the code of their changed namesakes; yields them with the code that they had."""
     for name, one in list(own.items()):
         value, new = (getattr(row, "__wrapped__", row) for row in (one, changed.get(name)))  # of a context manager
+        if isinstance(value, property):
+            value, new = value.fget, new.fget
         if isinstance(value, types.FunctionType) and isinstance(new, types.FunctionType):
+            yield value, value.__code__
             value.__code__ = new.__code__
-        elif isinstance(value, property) and isinstance(value.fget, types.FunctionType):
-            value.fget.__code__ = new.fget.__code__
         elif isinstance(value, type) and isinstance(new, type) and value.__module__ == new.__module__:
-            _take_over(vars(value), vars(new))
+            yield from _take_over(vars(value), vars(new))
 
 
 def found_within(fault: Fault, minutes: float, seed: int, jobs: int) -> tuple[float, Findings]:
@@ -116,36 +130,12 @@ def main() -> None:
     chosen = range(len(FAULTS)) if arguments.only is None else [arguments.only]
     for number in chosen:
         fault = FAULTS[number]
-        original = code_of(fault)
-        insert(fault)
+        take_out = insert(fault)
         seconds, found = found_within(fault, arguments.minutes, arguments.seed, arguments.jobs)
         rule = next(iter(found.broken), "NOT FOUND")
         sys.stdout.write(f"| {number} | {fault.what} | {seconds:.0f} | {found.storms} | {rule[:90]} |\n")
         sys.stdout.flush()
-        restore(original)
-
-
-def code_of(fault: Fault) -> list[tuple[Any, Any]]:
-    """Functions of the fault's module with their code, for `restore`."""
-    module = importlib.import_module(f"facts_damping.nodes.{fault.module}")
-    return list(_functions(vars(module), module.__name__))
-
-
-def _functions(own: Any, name: str) -> Any:
-    for one in list(own.values()):
-        value = getattr(one, "__wrapped__", one)
-        if isinstance(value, types.FunctionType) and value.__module__ == name:
-            yield value, value.__code__
-        elif isinstance(value, property) and isinstance(value.fget, types.FunctionType):
-            yield value.fget, value.fget.__code__
-        elif isinstance(value, type) and value.__module__ == name:
-            yield from _functions(vars(value), name)
-
-
-def restore(original: list[tuple[Any, Any]]) -> None:
-    """Take a fault out again."""
-    for function, code in original:
-        function.__code__ = code
+        take_out()
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from facts_damping.storm import drawing, model, running, search
 from facts_damping.storm.events import KINDS, words
 from facts_damping.storm.rules import RULES, violations
 from facts_damping.storm.shrinking import fingerprint, shrink
-from tests.storm.faults import FAULTS, code_of, insert, restore
+from tests.storm.faults import FAULTS, insert
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -69,10 +69,9 @@ def test_a_storm_repeats_itself(tmp_path: Path) -> None:
 def fault(request: pytest.FixtureRequest) -> Iterator[str]:
     """One of the deliberate faults, in this process."""
     chosen = FAULTS[request.param]
-    original = code_of(chosen)
-    insert(chosen)
+    take_out = insert(chosen)
     yield chosen.what
-    restore(original)
+    take_out()
 
 
 def test_a_deliberate_fault_is_found_and_shrunk(fault: str, tmp_path: Path) -> None:

@@ -56,6 +56,7 @@ QUIET = ("--ros-args", "--disable-stdout-logs", "--disable-external-lib-logs")
 ENVIRONMENT = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}  # unless the user says otherwise
 
 
+REFUSED = re.compile(r"^refused (\d+) (\S+) (\S+) (\S+)$", re.MULTILINE)  # line of a node: count, cause, topic, source
 Refusals = dict[tuple[str, str, str, str], int]  # counts by node, cause, topic and source
 
 
@@ -106,8 +107,7 @@ class Process:
 
     def refused(self) -> Refusals:
         """Refusals of its message filter so far."""
-        lines = re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", self.text(), re.MULTILINE)
-        return {(self.name, *how): int(count) for count, *how in lines}
+        return {(self.name, *how): int(count) for count, *how in REFUSED.findall(self.text())}
 
     def step_times(self) -> StepTimes | None:
         """Step times of its program; None: it runs none or has not reported."""

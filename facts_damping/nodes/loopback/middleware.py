@@ -9,7 +9,7 @@ import random
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from facts_damping.signals import NANOSECONDS, NEVER
+from facts_damping.signals import NEVER
 
 if TYPE_CHECKING:
     from facts_damping.nodes.loopback.domain import Endpoint, Node
@@ -106,8 +106,3 @@ class Middleware:
         if self.disturbances or self.discovery_ns:
             at = self._newest[sender, receiver] = max(at, self._newest.get((sender, receiver), 0))
         return at
-
-
-def seconds(value: float) -> int:
-    """Seconds as integer nanoseconds; infinity is never."""
-    return NEVER if value == float("inf") else round(value * NANOSECONDS)

@@ -163,7 +163,6 @@ class World:
         except BaseException as error:  # noqa: BLE001 (as a process would end)
             process.errors.write(f"{type(error).__name__}: {error}\n")
             status = 1
-        sys.settrace(None)
         for close in process.at_end:
             close()
         process.exitcode = -9 if process.killed else status
