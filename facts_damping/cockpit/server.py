@@ -228,9 +228,9 @@ class Cockpit:
                 for work in (self._send, self._take):
                     group.start_soon(_until, work(websocket, client), group.cancel_scope.cancel)
         finally:
-            self.clients.discard(client)
             for name in ("frames_left_out", "texts_left_out"):
                 self.counts[name] += getattr(client, name)
+            self.clients.discard(client)
 
     async def _send(self, websocket: Any, client: Client) -> None:
         while True:
