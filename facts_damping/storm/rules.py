@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.case.names import served
+from facts_damping.case.names import served, setpoint_topics
 from facts_damping.control.table import kind_of
 from facts_damping.digest import canonical
 from facts_damping.errors import FactsDampingError, one_line
@@ -68,10 +68,11 @@ def nothing_foreign_acts(trace: Trace) -> list[str]:
     return found
 
 
-def _may_be_replaced(trace: Trace) -> bool:
+def _may_be_replaced(trace: Trace, *, signed: bool = True) -> bool:
     """Whether a foreign node may take a node's place: without the key it may in an unsigned graph that is paced.
 
-    docs/operate.md says so: it begins before the node, or when the node is gone.
+    docs/operate.md says so: it begins before the node, or when the node is gone. `signed`: whether signed graphs sign
+    the messages that are asked about.
     """
     if trace.storm is None:
         return False
@@ -79,7 +80,7 @@ def _may_be_replaced(trace: Trace) -> bool:
     if trace.mode == "lockstep" and not any(one.tick < 1 and one.kind.startswith("forged") for one in trace.timeline):
         return False
     foreign = any(KINDS[kind].group == "foreign" and kind != "second_plant" for kind in kinds)
-    return "forged_with_key" in kinds or (foreign and not trace.storm.signed)
+    return "forged_with_key" in kinds or (foreign and not (signed and trace.storm.signed))
 
 
 def device_is_released(trace: Trace) -> list[str]:
@@ -254,13 +255,14 @@ def refusals_are_complete(trace: Trace) -> list[str]:
     storm, found = trace.storm, []
     if storm is None or trace.mode == "free" or trace.reason or storm.discovery or not _begins_undisturbed(trace):
         return []
-    if _may_be_replaced(trace):
-        return []
     if any(KINDS[one.kind].group not in ("foreign", "operator") or one.kind == "second_plant" for one in storm.events):
         return []
     output = next(node.output for node in trace.nodes if node.name == RECORDER)
     newest = {how: int(count) for count, *rest in REFUSED.findall(output) if (how := tuple(rest))[2] == "/outsider"}
+    signed = setpoint_topics(trace.case)
     for topic, sent in trace.sent.items():
+        if _may_be_replaced(trace, signed=topic in signed or "pmu/" in topic):
+            continue
         counted = sum(count for how, count in newest.items() if how[1].lstrip("/") == topic.lstrip("/"))
         if counted != sent:
             found.append(f"{counted} refusals counted on {topic}, {sent} messages sent")
