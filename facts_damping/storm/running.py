@@ -100,7 +100,7 @@ def run(storm: Storm, folder: Path) -> Trace:
             raise RunError(f"storm {storm.seed}: {failed.getvalue()}")
         trace.world_s = 1e-9 * world.now_ns
         trace.logs, trace.longest_queue = world.logs, world.longest_queue
-    trace.timeline, trace.sent = stage.timeline, stage.outsider.sent
+    trace.timeline, trace.sent, trace.overdue = stage.timeline, stage.outsider.sent, trace.overdue or stage.overdue
     trace.nodes = _ends(stage)
     try:
         trace.record = reader.load(folder / "graph" / "recording")

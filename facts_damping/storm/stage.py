@@ -65,6 +65,7 @@ class Stage:
     attacks: list[list[Any]] = field(default_factory=list)  # what, topic, seed, messages left
     timeline: list[Done] = field(default_factory=list)
     killed: set[int] = field(default_factory=set)  # process numbers
+    overdue: bool = False  # the plant waited for ever, though no operator had paused it
     _tick_at: tuple[int, int] = (-1, 0)  # newest tick, and the world's time at which it came
 
     def time_s(self) -> float:
@@ -146,6 +147,7 @@ class Stage:
             if found.values["mended"] == 1:
                 self.outsider.call(graph.PLANT, "resume", None)
             elif found.values["mended"] == UNREACHABLE:
+                self.overdue = all(KINDS[one.kind].group != "operator" for one in self.storm.events)
                 self.signal(graph.PLANT, signal.SIGTERM)
 
     def _attack(self, forged: dict[int, dict[str, Callable[[int], bytes]]], tick: int) -> None:
