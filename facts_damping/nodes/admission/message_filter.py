@@ -223,11 +223,14 @@ class MessageFilter:
                 self._check_tick(state, message[0], publisher)
         except Refused as refused:
             stamps.restore(epoch)  # a refused message must not set the epoch
+            if publisher == state.publisher and not state.begun:
+                state.publisher = None  # it was only taken for this graph's: as the first, or as the only one there
             self.refusals.add(state.topic, refused.cause, publisher)
             return False
         if not state.common:
             state.publisher = publisher  # may be a successor, since its first message passed all checks
         self.admitted_at = state.at = clock.monotonic()
+        state.begun = True
         state.use(*message)
         return True
 
@@ -250,7 +253,6 @@ class MessageFilter:
         In a free graph, a new publisher with an earlier tick has begun a new run. Raises `BeginAgain` then.
         """
         if state.tick < 0 and tick > 0 and not self._options.late:
-            state.publisher = None
             raise Refused("publisher")
         if self._options.free and state.leads and tick < state.tick and publisher != state.publisher:
             raise BeginAgain

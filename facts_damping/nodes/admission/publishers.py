@@ -40,6 +40,7 @@ class TopicState:
     publisher: bytes | None = None  # identity (GID) of its publisher in this graph, once known
     sequences: dict[bytes, int] = field(default_factory=dict)  # sequence number of the newest message, by publisher
     lost: Counter[bytes] = field(default_factory=Counter)  # missing sequence numbers, by publisher
+    begun: bool = False  # whether a message was admitted
     tick: int = -1  # tick of the newest message
     # Wall time of its arrival; looked up late, as a loopback replaces the clock.
     at: float = field(default_factory=lambda: clock.monotonic())  # noqa: PLW0108
