@@ -44,7 +44,7 @@ FLUSH_S = 0.5  # wall time between two flushes of the current chunk to disk: the
 QUIET_S = 0.2  # wall time without a message after which a stopped recorder is done
 BEHIND_S = 10.0  # longest wall time that a stopped recorder spends on queued messages, such as a refused flood
 REPORT_S = 1.0  # wall time between two diagnostics
-POLL_S = 0.01  # wall time between two polls of the queues
+POLL_S = 0.02  # wall time between two polls of the queues
 
 TOPICS = {
     FRAMES: messages.PmuDataFrame,

@@ -78,8 +78,9 @@ def scan(path: Path | str) -> Content:
     The files of a folder are read in order. A damaged chunk is skipped; other damage ends the reading of its file.
     Raises RecordingError if the file does not exist or no message is found.
     """
-    content = Content(digest=_stored_digest(Path(path) / FILE_NAME))
-    for file in bag_files(Path(path)):
+    about = metadata(Path(path) / FILE_NAME)
+    content = Content(digest=_stored_digest(about))
+    for file in _bag_files(Path(path), about):
         try:
             if file.suffix == SQLITE:
                 _scan_database(file, content)
@@ -92,8 +93,8 @@ def scan(path: Path | str) -> Content:
     return content
 
 
-def bag_files(path: Path) -> list[Path]:
-    """Files of a recording in the order of metadata.yaml, else of the numbers in their names."""
+def _bag_files(path: Path, about: dict[str, Any]) -> list[Path]:
+    """Files of a recording in the order of metadata.yaml, which is `about`, else of the numbers in their names."""
     if path.is_file():
         return [path]
     if not path.is_dir():
@@ -104,7 +105,7 @@ def bag_files(path: Path) -> list[Path]:
         packed = ", ".join(sorted(file.name for file in path.glob("*.zstd")))
         why = f"; {packed}: unpack with zstd -d" if packed else ""
         raise RecordingError(f"{path} holds no .mcap file (nor {SQLITE}){why}")
-    paths = metadata(path / FILE_NAME).get("relative_file_paths")
+    paths = about.get("relative_file_paths")
     listed = [Path(str(name)).name for name in paths] if isinstance(paths, list) else []
     return sorted(files, key=lambda file: listed.index(file.name) if file.name in listed else len(listed))
 
@@ -117,10 +118,10 @@ def metadata(file: Path) -> dict[str, Any]:
         return {}
 
 
-def _stored_digest(file: Path) -> str:
+def _stored_digest(about: dict[str, Any]) -> str:
     """Digest in metadata.yaml; empty if missing or damaged."""
     try:
-        return str(json.loads(metadata(file)[CUSTOM][DIGEST]))
+        return str(json.loads(about[CUSTOM][DIGEST]))
     except (LookupError, TypeError, ValueError):
         return ""
 

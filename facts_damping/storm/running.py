@@ -86,7 +86,8 @@ def run(storm: Storm, folder: Path) -> Trace:
     _check(storm, case)
     trace = Trace(case, storm.mode, storm=storm)
     with opened(storm.seed) as world:
-        stage = _prepared(world, storm, case, case_of(storm, folder, "other_keys.yaml"))
+        foreign = case_of(storm, folder, "other_keys.yaml") if storm.signed else case
+        stage = _prepared(world, storm, case, foreign)
         with _watched(stage):
             world.at(to_ns(LIMIT_S), lambda: _break_off(stage, trace))
             failed = io.StringIO()

@@ -147,7 +147,8 @@ class Stage:
             if found.values["mended"] == 1:
                 self.outsider.call(graph.PLANT, "resume", None)
             elif found.values["mended"] == UNREACHABLE:
-                self.overdue = all(KINDS[one.kind].group != "operator" for one in self.storm.events)
+                works = found.responds and found.busy_until_ns <= self.world.now_ns
+                self.overdue = works and all(KINDS[one.kind].group != "operator" for one in self.storm.events)
                 self.signal(graph.PLANT, signal.SIGTERM)
 
     def _attack(self, forged: dict[int, dict[str, Callable[[int], bytes]]], tick: int) -> None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 BAG = "rosbag2_recorder"  # name of the node of `ros2 bag record`
 NODE = 12  # leading bytes of a publisher's identity (GID) that are the same for all endpoints of a node
+LOOK_S = 0.1  # longest wall time between two looks at the peers of a node that waits for them
 PATIENT_S = 1.0  # wall time after which a node logs what it waits for
 
 
@@ -55,18 +56,18 @@ def wait_for_peers(
     """
     log, logged = NodeLog(node), False
     deadline = clock.monotonic() + options.start_timeout
-    published = dict.fromkeys([*topics, *(publisher.topic_name for publisher in expected)])
+    published = list(dict.fromkeys([*topics, *(publisher.topic_name for publisher in expected)]))
+    counts, looked_at = list[int](), -LOOK_S
+    missing, shared = list[str](), None
     while True:
-        there = {topic: node.get_publishers_info_by_topic(topic) for topic in published}
-        own = {_participant(one) for topic in topics for one in there[topic]}
-        own |= {_participant(one) for topic in peers for one in node.get_publishers_info_by_topic(topic)}
-        missing = [
-            f"a subscriber of {publisher.topic_name}"
-            for publisher, count in expected.items()
-            if _readers(node, publisher, own, options) < count + int(options.view)
-        ]
-        missing += [f"a publisher of {topic}" for topic in topics if not there[topic]]
-        shared, late = shared_topic(there, joins=options.join), clock.monotonic() > deadline
+        before, counts = counts, _counts(node, expected, [*published, *peers])
+        now = clock.monotonic()
+        if counts != before or now - looked_at > LOOK_S or now > deadline:
+            looked_at = now
+            there = {topic: node.get_publishers_info_by_topic(topic) for topic in published}
+            missing = _missing(node, expected, topics, peers, there, options)
+            shared = shared_topic(there, joins=options.join)
+        late = now > deadline
         if shared is not None and (late or not options.join):
             raise RunError(f"another graph publishes {shared} too; set another ROS_DOMAIN_ID (0 to 101)")
         if not missing and shared is None:
@@ -78,6 +79,31 @@ def wait_for_peers(
         if late:
             raise RunError(f"missing after {options.start_timeout:g} s: {', '.join(missing)}")
         pause_briefly(serve)
+
+
+def _counts(node: Node, expected: Iterable[Publisher[Any]], topics: Sequence[str]) -> list[int]:
+    """Numbers of publishers and readers, which cost much less than to ask who they are."""
+    readers = [(one.get_subscription_count(), node.count_subscribers(one.topic_name)) for one in expected]
+    return [*(node.count_publishers(topic) for topic in topics), *(count for pair in readers for count in pair)]
+
+
+def _missing(
+    node: Node,
+    expected: dict[Publisher[Any], int],
+    topics: Sequence[str],
+    peers: Sequence[str],
+    there: Mapping[str, Sequence[TopicEndpointInfo]],
+    options: Options,
+) -> list[str]:
+    """What `wait_for_peers` still waits for; `there`: publishers by topic."""
+    own = {_participant(one) for topic in topics for one in there[topic]}
+    own |= {_participant(one) for topic in peers for one in node.get_publishers_info_by_topic(topic)}
+    missing = [
+        f"a subscriber of {publisher.topic_name}"
+        for publisher, count in expected.items()
+        if _readers(node, publisher, own, options) < count + int(options.view)
+    ]
+    return missing + [f"a publisher of {topic}" for topic in topics if not there[topic]]
 
 
 def pause_briefly(serve: Callable[[], None]) -> None:

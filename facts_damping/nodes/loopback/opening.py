@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 from contextlib import ExitStack, contextmanager
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import rclpy
@@ -29,7 +29,7 @@ from facts_damping.nodes.loopback import implementation
 from facts_damping.nodes.loopback.processes import FIRST_PID, Process, World, current, never, process
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from rclpy.executors import Executor
 
@@ -138,27 +138,32 @@ def _start(
     return started
 
 
-def _patched(without: Collection[str] = ()) -> Iterator[tuple[Any, str, Any]]:
-    """All names of the modules that use the loopback: module, name, value."""
-    for name, module in sorted(sys.modules.items()):
-        if name.startswith(PATCHED) and not name.startswith(__package__ or "") and name not in without:
-            yield from ((module, own, value) for own, value in list(vars(module).items()))
+def _names(modules: Iterable[str]) -> Iterator[tuple[Any, str, Any]]:
+    """All names of those modules that use the loopback: module, name, value."""
+    for name in sorted(modules):
+        if name.startswith(PATCHED) and not name.startswith(__package__ or ""):
+            yield from ((sys.modules[name], own, value) for own, value in list(vars(sys.modules[name]).items()))
+
+
+@lru_cache(maxsize=1)
+def _places(modules: frozenset[str]) -> list[tuple[Any, str, Any]]:
+    """Names of modules that are replaced: module, name, the loopback's value."""
+    ours_of = {id(one.module): one for one in STAND_INS} | {id(real): ours for real, ours in FUNCTIONS.items()}
+    return [(module, name, ours_of[id(value)]) for module, name, value in _names(modules) if id(value) in ours_of]
 
 
 @contextmanager
 def opened(seed: int | None = None) -> Iterator[World]:
     """Open a loopback for the time of the context; `seed`: of the order of turns (World)."""
-    here, before = World(seed), set(sys.modules)
+    here, before = World(seed), frozenset(sys.modules)
     with ExitStack() as patched:
 
         def put(module: Any, name: str, value: Any) -> None:
             patched.callback(setattr, module, name, getattr(module, name))
             setattr(module, name, value)
 
-        ours_of = {id(one.module): one for one in STAND_INS} | {id(real): ours for real, ours in FUNCTIONS.items()}
-        for module, name, value in _patched():
-            if id(value) in ours_of:
-                put(module, name, ours_of[id(value)])
+        for place in _places(before):
+            put(*place)
         for name, ours in TIME.items():
             simulated = _simulated(getattr(time, name), ours)
             put(time, name, simulated)
@@ -173,7 +178,7 @@ def opened(seed: int | None = None) -> Iterator[World]:
             yield here
         finally:
             here.close()
-    for module, name, value in _patched(without=before):  # modules that were imported meanwhile
+    for module, name, value in _names(sys.modules.keys() - before):  # modules that were imported meanwhile
         if isinstance(value, StandIn):
             setattr(module, name, value.module)
         for real, ours in FUNCTIONS.items():

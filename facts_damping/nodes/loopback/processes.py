@@ -185,10 +185,11 @@ class World:
 
     def _next(self, process: Process) -> Process:
         """The process that runs after another one, in the order of their starts; time goes on if all wait."""
-        at = self.processes.index(process) + 1
-        order = [one for one in self.processes[at:] + self.processes[:at] if one.exitcode is None]
-        if self._random is not None:
-            self._random.shuffle(order)
+        order = [one for one in self.processes if one.exitcode is None]
+        if (chance := self._random) is not None:
+            order.sort(key=lambda _: chance.random())
+        else:
+            order.sort(key=lambda one: one.pid <= process.pid)
         while True:
             while self._actions and self._actions[0][0] <= self.now_ns:
                 heapq.heappop(self._actions)[2]()

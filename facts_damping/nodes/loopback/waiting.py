@@ -139,10 +139,10 @@ class WaitSet(Destroyable):
 
     def wait(self, timeout_ns: int) -> None:
         """Wait at most `timeout_ns`; without limit if it is negative."""
-        entities = [one for added in self._added.values() for one in added]
+        ready = [one.is_ready for added in self._added.values() for one in added]
         until = NEVER if timeout_ns < 0 else world().now_ns + timeout_ns
         until = min(until, *(one.due_ns() for one in self._added["timer"]), NEVER)
-        world().wait(lambda: any(one.is_ready() for one in entities), until)
+        world().wait(lambda: any(one() for one in ready), until)
         self._ready = {kind: [one.pointer for one in added if one.is_ready()] for kind, added in self._added.items()}
         for one in self._added["guard_condition"]:
             one.reset()
