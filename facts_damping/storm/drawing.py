@@ -12,6 +12,7 @@ from facts_damping.storm.model import Event, Storm
 RATES = (10, 10, 15, 20, 20, 25, 30, 60)  # frames/s
 MODES: tuple[Any, ...] = ("lockstep", "lockstep", "realtime", "realtime", "free")
 DURATIONS = (0.5, 1.0, 1.0, 2.0, 2.0, 3.0, 4.0)  # s
+LONG = 30.0, 300.0  # s; durations of long storms
 CONTROLLERS: tuple[list[dict[str, Any]], ...] = (
     [{"name": "LLC"}],
     [{"name": "LLC-tuned"}],
@@ -95,8 +96,18 @@ def draw(seed: int) -> Storm:
         signed=chance.random() < 0.5 and not any(one.get("external") for one in run["controllers"]),
         discovery=round(chance.uniform(0.0, 1.0), 3) if late else 0.0,
     )
-    case = make_case(dict(run), f"storm {seed}")
-    events = [event(Chance(chance, case, mode)) for _ in range(min(1 + int(chance.expovariate(0.5)), 8))]
+    return _with_events(storm, chance)
+
+
+def long(storm: Storm, chance: random.Random) -> Storm:
+    """A storm like another one, but of minutes: at the lowest rate, with new events."""
+    run = storm.run | {"duration": round(chance.uniform(*LONG), 1), "frame_rate": min(RATES)}
+    return _with_events(storm.model_copy(update={"run": run}), chance)
+
+
+def _with_events(storm: Storm, chance: random.Random) -> Storm:
+    case = make_case(dict(storm.run), f"storm {storm.seed}")
+    events = [event(Chance(chance, case, storm.mode)) for _ in range(min(1 + int(chance.expovariate(0.5)), 8))]
     return storm.model_copy(update={"events": sorted(events, key=lambda one: one.at)})
 
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from facts_damping.storm.model import Storm
 
 TIMEOUT_S = 2.0  # of the nodes, for silent ones
-LIMIT_S = 180.0  # world time after which a storm that goes on is broken off; longer than all its waits
+LIMIT_S = 180.0  # world time beyond its duration after which a storm is broken off; longer than all its waits
 AFTER_S = 1.0  # world time that a free graph goes on without its plant
 
 
@@ -89,7 +89,7 @@ def run(storm: Storm, folder: Path) -> Trace:
         foreign = case_of(storm, folder, "other_keys.yaml") if storm.signed else case
         stage = _prepared(world, storm, case, foreign)
         with _watched(stage):
-            world.at(to_ns(LIMIT_S), lambda: _break_off(stage, trace))
+            world.at(to_ns(LIMIT_S + case.ticks / case.run.frame_rate), lambda: _break_off(stage, trace))
             failed = io.StringIO()
             world.start("outsider", stage.conduct, (), {}, failed, failed)
             _start_own(stage)

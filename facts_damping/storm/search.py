@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 HANGS_S = 60.0  # wall time after which a storm counts as hanging
 TRACED = 40  # one storm in so many is traced line by line, which makes it twice as slow
+LONG = 0.03  # fraction of new storms that take minutes of simulated time
 VARIED = 0.5  # fraction of storms that vary an earlier one, once there are some
 RAM = Path("/dev/shm")  # noqa: S108 (a file system in memory, if there is one)
 
@@ -106,11 +107,13 @@ def vary(storm: Storm, chance: random.Random) -> Storm:
 
 
 def next_storm(base: Storm | None, seed: int) -> Storm:
-    """A storm like another one, if there is one and it can be varied; else a new one."""
+    """A storm like another one, if there is one and it can be varied; else a new one, which may be long."""
+    chance = random.Random(seed)
     if base is not None:
         with suppress(FactsDampingError):
-            return vary(base, random.Random(seed))
-    return drawing.draw(seed)
+            return vary(base, chance)
+    storm = drawing.draw(seed)
+    return drawing.long(storm, chance) if chance.random() < LONG else storm
 
 
 @dataclass
