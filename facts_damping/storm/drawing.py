@@ -6,7 +6,8 @@ import random
 from typing import Any
 
 from facts_damping.case.loading import make_case
-from facts_damping.storm.events import KINDS, Chance
+from facts_damping.storm.choices import Chance
+from facts_damping.storm.events import KINDS
 from facts_damping.storm.model import Event, Storm
 
 RATES = (10, 10, 15, 20, 20, 25, 30, 60)  # frames/s

@@ -23,7 +23,8 @@ from facts_damping.nodes.recorder import topics
 from facts_damping.parameters.security import add_key
 from facts_damping.recording import reader, writer
 from facts_damping.signals import to_ns
-from facts_damping.storm.events import KINDS, nodes
+from facts_damping.storm.choices import nodes
+from facts_damping.storm.events import KINDS
 from facts_damping.storm.stage import PATIENCE_S, Disk, Done, Stage, disk_error
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from facts_damping.errors import FactsDampingError, InputError
 from facts_damping.extras import library
 from facts_damping.nodes.launching import preload
 from facts_damping.storm import drawing, running
-from facts_damping.storm.events import Chance
+from facts_damping.storm.choices import Chance
 from facts_damping.storm.rules import violations
 from facts_damping.storm.shrinking import fingerprint, shrink
 
