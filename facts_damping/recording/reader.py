@@ -55,13 +55,15 @@ CLOSED_LOOP = ("delivered", "issued", "applied")  # required of a run with contr
 # Kinds with several topics: one per link, controller, identifier, ...
 SEVERAL = (*OF_LINKS, "issued", "supervised", "supervision", "estimates", "learning", "diagnostics")
 SETPOINTS = ("issued", "supervised", "applied")  # several messages of one tick are all kept
+SILENT_S = 0.5  # s of frames, in a cut recording
 UNTIMED = ("events", "refused", "diagnostics", "changes", "run")  # messages without a tick
 
 
 def load(path: Path | str) -> Record:
     """Record of a recording: a folder in rosbag2's layout or an `.mcap` file, whole or cut anywhere.
 
-    Messages are decoded by the schemas stored in the file. Of a cut recording, the ticks that all topics have are kept.
+    Messages are decoded by the schemas stored in the file. Of a cut recording, the ticks are kept that all topics have
+    which were not silent before.
     `Record.notes` list what is missing, one line each. Raises RecordingError (one line, with the damage found) if a
     topic is missing, a schema is foreign, or no tick is complete.
     """
@@ -98,6 +100,7 @@ def origin(path: Path | str) -> tuple[dict[str, Any], str]:
 
 def _assemble(content: Content, configuration: dict[str, Any], notes: list[str]) -> Record:
     topics = _topics(content, bool(configuration.get("controllers")))
+    silent = _silent(content, topics["frames"][0], configuration.get("frame_rate"))
     messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
     events.subtract_epoch(messages, topics["state"], configuration.get("frame_rate"))
     of = expected(configuration)
@@ -110,7 +113,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     untimed = {kind: [block for topic in topics[kind] for block in messages[topic]] for kind in UNTIMED}
     changes = events.changes(untimed["changes"])
     late = gaps.late_starts(changes)
-    ticks = _ticks(found, late, content.complete)
+    ticks = _ticks(found, late, content.complete, silent)
     away = gaps.find_absences(found, late, 0, int(ticks[-1]) + 1)
     notes += gaps.gap_notes(found, away, int(ticks[-1]))
     ends = [events.run_ended(messages[topic]) for topic in topics["run"]]
@@ -237,12 +240,24 @@ def _messages(content: Content, topics: Sequence[str], notes: list[str]) -> dict
     return found
 
 
-def _ticks(found: dict[str, list[Series]], late: set[tuple[str, int, int]], complete: bool) -> NDArray[np.int64]:
+def _silent(content: Content, frames: str, frame_rate: Any) -> set[str]:
+    """Topics without a message in the last `SILENT_S` of frames: their nodes had ended before the recording did."""
+    passed, count = dict.fromkeys(content.topics, 0), 0  # frames before the newest message of each topic
+    for message in content.messages:
+        count += message.topic == frames
+        passed[message.topic] = count
+    rate = frame_rate if isinstance(frame_rate, int) else Run.model_fields["frame_rate"].default
+    return {topic for topic, before in passed.items() if count - before > SILENT_S * rate}
+
+
+def _ticks(
+    found: dict[str, list[Series]], late: set[tuple[str, int, int]], complete: bool, silent: set[str]
+) -> NDArray[np.int64]:
     """Ticks that the record keeps: those of both frames and state; of a cut recording, up to the last that all have.
 
     If the recording starts after tick 0, they begin at the first complete tick (`late`: nodes that began later),
     because a recorder does not discover all topics at once. The tick that ends an unstable run stays: it needs no
-    reply. Raises RecordingError if none is left.
+    reply. `silent`: topics that do not count at the end. Raises RecordingError if none is left.
     """
     plant, everything = [found[kind][0] for kind in REQUIRED], [one for parts in found.values() for one in parts]
     ticks: NDArray[np.int64] = reduce(np.intersect1d, [one.ticks for one in plant])
@@ -250,7 +265,7 @@ def _ticks(found: dict[str, list[Series]], late: set[tuple[str, int, int]], comp
     synchronous = decode.column(plant[1], attrgetter("in_synchronism"), np.bool_)
     ended = len(synchronous) > 0 and not synchronous[-1]
     if not complete and not ended:
-        last = min(one.ticks[-1] if len(one.ticks) else -1 for one in everything)
+        last = min(one.ticks[-1] if len(one.ticks) else -1 for one in everything if one.topic not in silent)
         ticks = ticks[ticks <= last]
     if len(ticks) and ticks[0] > 0:
         ticks = ticks[ticks >= gaps.first_complete_tick(found, late)]

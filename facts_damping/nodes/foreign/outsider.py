@@ -68,10 +68,13 @@ class Outsider:
         self.newest = max(self.newest, min(int.from_bytes(data[TICK_END : TICK_END + 8], "little"), self.newest + 1000))
 
     def take(self) -> None:
-        """Take the messages that have come."""
+        """Take the messages that have come from others."""
+        handle: Any = self.node.handle
+        own = handle.identity
         for one in self._read:
             while (message := one.handle.take_message(one.msg_type, True)) is not None:
-                one.callback(message[0])
+                if not message[1]["publisher_gid"]["data"].startswith(own):
+                    one.callback(message[0])
 
     def wait(self, until_s: float) -> None:
         """Wait for messages until a time, and take them."""
