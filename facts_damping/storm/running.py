@@ -69,6 +69,7 @@ class Trace:
     timeline: list[Done] = field(default_factory=list)
     sent: dict[str, int] = field(default_factory=dict)  # foreign messages that the recorder received, by topic
     longest_queue: int = 0
+    memory: list[tuple[int, int]] = field(default_factory=list)  # tick, and memory blocks in use, of a long storm
 
 
 def case_of(storm: Storm, folder: Path, keys: str = "keys.yaml") -> Case:
@@ -103,7 +104,7 @@ def run(storm: Storm, folder: Path) -> Trace:
         trace.world_s = 1e-9 * world.now_ns
         trace.logs, trace.longest_queue = world.logs, world.longest_queue
     trace.timeline, trace.sent, trace.overdue = stage.timeline, stage.outsider.sent, trace.overdue or stage.overdue
-    trace.nodes = _ends(stage)
+    trace.nodes, trace.memory = _ends(stage), stage.memory
     try:
         trace.record = reader.load(folder / "graph" / "recording")
     except FactsDampingError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import signal
 import sys
@@ -32,6 +33,7 @@ STALLED_S = 3.0  # world time at the start after which events do not wait for th
 PATIENCE_S = 1.5  # longest wait of a node for its peers at the start
 POLL_S = 0.05
 BUFFER = 8192  # bytes that a file buffers
+LONG = 300  # ticks of a storm from which its memory is measured
 UNREACHABLE = 200  # polls after which a plant that was resumed and has no new tick is stopped
 MARK = 0.7310585786300049  # of the limit: forged setpoints; no controller computes it
 LINES = ("nodes/recorder.py", "recording/writer.py")  # files whose lines count for a signal at a line
@@ -66,6 +68,7 @@ class Stage:
     timeline: list[Done] = field(default_factory=list)
     killed: set[int] = field(default_factory=set)  # process numbers
     overdue: bool = False  # the plant waited for ever, though no operator had paused it
+    memory: list[tuple[int, int]] = field(default_factory=list)  # tick, and memory blocks in use, in the second half
     _tick_at: tuple[int, int] = (-1, 0)  # newest tick, and the world's time at which it came
 
     def time_s(self) -> float:
@@ -132,6 +135,7 @@ class Stage:
             if self.outsider.newest > attacked:
                 attacked = self.outsider.newest
                 self._attack(forged, attacked)
+                self._measure(attacked)
             self.outsider.wait(clock.monotonic() + min(POLL_S, waiting[0].at - now_s if waiting else POLL_S))
 
     def do(self, event: Event) -> None:
@@ -150,6 +154,13 @@ class Stage:
                 works = found.responds and found.busy_until_ns <= self.world.now_ns
                 self.overdue = works and all(KINDS[one.kind].group != "operator" for one in self.storm.events)
                 self.signal(graph.PLANT, signal.SIGTERM)
+
+    def _measure(self, tick: int) -> None:
+        """Count the memory blocks in use, in a long storm, after each eighth of its second half."""
+        ticks, last = self.case.ticks, self.memory[-1][0] if self.memory else 0
+        if ticks >= LONG and ticks // 2 <= tick < ticks and tick - last >= ticks // 16:
+            gc.collect()
+            self.memory.append((tick, sys.getallocatedblocks()))
 
     def _attack(self, forged: dict[int, dict[str, Callable[[int], bytes]]], tick: int) -> None:
         """Publish one message of each attack."""

@@ -57,6 +57,8 @@ FAULTS = (
           "if (topic, cause, source) not in self._reported:", "if True:"),
     Fault("refusals beyond the first are not counted", "admission.refusals",
           "self._refused[topic, cause, publisher] += 1", "self._refused[topic, cause, publisher] = 1"),
+    Fault("all messages are kept", "admission.message_filter", "        state.begun = True\n",
+          "        state.begun = True\n        self._peers[repr(information)] = self._peers[repr(data)] = False\n"),
     # Waits and ends.
     Fault("nodes wait a thousand times longer for readers at the end", "base.discovery",
           "    deadline = clock.monotonic() + timeout\n", "    deadline = clock.monotonic() + 1000.0 * timeout\n"),

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import random
 import secrets
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from facts_damping.case.loading import make_case
 from facts_damping.digest import digest
 from facts_damping.errors import InputError
 from facts_damping.storm import drawing, model, running, search
@@ -152,3 +154,10 @@ def test_the_rules_judge_a_recording_alone(tmp_path: Path) -> None:
     assert violations(only_record(trace)) == []
     trace.record.devices["reference"][-1] = 10.0
     assert {name for name, _ in violations(only_record(trace))} == {"equals_in_process"}
+
+
+def test_growing_memory_is_a_violation() -> None:
+    """50 blocks are kept in each tick, or 1."""
+    made = running.Trace(make_case({}, "run"), "lockstep")
+    grown = [violations(replace(made, memory=[(500, 10**6), (1000, 10**6 + 500 * each)])) for each in (50, 1)]
+    assert [[name for name, _ in found] for found in grown] == [["memory_is_bounded"], []]

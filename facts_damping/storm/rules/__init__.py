@@ -21,7 +21,7 @@ RULES: dict[str, Callable[[Trace], list[str]]] = {
     for one in (
         *(devices.nothing_foreign_acts, devices.device_is_released, devices.setpoints_are_limited, devices.trips_hold),
         *(devices.restarted_nodes_are_disarmed, nodes.time_goes_on, nodes.graph_survives, nodes.ends_are_named),
-        *(nodes.refusals_are_counted, nodes.refusals_are_complete, nodes.queues_are_bounded),
+        *(nodes.refusals_are_counted, nodes.refusals_are_complete, nodes.queues_are_bounded, nodes.memory_is_bounded),
         *(recordings.recording_is_readable, recordings.end_is_recorded, recordings.recording_keeps_what_was_flushed),
         *(recordings.equals_in_process, recordings.replay_is_exact),
     )

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from facts_damping.storm.running import Trace
 
 
+GROWTH = 15.0  # memory blocks a tick; the index of a recording needs up to 10
+VARIES = 10_000  # memory blocks by which a count varies
 QUEUE = 20_000  # messages; more in a queue of a node that responds means that it never takes them
 
 
@@ -96,3 +98,12 @@ def refusals_are_complete(trace: Trace) -> list[str]:
 def queues_are_bounded(trace: Trace) -> list[str]:
     """No queue of a node that works grows without bound."""
     return [f"{trace.longest_queue} messages in a queue"] if trace.longest_queue > QUEUE else []
+
+
+def memory_is_bounded(trace: Trace) -> list[str]:
+    """In the second half of a long storm, memory grows by no more than the index of the recording needs."""
+    if len(trace.memory) < 2:
+        return []
+    (first, before), (last, after) = trace.memory[0], trace.memory[-1]
+    grown, ticks = after - before, last - first
+    return [f"memory grows by {grown} blocks in {ticks} ticks"] if grown > VARIES + GROWTH * ticks else []
