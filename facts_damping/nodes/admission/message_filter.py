@@ -99,8 +99,8 @@ class MessageFilter:
         `read` decodes a message into its tick (absent on common topics) and further values, or raises `Refused`; `use`
         is called with these. Without `read`, `use` gets the bytes and the middleware's message information.
         `newest`: returns the newest tick allowed. `begins`: tells whether a message is the first of a run; its
-        publisher is then this graph's. `check`: raises `Refused` for a message that is not signed by this graph, where
-        `read` does not. `leads`: the topic's ticks are the run's.
+        publisher is then this graph's. `check`: returns the tick first, or raises `Refused` for a message that is
+        not signed by this graph, where `read` does not. `leads`: the topic's ticks are the run's.
         """
         state = TopicState(
             self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads, check=check
@@ -214,7 +214,7 @@ class MessageFilter:
         try:
             self.senders.admit(state, data, publisher)
             if state.check is not None:
-                state.check(data)
+                self._check_newer(state, state.check(data)[0], publisher)
             self._count(state, publisher, information["publication_sequence_number"])
             if self.senders.another_plant(state, publisher):
                 raise BeginAgain
@@ -263,6 +263,12 @@ class MessageFilter:
         if not state.tick < tick <= latest:
             raise Refused("tick")
         state.tick = tick
+
+    def _check_newer(self, state: TopicState, tick: int, publisher: bytes) -> None:
+        """Refuse a signed message of another publisher that is not newer: it may be one of this graph, sent again."""
+        if publisher != state.publisher and tick <= state.checked:
+            raise Refused("tick")
+        state.checked = max(state.checked, tick)
 
     def refuse(self, topic: str, cause: str) -> None:
         """Count a refused request."""

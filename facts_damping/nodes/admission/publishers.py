@@ -42,6 +42,7 @@ class TopicState:
     lost: Counter[bytes] = field(default_factory=Counter)  # missing sequence numbers, by publisher
     begun: bool = False  # whether a message was admitted
     tick: int = -1  # tick of the newest message
+    checked: int = -1  # the same, where `read` does not tell it and `check` does
     # Wall time of its arrival; looked up late, as a loopback replaces the clock.
     at: float = field(default_factory=lambda: clock.monotonic())  # noqa: PLW0108
 

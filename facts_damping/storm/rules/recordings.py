@@ -82,8 +82,8 @@ def equals_in_process(trace: Trace) -> list[str]:
     if any(kind_of(controller).own for controller in case.controllers):
         return []
     computed, last = changes.rerun(case, record.changes), int(record.ticks[-1])
-    if trace.storm is not None and any(one.kind == "lost" for one in trace.storm.events):
-        last -= 1  # nothing shows that the last message was lost
+    if trace.storm is not None and any(one.kind in ("lost", "late") for one in trace.storm.events):
+        last -= 1  # nothing shows that the last message was lost, or came after the end
     differ = [name for name in ARRAYS if _until(record, name, last) != _until(computed, name, last)]
     return [f"the recording differs from the run in process: {', '.join(differ)}"] if differ else []
 
