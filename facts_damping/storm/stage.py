@@ -33,6 +33,7 @@ STALLED_S = 3.0  # world time at the start after which events do not wait for th
 PATIENCE_S = 1.5  # longest wait of a node for its peers at the start
 POLL_S = 0.05
 BUFFER = 8192  # bytes that a file buffers
+STOP_PLANT = "change_state", "cut_off", "unplugged", "lost"  # services and events after which it may not go on
 LONG = 300  # ticks of a storm from which its memory is measured
 UNREACHABLE = 200  # polls after which a plant that was resumed and has no new tick is stopped
 MARK = 0.7310585786300049  # of the limit: forged setpoints; no controller computes it
@@ -67,7 +68,7 @@ class Stage:
     attacks: list[list[Any]] = field(default_factory=list)  # what, topic, seed, messages left
     timeline: list[Done] = field(default_factory=list)
     killed: set[int] = field(default_factory=set)  # process numbers
-    overdue: bool = False  # the plant waited for ever, though no operator had paused it
+    overdue: bool = False  # the plant waited for ever, though it was resumed
     memory: list[tuple[int, int]] = field(default_factory=list)  # tick, and memory blocks in use, in the second half
     _tick_at: tuple[int, int] = (-1, 0)  # newest tick, and the world's time at which it came
 
@@ -152,7 +153,8 @@ class Stage:
                 self.outsider.call(graph.PLANT, "resume", None)
             elif found.values["mended"] == UNREACHABLE:
                 works = found.responds and found.busy_until_ns <= self.world.now_ns
-                self.overdue = works and all(KINDS[one.kind].group != "operator" for one in self.storm.events)
+                own = [one for one in self.storm.events if one.node in ("", graph.PLANT)]
+                self.overdue = works and not any((one.name or one.kind) in STOP_PLANT for one in own)
                 self.signal(graph.PLANT, signal.SIGTERM)
 
     def _measure(self, tick: int) -> None:
