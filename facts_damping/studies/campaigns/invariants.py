@@ -164,22 +164,18 @@ def causes(_case: Case, record: Record, _late: int = 0) -> float:
 def synchronism(record: Record, uncontrolled: Record) -> float | None:
     """Synchronism is kept if it is kept without control (else None).
 
-    Margin: `1 - (largest rotor angle difference) / 180 deg`. If synchronism is lost, `-(rate of that difference)^2 / 2`
-    at the loss, (rad/s)^2: the kinetic energy that could not be absorbed, for each unit of inertia (M. Pavella, D.
-    Ernst, D. Ruiz-Vega, Transient Stability of Power Systems, Kluwer 2000, section 2: margin of unstable swings).
+    Margin: `1 - (largest rotor angle difference) / 180 deg`; if synchronism is lost, less the fraction of the run after
+    the loss. The run ends there, so that only a robustness in time exists (A. Donze, O. Maler, FORMATS 2010).
     """
     if lost_s(uncontrolled) is not None:
         return None
+    lost = lost_s(record)
+    if lost is not None:
+        end = float(uncontrolled.time_s[-1]) + 1.0 / uncontrolled.frame_rate
+        return min(lost / end - 1.0, -TOLERANCE)
     angles = record.machines["rotor_angle"]
     if angles.shape[1] <= 1:  # against an infinite bus
         angles = np.hstack([angles, np.zeros((len(angles), 1))])
-    lost = np.flatnonzero(~record.in_synchronism)
-    if len(lost):
-        k = int(lost[0])
-        ahead, behind = np.nanargmax(angles[k]), np.nanargmin(angles[k])
-        difference = angles[max(0, k - 1) : k + 1, ahead] - angles[max(0, k - 1) : k + 1, behind]
-        rate = float(difference[-1] - difference[0]) * record.frame_rate
-        return min(-0.5 * max(0.0, rate) ** 2, -TOLERANCE)
     return max(0.0, 1.0 - float(np.nanmax(np.ptp(angles, axis=1), initial=0.0)) / math.pi)
 
 
@@ -214,7 +210,7 @@ ALONE = {
     "cause_recorded": Rule("s", causes),
 }
 # Relative to a run without control: margin(record, uncontrolled).
-BESIDE = {"keeps_synchronism": Rule("1, (rad/s)^2 if lost", synchronism), "does_no_harm": Rule("ITAE ratio", harm)}
+BESIDE = {"keeps_synchronism": Rule("fraction", synchronism), "does_no_harm": Rule("ITAE ratio", harm)}
 INVARIANTS = (*ALONE, *BESIDE)
 
 
