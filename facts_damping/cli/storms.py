@@ -65,7 +65,7 @@ def _many(arguments: argparse.Namespace) -> None:
 
         found = search.search(arguments.minutes, arguments.seed, arguments.jobs, tell)
     folder = new_folder(Path(arguments.out or "results/storms"))
-    say(arguments, *_summary(found, arguments.minutes))
+    say(arguments, *_summary(found, (time.monotonic() - began) / 60.0))
     files = []
     for number, (mark, storms) in enumerate(sorted(found.broken.items(), key=lambda row: -len(row[1]))):
         one, text = min(storms, key=lambda row: len(row[0].events))

@@ -219,7 +219,10 @@ def search(
     tell: Callable[[Findings], object] = lambda _: None,
     enough: Callable[[Findings], bool] = lambda _: False,
 ) -> Findings:
-    """Try storms for some minutes; `seed`: of all of them; `tell`: called after each; `enough`: ends it early."""
+    """Try storms for some minutes, or until an interrupt; `seed`: of all of them.
+
+    `tell`: called after each; `enough`: ends it early.
+    """
     chance, found, until = random.Random(seed), Findings(), time.monotonic() + 60.0 * minutes
     workers = [Worker(number) for number in range(jobs)]
     try:
@@ -234,6 +237,8 @@ def search(
                 if result is not None:
                     found.add(*result)
                     tell(found)
+    except KeyboardInterrupt:
+        pass
     finally:
         for one in workers:
             one.close()

@@ -106,8 +106,12 @@ def test_what_reaches_something_new_is_kept_and_varied() -> None:
     assert len({one.text() for one in varied}) == len(varied)
 
 
-def test_a_search_counts_what_it_tries() -> None:
-    found = search.search(1.0, 1, 1, enough=lambda one: one.storms == 3)
+def test_a_search_counts_what_it_tries_until_an_interrupt() -> None:
+    def interrupt(found: search.Findings) -> None:
+        if found.storms == 3:
+            raise KeyboardInterrupt
+
+    found = search.search(1.0, 1, 1, interrupt)
     assert found.storms == 3
     assert found.plant_s > 0.0
     assert not found.broken
