@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from functools import partialmethod
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as real
 
 from facts_damping.nodes.loopback.domain import Destroyable
 from facts_damping.nodes.loopback.processes import wall_ns, world
 from facts_damping.signals import NEVER
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 ROS_TIME, STEADY_TIME = 1, 3  # rcl_clock_type_t
 
@@ -114,6 +116,15 @@ class Timer(Destroyable):
         return None if self._canceled else self._next - self._clock.now_ns()
 
 
+def _adder(kind: str) -> Callable[[WaitSet, Any], int]:
+    def add(wait_set: WaitSet, one: Any) -> int:
+        added = wait_set.added[kind]
+        added.append(one)
+        return len(added) - 1
+
+    return add
+
+
 class WaitSet(Destroyable):
     """Waits until one of its entities is ready."""
 
@@ -124,31 +135,23 @@ class WaitSet(Destroyable):
         self.clear_entities()
 
     def clear_entities(self) -> None:
-        self._added: dict[str, list[Any]] = {kind: [] for kind in self.KINDS}
+        self.added: dict[str, list[Any]] = {kind: [] for kind in self.KINDS}
         self._ready: dict[str, list[int]] = {kind: [] for kind in self.KINDS}
 
-    def _add(self, kind: str, one: Any) -> int:
-        self._added[kind].append(one)
-        return len(self._added[kind]) - 1
-
-    add_subscription = partialmethod(_add, "subscription")
-    add_guard_condition = partialmethod(_add, "guard_condition")
-    add_timer = partialmethod(_add, "timer")
-    add_client = partialmethod(_add, "client")
-    add_service = partialmethod(_add, "service")
+    add_subscription, add_guard_condition, add_timer, add_client, add_service = map(_adder, KINDS)
 
     def wait(self, timeout_ns: int) -> None:
         """Wait at most `timeout_ns`; without limit if it is negative."""
-        ready = [one.is_ready for added in self._added.values() for one in added]
+        ready = [one.is_ready for added in self.added.values() for one in added]
         until = NEVER if timeout_ns < 0 else world().now_ns + timeout_ns
-        until = min(until, *(one.due_ns() for one in self._added["timer"]), NEVER)
+        until = min(until, *(one.due_ns() for one in self.added["timer"]), NEVER)
         world().wait(lambda: any(one() for one in ready), until)
-        self._ready = {kind: [one.pointer for one in added if one.is_ready()] for kind, added in self._added.items()}
-        for one in self._added["guard_condition"]:
+        self._ready = {kind: [one.pointer for one in added if one.is_ready()] for kind, added in self.added.items()}
+        for one in self.added["guard_condition"]:
             one.reset()
 
     def get_ready_entities(self, kind: str) -> list[int]:
         return self._ready[kind]
 
     def is_ready(self, kind: str, index: int) -> bool:
-        return kind in self._added and self._added[kind][index].is_ready()
+        return kind in self.added and self.added[kind][index].is_ready()
