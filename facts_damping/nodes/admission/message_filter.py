@@ -178,16 +178,16 @@ class MessageFilter:
             self._skip()
 
     def _skip(self) -> None:
-        """Skip the messages that came while the node waited to join, except the newest of each topic."""
+        """Skip the messages that came while the node waited to join, except the newest of each publisher of a topic."""
         for subscription in self._subscriptions:
-            newest: Any = None
+            newest: dict[bytes, Any] = {}
             for _ in range(DEPTH):
                 message = take(subscription)
                 if message is None:
                     break
-                newest = message
-            if newest is not None:
-                subscription.callback(*newest)
+                newest[message[1]["publisher_gid"]["data"]] = message
+            for message in newest.values():
+                subscription.callback(*message)
 
     def lost(self) -> dict[tuple[str, str], int]:
         """Number of missed messages, by topic and node."""

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 GROWTH = 15.0  # memory blocks a tick; the index of a recording needs up to 10
 VARIES = 10_000  # memory blocks by which a count varies
+BEHIND = 100  # messages in a queue
 QUEUE = 20_000  # messages; more in a queue of a node that responds means that it never takes them
 
 
@@ -31,7 +32,8 @@ def time_goes_on(trace: Trace) -> list[str]:
 
 def ends_are_named(trace: Trace) -> list[str]:
     """Each node ends with status 0 or with one line that says why, without a traceback."""
-    found = []
+    found, events = [], trace.storm.events if trace.storm is not None else []
+    suspended = {one.node for one in events if one.kind == "suspended"}  # the graph kills what does not end
     for node in trace.nodes:
         lines = node.errors.strip().splitlines()
         if "Traceback" in node.errors:
@@ -40,7 +42,7 @@ def ends_are_named(trace: Trace) -> list[str]:
             found.append(f"{node.name} ends with status {node.status} and {len(lines)} lines: {' | '.join(lines[:3])}")
         elif node.status == 1 and re.match(r"\w*(Error|Exception)\b", lines[0].split(": ", 1)[-1]):
             found.append(f"{node.name} ends by an error that is not its own: {lines[0]}")
-        elif node.status is None or (node.status < 0 and not (node.killed or trace.overdue)):
+        elif node.status is None or (node.status < 0 and not (node.killed or trace.overdue or node.name in suspended)):
             found.append(f"{node.name} ends with status {node.status}, though no one killed it")
     return found
 
@@ -102,7 +104,7 @@ def queues_are_bounded(trace: Trace) -> list[str]:
 
 def memory_is_bounded(trace: Trace) -> list[str]:
     """In the second half of a long storm, memory grows by no more than the index of the recording needs."""
-    if len(trace.memory) < 2:
+    if len(trace.memory) < 2 or trace.longest_queue > BEHIND:  # what waits in queues takes memory, too
         return []
     (first, before), (last, after) = trace.memory[0], trace.memory[-1]
     grown, ticks = after - before, last - first
