@@ -63,9 +63,8 @@ def load(path: Path | str) -> Record:
     """Record of a recording: a folder in rosbag2's layout or an `.mcap` file, whole or cut anywhere.
 
     Messages are decoded by the schemas stored in the file. Of a cut recording, the ticks are kept that all topics have
-    which were not silent before.
-    `Record.notes` list what is missing, one line each. Raises RecordingError (one line, with the damage found) if a
-    topic is missing, a schema is foreign, or no tick is complete.
+    which were not silent before. `Record.notes` list what is missing, one line each. Raises RecordingError (one line,
+    with the damage found) if a topic is missing, a schema is foreign, or no tick is complete.
     """
     content = scan(path)
     configuration, notes = _configuration(content)
@@ -100,7 +99,7 @@ def origin(path: Path | str) -> tuple[dict[str, Any], str]:
 
 def _assemble(content: Content, configuration: dict[str, Any], notes: list[str]) -> Record:
     topics = _topics(content, bool(configuration.get("controllers")))
-    silent = _silent(content, topics["frames"][0], configuration.get("frame_rate"))
+    silent = set() if content.complete else _silent(content, topics["frames"][0], configuration.get("frame_rate"))
     messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
     events.subtract_epoch(messages, topics["state"], configuration.get("frame_rate"))
     of = expected(configuration)

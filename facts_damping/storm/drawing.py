@@ -13,7 +13,7 @@ from facts_damping.storm.model import Event, Storm
 RATES = (10, 10, 15, 20, 20, 25, 30, 60)  # frames/s
 MODES: tuple[Any, ...] = ("lockstep", "lockstep", "realtime", "realtime", "free")
 DURATIONS = (0.5, 1.0, 1.0, 2.0, 2.0, 3.0, 4.0)  # s
-LONG = 30.0, 300.0  # s; durations of long storms
+LONG_DURATIONS = 30.0, 300.0  # s; lowest and highest of long storms
 CONTROLLERS: tuple[list[dict[str, Any]], ...] = (
     [{"name": "LLC"}],
     [{"name": "LLC-tuned"}],
@@ -102,7 +102,7 @@ def draw(seed: int) -> Storm:
 
 def long(storm: Storm, chance: random.Random) -> Storm:
     """A storm like another one, but of minutes: at the lowest rate, with new events."""
-    run = storm.run | {"duration": round(chance.uniform(*LONG), 1), "frame_rate": min(RATES)}
+    run = storm.run | {"duration": round(chance.uniform(*LONG_DURATIONS), 1), "frame_rate": min(RATES)}
     return _with_events(storm.model_copy(update={"run": run}), chance)
 
 

@@ -91,7 +91,7 @@ def run(storm: Storm, folder: Path) -> Trace:
         foreign = case_of(storm, folder, "other_keys.yaml") if storm.signed else case
         stage = _prepared(world, storm, case, foreign)
         with _watched(stage):
-            world.at(to_ns(LIMIT_S + case.ticks / case.run.frame_rate), lambda: _break_off(stage, trace))
+            world.at(to_ns(LIMIT_S + case.ticks / case.run.frame_rate), lambda: _break_off(stage))
             failed = io.StringIO()
             world.start("outsider", stage.conduct, (), {}, failed, failed)
             _start_own(stage)
@@ -103,7 +103,7 @@ def run(storm: Storm, folder: Path) -> Trace:
             raise RunError(f"storm {storm.seed}: {failed.getvalue()}")
         trace.world_s = 1e-9 * world.now_ns
         trace.logs, trace.longest_queue = world.logs, world.longest_queue
-    trace.timeline, trace.sent, trace.overdue = stage.timeline, stage.outsider.sent, trace.overdue or stage.overdue
+    trace.timeline, trace.sent, trace.overdue = stage.timeline, stage.outsider.sent, stage.overdue
     trace.nodes, trace.memory = _ends(stage), stage.memory
     try:
         trace.record = reader.load(folder / "graph" / "recording")
@@ -153,8 +153,8 @@ def _run_graph(stage: Stage, out: Path) -> None:
         clock.sleep(AFTER_S)
 
 
-def _break_off(stage: Stage, trace: Trace) -> None:
-    trace.overdue = True
+def _break_off(stage: Stage) -> None:
+    stage.overdue = True
     for one in stage.world.processes[1:]:
         one.kill()
 

@@ -34,7 +34,7 @@ PATIENCE_S = 1.5  # longest wait of a node for its peers at the start
 POLL_S = 0.05
 BUFFER = 8192  # bytes that a file buffers
 STOP_PLANT = "change_state", "cut_off", "unplugged", "lost"  # services and events after which it may not go on
-LONG = 300  # ticks of a storm from which its memory is measured
+MEASURED = 300  # ticks of a storm from which its memory is measured
 UNREACHABLE = 200  # polls after which a plant that was resumed and has no new tick is stopped
 MARK = 0.7310585786300049  # of the limit: forged setpoints; no controller computes it
 LINES = ("nodes/recorder.py", "recording/writer.py")  # files whose lines count for a signal at a line
@@ -68,7 +68,7 @@ class Stage:
     attacks: list[list[Any]] = field(default_factory=list)  # what, topic, seed, messages left
     timeline: list[Done] = field(default_factory=list)
     killed: set[int] = field(default_factory=set)  # process numbers
-    overdue: bool = False  # the plant waited for ever, though it was resumed
+    overdue: bool = False  # the graph did not end by itself
     memory: list[tuple[int, int]] = field(default_factory=list)  # tick, and memory blocks in use, in the second half
     _tick_at: tuple[int, int] = (-1, 0)  # newest tick, and the world's time at which it came
 
@@ -160,7 +160,7 @@ class Stage:
     def _measure(self, tick: int) -> None:
         """Count the memory blocks in use, in a long storm, after each eighth of its second half."""
         ticks, last = self.case.ticks, self.memory[-1][0] if self.memory else 0
-        if ticks >= LONG and ticks // 2 <= tick < ticks and tick - last >= ticks // 16:
+        if ticks >= MEASURED and ticks // 2 <= tick < ticks and tick - last >= ticks // 16:
             gc.collect()
             self.memory.append((tick, sys.getallocatedblocks()))
 
