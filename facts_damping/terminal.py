@@ -134,8 +134,8 @@ def busy_line(name: str) -> Iterator[None]:
 
 
 def clear_line() -> None:
-    """Remove the line of `busy_line` before other output."""
-    if _waiting.is_set():
+    """Remove the line of `busy_line`, or of a progress, before other output."""
+    if _waiting.is_set() or Progress.shown is not None:
         _waiting.clear()
         os.write(2, b"\r\033[K")
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.cli.runs import say
 from facts_damping.errors import RunError
 from facts_damping.parameters.files import new_folder
-from facts_damping.terminal import Progress, clean_up_first, write_json, write_whole
+from facts_damping.terminal import Progress, clean_up_first, note, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -59,8 +59,12 @@ def _many(arguments: argparse.Namespace) -> None:
 
     with Progress("storm", "seconds") as progress:
         began, whole = time.monotonic(), round(60 * arguments.minutes)
+        told: set[str] = set()
 
-        def tell(_: Findings) -> None:
+        def tell(found: Findings) -> None:
+            for mark in found.broken.keys() - told:
+                note(f"found: {mark}")
+                told.add(mark)
             progress(min(int(time.monotonic() - began), whole), whole)
 
         found = search.search(arguments.minutes, arguments.seed, arguments.jobs, tell)

@@ -14,13 +14,14 @@ from facts_damping.terminal import duration
 SILENT = "import time, facts_damping.terminal as t; t.SILENCE_S = 1.0\nwith t.busy_line('modes'): "
 SLEEPS, SAYS = "time.sleep(2.5)", "time.sleep(2.5); t.clear_line(); print('done')"
 COUNTS = "p = t.Progress('mine', 'runs'); p(1, 2); time.sleep(2.5); p.close()"
+NOTES = "p = t.Progress('mine', 'runs'); p(1, 2); t.note('found'); p(2, 2); p.close()"
 
 
 @pytest.fixture(scope="module")
 def shown() -> dict[str, str]:
     """What programs write, where standard error is a terminal; all run at once."""
     running = {}
-    for program in (SLEEPS, SAYS, COUNTS):
+    for program in (SLEEPS, SAYS, COUNTS, NOTES):
         terminal, its_side = pty.openpty()
         started = subprocess.Popen([sys.executable, "-c", SILENT + program], stderr=its_side, stdout=its_side)
         os.close(its_side)
@@ -45,6 +46,11 @@ def test_a_line_of_progress_is_kept_up_to_date(shown: dict[str, str]) -> None:
     assert "1/2 runs, 0 s" in lines[1]
     assert "1/2 runs, 2 s" in lines[-1] or "1/2 runs, 3 s" in lines[-1]
     assert "modes" not in "".join(lines)
+
+
+def test_a_note_replaces_the_line_of_progress(shown: dict[str, str]) -> None:
+    first, second = shown[NOTES].split("\r\x1b[Kfound\n")
+    assert ("1/2" in first, "2/2" in second) == (True, True)
 
 
 def test_a_pipe_gets_no_such_line() -> None:
