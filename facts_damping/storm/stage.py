@@ -15,6 +15,7 @@ from facts_damping.nodes.attacker import forgeries
 from facts_damping.nodes.foreign.messages import foreign
 from facts_damping.nodes.foreign.outsider import Outsider
 from facts_damping.nodes.launching import graph
+from facts_damping.nodes.loopback.domain import domain
 from facts_damping.nodes.loopback.processes import process
 from facts_damping.signals import to_ns
 from facts_damping.storm.events import KINDS, words
@@ -35,6 +36,7 @@ POLL_S = 0.05
 BUFFER = 8192  # bytes that a file buffers
 STOP_PLANT = "change_state", "cut_off", "unplugged", "lost"  # services and events after which it may not go on
 MEASURED = 300  # ticks of a storm from which its memory is measured
+BEHIND = 100  # messages; more in a queue take memory themselves
 UNREACHABLE = 200  # polls after which a plant that was resumed and has no new tick is stopped
 MARK = 0.7310585786300049  # of the limit: forged setpoints; no controller computes it
 LINES = ("nodes/recorder.py", "recording/writer.py")  # files whose lines count for a signal at a line
@@ -158,9 +160,13 @@ class Stage:
                 self.signal(graph.PLANT, signal.SIGTERM)
 
     def _measure(self, tick: int) -> None:
-        """Count the memory blocks in use, in a long storm, after each eighth of its second half."""
+        """Count the memory blocks in use, in a long storm, after each eighth of its second half.
+
+        While a node is behind, nothing is counted: what waits takes memory itself.
+        """
         ticks, last = self.case.ticks, self.memory[-1][0] if self.memory else 0
-        if ticks >= MEASURED and ticks // 2 <= tick < ticks and tick - last >= ticks // 16:
+        due = ticks >= MEASURED and ticks // 2 <= tick < ticks and tick - last >= ticks // 16
+        if due and all(len(one.waiting) + one.under_way <= BEHIND for one in domain().subscriptions):
             gc.collect()
             self.memory.append((tick, sys.getallocatedblocks()))
 

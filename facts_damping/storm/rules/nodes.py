@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 GROWTH = 15.0  # memory blocks a tick; the index of a recording needs up to 10
 VARIES = 10_000  # memory blocks by which a count varies
-BEHIND = 100  # messages in a queue
 QUEUE = 20_000  # messages; more in a queue of a node that responds means that it never takes them
 
 
@@ -104,7 +103,7 @@ def queues_are_bounded(trace: Trace) -> list[str]:
 
 def memory_is_bounded(trace: Trace) -> list[str]:
     """In the second half of a long storm, memory grows by no more than the index of the recording needs."""
-    if len(trace.memory) < 2 or trace.longest_queue > BEHIND:  # what waits in queues takes memory, too
+    if len(trace.memory) < 2:
         return []
     (first, before), (last, after) = trace.memory[0], trace.memory[-1]
     grown, ticks = after - before, last - first
