@@ -47,14 +47,17 @@ def find_absences(
     """Absences of nodes: gaps from `first` to before `end` in which, or at whose end, the node began or restarted.
 
     A recorder may discover a node some time after it began, so a whole gap counts. For a link the gap ends where it
-    began if a controller acted in the rest: then deliveries are missing. A gap within a link's absence is an absence as
-    well.
+    began if a controller acted in the rest: then deliveries are missing. A gap within an absence of the node's own link
+    is an absence as well.
     """
     away: list[Absence] = []
     for kind, i, one in _of_nodes(found):
         owner = _owner(kind, i, one)
+        link = ("link", _link(found, owner[1]))
         for a, b in _gaps(one, first, end):
-            served = kind not in OF_LINKS and any(x.role == "link" and x.first <= a and b <= x.end for x in away)
+            served = kind not in OF_LINKS and any(
+                (x.role, x.index) == link and x.first <= a and b <= x.end for x in away
+            )
             begun = max(_begins(late, owner, a, b), default=None)
             if begun is not None and kind in OF_LINKS and _answered(found, late, begun, b):
                 away.append(Absence(*owner, a, begun, kind))
@@ -115,6 +118,14 @@ def _of_nodes(found: dict[str, list[Series]]) -> Iterator[tuple[str, int, Series
 def _owner(kind: str, i: int, one: Series) -> tuple[str, int]:
     """Role and index of a topic's node: links by their order in the run, others by the number in their name."""
     return ROLES[kind], i if kind in OF_LINKS else decode.place(one.topic.split("/")[-2])
+
+
+def _link(found: dict[str, list[Series]], controller: int) -> int:
+    """Index of the link that a controller, its supervisor and its identifier use: its own, else the first."""
+    own = [
+        i for i, one in enumerate(found.get("delivered", [])) if decode.place(one.topic.split("/")[-3]) == controller
+    ]
+    return own[-1] if own else 0
 
 
 def _gaps(one: Series, first: int, end: int) -> list[tuple[int, int]]:

@@ -68,6 +68,7 @@ class Trace:
     logs: list[tuple[int, str, int, str]] = field(default_factory=list)  # ns, node, severity, text
     timeline: list[Done] = field(default_factory=list)
     sent: dict[str, int] = field(default_factory=dict)  # foreign messages that the recorder received, by topic
+    lost: set[str] = field(default_factory=set)  # nodes that messages to were lost
     longest_queue: int = 0
     memory: list[tuple[int, int]] = field(default_factory=list)  # tick, and memory blocks in use, of a long storm
 
@@ -91,7 +92,8 @@ def run(storm: Storm, folder: Path) -> Trace:
         foreign = case_of(storm, folder, "other_keys.yaml") if storm.signed else case
         stage = _prepared(world, storm, case, foreign)
         with _watched(stage):
-            world.at(to_ns(LIMIT_S + case.ticks / case.run.frame_rate), lambda: _break_off(stage))
+            last_s = max([0.0, *(one.at for one in storm.events)])  # a plant may be paused until then
+            world.at(to_ns(LIMIT_S + last_s + case.ticks / case.run.frame_rate), lambda: _break_off(stage))
             failed = io.StringIO()
             world.start("outsider", stage.conduct, (), {}, failed, failed)
             _start_own(stage)
@@ -102,7 +104,7 @@ def run(storm: Storm, folder: Path) -> Trace:
         if failed.getvalue():
             raise RunError(f"storm {storm.seed}: {failed.getvalue()}")
         trace.world_s = 1e-9 * world.now_ns
-        trace.logs, trace.longest_queue = world.logs, world.longest_queue
+        trace.logs, trace.lost, trace.longest_queue = world.logs, world.middleware.lost, world.longest_queue
     trace.timeline, trace.sent, trace.overdue = stage.timeline, stage.outsider.sent, stage.overdue
     trace.nodes, trace.memory = _ends(stage), stage.memory
     try:

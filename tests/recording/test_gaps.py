@@ -33,3 +33,17 @@ def test_what_a_link_delivered_unheard_is_missing_where_it_was_answered(began: i
     assert first_missing(found, away, np.arange(20)) == (12 if heard_late else None)
     told = [f"{topic}: 2 of 20 ticks are missing (12, 13)" for topic in ("/pmu/delivered", "/setpoints/delivered")]
     assert gap_notes(found, away, 19) == (told if heard_late else [])
+
+
+def test_an_absent_link_explains_gaps_of_the_nodes_that_use_it_alone() -> None:
+    """Controller 1 has a link of its own, controllers 0 and 2 share the first."""
+    found = {
+        "delivered": [Series("/pmu/delivered", np.arange(20), []), series("/controller_1_LLC/pmu/delivered", FOUND)],
+        "issued": [series(f"/controller_{c}_LLC/setpoints", FOUND) for c in range(3)],
+    }
+    away = find_absences(found, {("link", 1, FOUND)}, 0, 20)
+    assert away == [
+        Absence("link", 1, LEFT, FOUND, "delivered"),
+        Absence("controller", 1, LEFT, FOUND, "issued"),
+    ]
+    assert first_missing(found, away, np.arange(20)) == LEFT

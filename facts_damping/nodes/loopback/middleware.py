@@ -59,6 +59,7 @@ class Middleware:
     lease_ns: int = 0  # time after which a node that was killed, suspended or cut off is forgotten
     unmatched: tuple[str, str] = ("", "")  # node whose subscription to a topic (its end) never matches
     disturbances: list[Disturbance] = field(default_factory=list)
+    lost: set[str] = field(default_factory=set)  # nodes that messages to were lost
     _newest: dict[tuple[Endpoint, Endpoint], int] = field(default_factory=dict)  # arrival, by sender and receiver
 
     def known_from_ns(self, observer: Node, end: Endpoint) -> int:
@@ -101,6 +102,7 @@ class Middleware:
         for one in self.disturbances:
             arrival = one.arrival_ns(now_ns, sender, receiver)
             if arrival is None:
+                self.lost |= {receiver.node.get_node_name()} if one.loss else set()
                 return None
             at = max(at, arrival)
         if self.disturbances or self.discovery_ns:
