@@ -37,7 +37,7 @@ KINDS: dict[str, Kind] = {
     "late": Kind("middleware", "messages of {node}{topic} are late by up to {size} s for {lasts} s", choices.late,
                  actions.disturbance(late_ns=actions.size_ns), harmless=ALL, weight=2.0),
     "lost": Kind("middleware", "{size} of the messages of {node}{topic} are lost for {lasts} s",
-                 lambda c: choices.late(c) | {"size": round(c.random.random(), 3), "node": c.node()},
+                 lambda c: choices.late(c) | {"size": round(0.01 ** c.random.random(), 3), "node": c.node()},
                  actions.disturbance(loss=lambda event: event.size)),
     "cut_off": Kind("middleware", "{node} is cut off for {lasts} s",
                     lambda c: {"node": c.node(), "lasts": c.lasts(c.random.choice([1.0, 1.0, 40.0]))},
