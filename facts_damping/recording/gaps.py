@@ -53,11 +53,10 @@ def find_absences(
     away: list[Absence] = []
     for kind, i, one in _of_nodes(found):
         owner = _owner(kind, i, one)
-        link = ("link", _link(found, owner[1]))
+        link = None if kind in OF_LINKS else ("link", _link(found, owner[1]))
+        unserved = [x for x in away if (x.role, x.index) == link]  # complete: links come first
         for a, b in _gaps(one, first, end):
-            served = kind not in OF_LINKS and any(
-                (x.role, x.index) == link and x.first <= a and b <= x.end for x in away
-            )
+            served = any(x.first <= a and b <= x.end for x in unserved)
             begun = max(_begins(late, owner, a, b), default=None)
             if begun is not None and kind in OF_LINKS and _answered(found, late, begun, b):
                 away.append(Absence(*owner, a, begun, kind))
@@ -122,10 +121,8 @@ def _owner(kind: str, i: int, one: Series) -> tuple[str, int]:
 
 def _link(found: dict[str, list[Series]], controller: int) -> int:
     """Index of the link that a controller, its supervisor and its identifier use: its own, else the first."""
-    own = [
-        i for i, one in enumerate(found.get("delivered", [])) if decode.place(one.topic.split("/")[-3]) == controller
-    ]
-    return own[-1] if own else 0
+    places = [decode.place(one.topic.split("/")[-3]) for one in found.get("delivered", [])]
+    return max([i for i, place in enumerate(places) if place == controller], default=0)
 
 
 def _gaps(one: Series, first: int, end: int) -> list[tuple[int, int]]:

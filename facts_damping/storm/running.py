@@ -28,13 +28,13 @@ from facts_damping.storm.events import KINDS
 from facts_damping.storm.stage import PATIENCE_S, Disk, Done, Stage, disk_error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from facts_damping.case.model import Case
     from facts_damping.nodes.loopback.processes import World
     from facts_damping.signals import Record
-    from facts_damping.storm.model import Storm
+    from facts_damping.storm.model import Event, Storm
 
 TIMEOUT_S = 2.0  # of the nodes, for silent ones
 LIMIT_S = 180.0  # world time beyond its duration after which a storm is broken off; longer than all its waits
@@ -71,6 +71,11 @@ class Trace:
     lost: set[str] = field(default_factory=set)  # nodes that messages to were lost
     longest_queue: int = 0
     memory: list[tuple[int, int]] = field(default_factory=list)  # tick, and memory blocks in use, of a long storm
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """The storm's events; none on DDS."""
+        return [] if self.storm is None else self.storm.events
 
 
 def case_of(storm: Storm, folder: Path, keys: str = "keys.yaml") -> Case:

@@ -102,7 +102,8 @@ class Middleware:
         for one in self.disturbances:
             arrival = one.arrival_ns(now_ns, sender, receiver)
             if arrival is None:
-                self.lost |= {receiver.node.get_node_name()} if one.loss else set()
+                if one.loss:
+                    self.lost.add(receiver.node.get_node_name())
                 return None
             at = max(at, arrival)
         if self.disturbances or self.discovery_ns:

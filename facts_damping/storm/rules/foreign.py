@@ -21,7 +21,7 @@ def may_be_replaced(trace: Trace, *, signed: bool = True) -> bool:
     """
     if trace.storm is None:
         return False
-    kinds = {one.kind for one in trace.storm.events}
+    kinds = {one.kind for one in trace.events}
     if trace.mode == "lockstep" and not any(one.tick < 1 and one.kind.startswith("forged") for one in trace.timeline):
         return False
     foreign = any(KINDS[kind].group == "foreign" and kind != "second_plant" for kind in kinds)

@@ -24,15 +24,14 @@ def time_goes_on(trace: Trace) -> list[str]:
     """No node waits for ever: the graph ends by itself, and its plant gives up before the program that runs it does."""
     if trace.overdue:
         return [f"the graph does not end: {trace.world_s:.0f} s"]
-    events = trace.storm.events if trace.storm is not None else []
-    given_up = "no progress within" in trace.reason and all(one.node != PLANT for one in events)
+    given_up = "no progress within" in trace.reason and all(one.node != PLANT for one in trace.events)
     return [f"the plant waits for ever: {trace.reason}"] if given_up else []
 
 
 def ends_are_named(trace: Trace) -> list[str]:
     """Each node ends with status 0 or with one line that says why, without a traceback."""
-    found, events = [], trace.storm.events if trace.storm is not None else []
-    suspended = {one.node for one in events if one.kind == "suspended"}  # the graph kills what does not end
+    found = []
+    suspended = {one.node for one in trace.events if one.kind == "suspended"}  # the graph kills what does not end
     for node in trace.nodes:
         lines = node.errors.strip().splitlines()
         if "Traceback" in node.errors:
@@ -50,7 +49,7 @@ def graph_survives(trace: Trace) -> list[str]:
     """What must not end a graph does not."""
     if trace.storm is None or not trace.reason:
         return []
-    kinds = {one.kind for one in trace.storm.events}
+    kinds = {one.kind for one in trace.events}
     if trace.storm.signed and "clock" in kinds:  # docs/operate.md: the clocks of hosts must agree then
         return []
     if any(one.external for one in trace.case.controllers):  # a user's node may fail by a foreign message

@@ -44,7 +44,7 @@ def _written(output: str) -> int:
 
 
 def _disk_failed(trace: Trace) -> bool:
-    return trace.storm is not None and any(one.kind == "disk" for one in trace.storm.events)
+    return any(one.kind == "disk" for one in trace.events)
 
 
 def end_is_recorded(trace: Trace) -> list[str]:
@@ -82,7 +82,7 @@ def equals_in_process(trace: Trace) -> list[str]:
     if any(kind_of(controller).own for controller in case.controllers):
         return []
     computed, last = changes.rerun(case, record.changes), int(record.ticks[-1])
-    if trace.storm is not None and any(one.kind in ("lost", "late") for one in trace.storm.events):
+    if any(one.kind in ("lost", "late") for one in trace.events):
         last -= 1  # nothing shows that the last message was lost, or came after the end
     differ = [name for name in ARRAYS if _until(record, name, last) != _until(computed, name, last)]
     return [f"the recording differs from the run in process: {', '.join(differ)}"] if differ else []
