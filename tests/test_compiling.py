@@ -7,7 +7,6 @@ import dis
 import gc
 import importlib
 import inspect
-import os
 import re
 import struct
 import sys
@@ -155,7 +154,7 @@ ANOTHER = [
 
 
 def key_of(source: str, part: Any = inner, limit: Any = 1.0) -> str:
-    return keys.of_function(variant(source, part=compiled(part), LIMIT=limit))
+    return "\n".join(keys._Walk(variant(source, part=compiled(part), LIMIT=limit)).texts)
 
 
 @pytest.mark.parametrize("source", SAME)
@@ -222,9 +221,9 @@ def undefined(code: bytes) -> set[str]:
 def test_kernels_call_no_function_whose_bits_a_processor_chooses() -> None:
     store.prepare(ENTRY_POINTS.values())
     for entry in list(ENTRY_POINTS.values()):
-        path = store._found(entry)
-        assert path is not None
-        assert undefined(path.read_bytes()) <= EXACT | set(ENTRY_POINTS), entry.symbol
+        code = store._read(store.home() / store.file_name(entry))
+        assert code is not None
+        assert undefined(code) <= EXACT | set(ENTRY_POINTS), entry.symbol
 
 
 def test_no_kernel_counts_from_the_end() -> None:
@@ -239,18 +238,6 @@ def test_no_kernel_counts_from_the_end() -> None:
         for node in ast.walk(ast.parse(textwrap.dedent(source))):
             if isinstance(node, ast.Subscript):
                 assert not re.search(r"(^|[(,:] *)-\d", ast.unparse(node.slice)), ast.unparse(node)
-
-
-def test_old_files_of_a_function_go_and_those_of_others_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    for i in range(6):
-        for name in (run_half_ticks.symbol, "facts_damping.link.chain.other"):
-            (tmp_path / f"{name}-{i}.o").write_bytes(b"")
-            os.utime(tmp_path / f"{name}-{i}.o", (i, i))
-    store._keep(run_half_ticks, b"code")
-    kept = {path.name for path in tmp_path.glob(f"{run_half_ticks.symbol}-*")}
-    assert kept == {store.file_name(run_half_ticks), *(f"{run_half_ticks.symbol}-{i}.o" for i in (3, 4, 5))}
-    assert len(list(tmp_path.glob("facts_damping.link.chain.other-*"))) == 6
 
 
 def test_setpoints_go_as_they_are() -> None:

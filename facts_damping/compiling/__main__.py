@@ -5,11 +5,18 @@ from __future__ import annotations
 import gc
 import importlib
 import sys
+import traceback
 
 from facts_damping.compiling.kernels import ENTRY_POINTS
-from facts_damping.compiling.store import compile_missing
+from facts_damping.compiling.store import BAD_INPUT, compile_missing
+from facts_damping.errors import FactsDampingError, InputError
 
 gc.disable()  # short-lived process: garbage collection would take a quarter of its time
-for symbol in sys.argv[1:]:
-    importlib.import_module(symbol.rpartition(".")[0])
-compile_missing([ENTRY_POINTS[symbol] for symbol in sys.argv[1:]])
+try:
+    for symbol in sys.argv[1:]:
+        importlib.import_module(symbol.rpartition(".")[0])
+    compile_missing([ENTRY_POINTS[symbol] for symbol in sys.argv[1:]])
+except FactsDampingError as error:
+    traceback.print_exception(error.__cause__)
+    sys.stderr.write(f"{error}\n")
+    sys.exit(BAD_INPUT if isinstance(error, InputError) else 1)

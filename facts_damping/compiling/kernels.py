@@ -34,9 +34,9 @@ def _with_numba() -> Any:
 class Kernel:
     """A part: a Python function that is compiled into the compiled functions that call it."""
 
-    def __init__(self, function: Callable[..., Any], *, inline: bool = False, cached: bool = True) -> None:
+    def __init__(self, function: Callable[..., Any], *, inline: bool = False) -> None:
         functools.update_wrapper(self, function)
-        self.py_func, self.inline, self.cached = function, inline, cached
+        self.py_func, self.inline = function, inline
 
     @functools.cached_property
     def _numba_type_(self) -> Any:
@@ -167,7 +167,7 @@ def branching(functions: Sequence[Callable[..., Any]]) -> Any:
     source = f"def call(code, *arguments):\n{''.join(lines)}    return f{last}(*arguments)\n"
     space: dict[str, Any] = {"__name__": __name__} | {f"f{i}": one for i, one in enumerate(functions)}
     exec(source, space)  # noqa: S102 (a call for each, in one function)
-    return Kernel(space["call"], cached=False)
+    return Kernel(space["call"])
 
 
 if TYPE_CHECKING:  # signatures for type checkers

@@ -1,7 +1,8 @@
 """A hash key of everything that an entry point's compiled code depends on: all functions and constants used.
 
-For a function, instructions and constants count; docstring, annotations, comments and position do not. For another
-entry point only name and types count, since it is called, not compiled in.
+For a function, instructions, constants and default arguments count; docstring, annotations, comments and position do
+not. For another entry point only name and types count, since it is called, not compiled in. Of modules outside this
+package the whole files count, too: Numba may be taught there what a function means (`numba.extending.overload`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import os
 import platform
 import sys
 import types
+from enum import EnumMeta
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -21,8 +23,10 @@ import numpy as np
 
 from facts_damping.compiling.kernels import EntryPoint, Kernel, Primitive
 from facts_damping.compiling.structs import Struct, described, fingerprint
+from facts_damping.errors import InputError
 
 PACKAGE = "facts_damping"
+KNOWN = sys.stdlib_module_names | {"numpy", "numba", "llvmlite"}  # modules whose versions are in every key
 LOAD_GLOBAL, SHIFT = dis.opmap["LOAD_GLOBAL"], int(sys.version_info >= (3, 11))  # the argument has an index and a flag
 TARGETS = {
     "x86_64": "x86-64",
@@ -50,31 +54,37 @@ def _compiler() -> str:
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     kind = f"{sys.platform} {platform.machine()} {target()}"
     bounds = " bounds" if checks_bounds() else ""
-    return f"{python} {version('numba')} {version('llvmlite')} {kind} {how}{bounds}"
+    arrays = ".".join(version("numpy").split(".")[:2])
+    return f"{python} {version('numba')} {version('llvmlite')} {arrays} {kind} {how}{bounds}"
 
 
 def _code(code: types.CodeType, docstring: str | None) -> str:
     constants = list(code.co_consts)
     if docstring is not None and constants and constants[0] == docstring:
         constants[0] = None
-    parts = [_code(c, None) if isinstance(c, types.CodeType) else _constant(c) for c in constants]
+    parts = [_code(one, None) if isinstance(one, types.CodeType) else _constant(one) for one in constants]
     names = code.co_varnames, code.co_names, code.co_freevars, code.co_argcount, code.co_flags
     return f"{code.co_code.hex()} {names} {parts}"
 
 
 def _constant(value: Any) -> str:
     """A constant as text that is equal in every process."""
-    if isinstance(value, frozenset):
-        return f"frozenset{sorted(map(repr, value))}"
+    if isinstance(value, (list, tuple)):
+        return f"{type(value).__qualname__}({', '.join(map(_constant, value))})"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{_constant(key)}: {_constant(one)}' for key, one in value.items())}}}"
+    if isinstance(value, (set, frozenset)):
+        return f"{type(value).__qualname__}{sorted(map(_constant, value))}"
     if isinstance(value, np.dtype):
         return f"{value.descr}"
-    if isinstance(value, np.ndarray):
-        return f"{value.dtype.descr}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}"
-    if isinstance(value, types.ModuleType | types.FunctionType | types.BuiltinFunctionType | type | np.ufunc):
-        return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', value.__name__)}"
-    if isinstance(value, tuple):
-        return f"({', '.join(map(_constant, value))})"
-    return repr(value)
+    if isinstance(value, (np.ndarray, np.generic)):
+        return f"{value.dtype.descr}{value.shape}{value.strides}{hashlib.sha256(value.tobytes()).hexdigest()}"
+    name = getattr(value, "__qualname__", getattr(value, "__name__", None))
+    if name is not None:
+        return f"{getattr(value, '__module__', '')}.{name}"
+    kind = type(value)
+    told = kind.__module__ == "builtins" or kind.__module__.startswith("numba.")  # others may tell their address
+    return repr(value) if told else f"{kind.__module__}.{kind.__qualname__}"
 
 
 def globals_of(code: types.CodeType) -> set[str]:
@@ -88,22 +98,27 @@ def globals_of(code: types.CodeType) -> set[str]:
     return found.union(*(globals_of(one) for one in code.co_consts if isinstance(one, types.CodeType)))
 
 
+def _mentioned(code: types.CodeType) -> set[str]:
+    """Names of globals and attributes in a function and its inner functions."""
+    return set(code.co_names).union(*(_mentioned(one) for one in code.co_consts if isinstance(one, types.CodeType)))
+
+
 @cache
-def _used(function: Any) -> list[tuple[str, Any]]:
-    """Names a function refers to: globals, attributes of this package's modules, variables of enclosing functions."""
-    code, found = function.__code__, []
-    names = set(code.co_names)
-    for constant in code.co_consts:
-        if isinstance(constant, types.CodeType):
-            names |= set(constant.co_names)
-    for name in sorted(globals_of(code) & set(function.__globals__)):
-        value = function.__globals__[name]
-        if isinstance(value, types.ModuleType) and value.__name__.startswith(f"{PACKAGE}."):
-            found += [(f"{name}.{n}", vars(value)[n]) for n in sorted(names & set(vars(value)))]
-        else:
-            found.append((name, value))
-    cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
-    return found + [(name, cell.cell_contents) for name, cell in cells]
+def _names(function: Any) -> tuple[list[str], frozenset[str]]:
+    """The globals that a function loads; and all names of globals and attributes in it."""
+    code = function.__code__
+    return sorted(globals_of(code) & set(function.__globals__)), frozenset(_mentioned(code))
+
+
+def _is_known(name: str | None) -> bool:
+    """Whether a module is part of Python, NumPy or the compiler."""
+    return (name or "").partition(".")[0] in KNOWN
+
+
+@cache
+def _file_hash(path: str) -> str:
+    """Hash of a file; nothing for a file that does not exist, as of functions that were typed in."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest() if Path(path).is_file() else ""
 
 
 def _signature(entry: EntryPoint) -> str:
@@ -117,7 +132,7 @@ class _Walk:
         self.texts: list[str] = []
         self.callees: dict[str, EntryPoint] = {}
         self.functions: set[str] = set()  # functions compiled into it
-        self._seen: set[int] = set()
+        self._seen: set[Any] = set()  # ids of functions, structs and enumerations; ids of modules with names looked up
         if entry is not None:
             self.texts.append(_signature(entry))
             for kind in entry.kinds:
@@ -129,13 +144,20 @@ class _Walk:
             self.texts.append(function.__qualname__)
             return
         self._seen.add(id(function))
-        name = f"{function.__module__}.{function.__qualname__}"
+        name, code = f"{function.__module__}.{function.__qualname__}", function.__code__
         self.functions.add(name)
-        self.texts.append(f"{name} {options} {_code(function.__code__, function.__doc__)} {function.__defaults__}")
-        for name, value in _used(function):
-            self._value(name, value)
+        self.texts.append(f"{name} {options} {_code(code, function.__doc__)}")
+        self._file(function.__module__, code.co_filename)
+        loaded, names = _names(function)
+        for default in (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).items()):
+            self._value("default", default, names)
+        for used in loaded:
+            self._value(used, function.__globals__[used], names)
+        for used, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
+            self._value(used, cell.cell_contents, names)
 
-    def _value(self, name: str, value: Any) -> None:
+    def _value(self, name: str, value: Any, names: frozenset[str]) -> None:
+        """What a function uses by a name; `names`: all that it mentions, among them attributes of modules."""
         if isinstance(value, EntryPoint):
             self.texts.append(f"{name} {_signature(value)}")
             self.callees[value.symbol] = value
@@ -143,12 +165,45 @@ class _Walk:
             self._function(value.py_func, f"{value.inline}")
         elif isinstance(value, Primitive):
             self.texts.append(value.name)
+        elif isinstance(value, types.ModuleType):
+            self._module(name, value, names)
         elif isinstance(value, type) and issubclass(value, Struct):
             self._struct(value)
+        elif isinstance(getattr(value, "py_func", None), types.FunctionType):  # Numba's own decorators
+            self._function(value.py_func, _constant(getattr(value, "targetoptions", None)))
+        elif isinstance(value, types.FunctionType) and not _is_known(value.__module__):
+            self._function(value)
+        elif isinstance(value, tuple):
+            self.texts.append(f"{name} {type(value).__qualname__} {getattr(value, '_fields', ())}")
+            for i, part in enumerate(value):
+                self._value(f"{name}.{i}", part, names)
+        elif isinstance(value, EnumMeta):
+            members = [(member, _constant(getattr(value, member).value)) for member in value.__members__]
+            self.texts.append(f"{name} {value.__qualname__} {members}")
         elif isinstance(value, type) and hasattr(value, "_fields"):
-            self.texts.append(f"{name} {value.__qualname__} {getattr(value, '_fields', ())}")
+            self.texts.append(f"{name} {value.__qualname__} {value._fields}")
+        elif isinstance(value, np.ndarray) and not (value.flags.c_contiguous or value.flags.f_contiguous):
+            raise InputError(f"{name}: an array with gaps given; allowed in compiled functions: contiguous")
         else:
             self.texts.append(f"{name} {_constant(value)}")
+            module = value.__module__ if isinstance(value, type) else type(value).__module__
+            self._file(module, getattr(sys.modules.get(module), "__file__", None))
+
+    def _module(self, name: str, module: types.ModuleType, names: frozenset[str]) -> None:
+        """Attributes of a module that are mentioned; `names`: as for `_value`."""
+        self.texts.append(f"{name} {module.__name__}")
+        if _is_known(module.__name__) or (id(module), names) in self._seen:
+            return
+        self._seen.add((id(module), names))
+        self._file(module.__name__, module.__file__)
+        for attribute in sorted(names):
+            if hasattr(module, attribute):
+                self._value(f"{name}.{attribute}", getattr(module, attribute), names)
+
+    def _file(self, module: str | None, path: str | None) -> None:
+        """A file of a module outside this package, as a whole."""
+        if path is not None and not _is_known(module) and (module or "").partition(".")[0] != PACKAGE:
+            self.texts.append(f"{module} {_file_hash(path)}")
 
     def _struct(self, kind: Any) -> None:
         own: Any = next(
@@ -173,14 +228,3 @@ def callees(entry: EntryPoint) -> list[EntryPoint]:
 def key(entry: EntryPoint) -> str:
     """Hash of everything that the compiled code of an entry point depends on."""
     return hashlib.sha256("\n".join([_compiler(), *_walk(entry).texts]).encode()).hexdigest()[:20]
-
-
-def callees_of(function: Any) -> list[EntryPoint]:
-    """Entry points called by a part."""
-    return list(_Walk(function).callees.values())
-
-
-def of_function(function: Any) -> str:
-    """The key of a part that is compiled by itself, for any types."""
-    walk = _Walk(function)
-    return hashlib.sha256("\n".join([_compiler(), *walk.texts]).encode()).hexdigest()[:20]

@@ -15,7 +15,6 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, codegen, compiler, dispatcher, registry, typed_passes, types, untyped_passes
-from numba.core.caching import CompileResultCacheImpl
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
 from numba.core.datamodel import models
@@ -224,38 +223,8 @@ def part(kernel: Kernel) -> Any:
 
 
 def alone(kernel: Kernel) -> Any:
-    """A part as a separate function in Numba's cache; its callees are loaded even if it is found there."""
-    for entry in keys.callees_of(kernel.py_func):
-        store.address(entry)
-    return _dispatcher(kernel, cache=kernel.cached)
-
-
-class _Locator:
-    """Numba's cache location of a separately compiled part: a folder named by its key."""
-
-    def __init__(self, function: Any) -> None:
-        self._path = store.home() / "parts" / f"{function.__module__}.{function.__qualname__}"
-        self._key = keys.of_function(function)
-
-    @classmethod
-    def from_function(cls, function: Any, _path: str) -> _Locator | None:
-        return cls(function) if function.__module__.startswith(f"{keys.PACKAGE}.") else None
-
-    def ensure_cache_path(self) -> None:
-        self._path.mkdir(parents=True, exist_ok=True)
-
-    def get_cache_path(self) -> str:
-        return str(self._path)
-
-    def get_source_stamp(self) -> str:
-        return self._key
-
-    def get_disambiguator(self) -> str:
-        return self._key
-
-
-_locators: list[Any] = CompileResultCacheImpl._locator_classes  # noqa: SLF001 (not all versions have a setting for it)
-_locators.insert(0, _Locator)
+    """A part as a separate function, compiled in each process; tests call such."""
+    return _dispatcher(kernel)
 
 
 def _signature_of(entry: EntryPoint) -> Any:
@@ -351,6 +320,13 @@ def _add_overload(self: Any, compiled: Any) -> None:
     self.overloads[tuple(compiled.signature.args)] = compiled
 
 
+def _no_address(_builder: Any, _address: int, info: str) -> Any:
+    """Stand in for an object of this process, whose address means nothing in another that loads the code."""
+    if info != "Kernel" and not info.endswith("Dispatcher"):  # functions are called by their names
+        raise TypeError(f"{info} given; allowed in compiled functions: what has no address")
+    return ir.Constant(POINTER, None)
+
+
 @global_compiler_lock
 def object_code(entry: EntryPoint) -> bytes:
     """Object code of an entry point, for the target of this process (NUMBA_CPU_NAME)."""
@@ -359,6 +335,7 @@ def object_code(entry: EntryPoint) -> bytes:
     typing_context, context = target.typing_context, target.target_context
     generator = context.codegen()
     generator._library_class = _Unoptimised  # noqa: SLF001
+    context.allow_dynamic_globals, context.add_dynamic_addr = False, _no_address
     context.get_executable = lambda *_: object()  # nothing runs here; each is one of its own
     dispatcher._DispatcherBase.add_overload = _add_overload  # noqa: SLF001
     own = _signature_of(entry)

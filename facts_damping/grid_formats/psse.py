@@ -198,7 +198,9 @@ def _machine(record: Dynamic, unit: Unit, where: str, notes: list[str]) -> Row:
     if model == "classical":
         return row | {"Xd1": unit.row["ZX"]}
     row["Xq2"] = row["Xd2"]
-    if row["S12"] <= row["S10"]:
+    if row["S10"] == 0.0 < row["S12"]:
+        notes.append(f"{where}: of {unit.name}: S(1.0) is 0: without saturation, as in PSS/E")
+    if row["S10"] == 0.0 or row["S12"] <= row["S10"]:
         row["S10"] = row["S12"] = 0.0
     return row
 

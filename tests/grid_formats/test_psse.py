@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 GRID_FILES = int(os.environ.get("GRID_FILES", "160"))  # more of it: GRID_FILES=5000 python -m pytest tests/grid_formats
 DATA = Path(__file__).parents[1] / "data"
 RAW, DYR = DATA / "three_machines.raw", DATA / "three_machines.dyr"
+THREE_BUSES = DATA / "psse_three_buses.raw"
 ANDES = json.loads((DATA / "three_machines_andes.json").read_text(encoding="utf-8"))
 
 
@@ -69,6 +70,18 @@ def test_power_flow_and_all_modes_are_those_of_andes(tmp_path: Path) -> None:
     for value in theirs:
         if abs(value.imag) > 1e-3:
             assert np.abs(ours - value).min() < 1e-4
+
+
+# Beside PSS/E
+
+
+@pytest.mark.parametrize(("S10", "S12", "angle_deg"), [(0.1, 0.8, 55.0949), (0.0, 1.0, 58.9624), (0.5, 1.3, 48.0636)])
+def test_start_has_the_rotor_angle_of_psse(S10: float, S12: float, angle_deg: float, tmp_path: Path) -> None:
+    """PSS/E takes S(1.0) = 0 as no saturation at all."""
+    source = "101 'GENCLS' 1 300 0 /\n102 'GENROU' 1 8 0.03 0.4 0.05 6.175 0.05 1.8 1.7 0.3 0.55 0.25 0.2"
+    case = build(imported(tmp_path, THREE_BUSES.read_text(), f"{source} {S10} {S12} /\n"), [], [])
+    start = dict(zip(case.state_names, case.state.x, strict=False))
+    assert np.degrees(start["G102.delta"]) == pytest.approx(angle_deg, abs=1e-4)
 
 
 # Versions and units

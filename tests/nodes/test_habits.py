@@ -281,9 +281,10 @@ from facts_damping.compiling import store
 class Compiler:
     def __init__(self, command, **_):
         for symbol in command[3:]:
-            (store.home() / store.file_name(warmup.ENTRY_POINTS[symbol])).touch()
-    def wait(self):
-        return 0
+            store._write(warmup.ENTRY_POINTS[symbol], b"")
+    returncode = 0
+    def communicate(self):
+        return None, b""
 subprocess.Popen = Compiler
 warmup.compile_once()
 warmup.compile_once()
