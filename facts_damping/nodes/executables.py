@@ -19,7 +19,7 @@ def _start(node: str, *, computes: bool = True) -> None:
         signal.signal(number, lambda *_: os._exit(0))  # until the node handles signals: nothing to clean up yet
     signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)  # a launch blocks them until here
     if computes:
-        importlib.import_module("facts_damping.nodes.base.warmup").compile_once()
+        importlib.import_module("facts_damping.nodes.base.warmup").compile_or_exit(node)
     importlib.import_module(f"facts_damping.nodes.{node}").main()
 
 

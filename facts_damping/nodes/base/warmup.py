@@ -12,6 +12,7 @@ import sys
 
 from facts_damping.compiling.kernels import ENTRY_POINTS
 from facts_damping.compiling.store import address, prepare, ship
+from facts_damping.errors import FactsDampingError, InputError, one_line, traced
 
 ROOMS = ("facts_damping.simulation.loop", "facts_damping.nodes.transport.packing")  # modules that import all kernels
 
@@ -21,6 +22,15 @@ def compile_once() -> None:
     for room in ROOMS:
         importlib.import_module(room)
     prepare(ENTRY_POINTS.values())
+
+
+def compile_or_exit(program: str) -> None:
+    """Do the same; if that cannot be done, end with a line that begins with the program's name."""
+    try:
+        compile_once()
+    except FactsDampingError as error:
+        sys.stderr.write(f"{program}: {one_line(error)}\n{traced(error)}")
+        sys.exit(2 if isinstance(error, InputError) else 1)
 
 
 def load() -> None:
@@ -36,4 +46,4 @@ if __name__ == "__main__":
             importlib.import_module(module)
         ship(ENTRY_POINTS.values())
     else:
-        compile_once()
+        compile_or_exit("kernels")

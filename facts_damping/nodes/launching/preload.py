@@ -7,6 +7,7 @@ import gc
 import importlib
 import os
 import shutil
+from contextlib import suppress
 
 import rcl_interfaces.srv
 from facts_damping_msgs.srv import Apply, Step
@@ -16,6 +17,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from facts_damping.case.loading import load_case
+from facts_damping.errors import FactsDampingError
 from facts_damping.nodes import recorder
 from facts_damping.nodes.base.warmup import load
 from facts_damping.nodes.launching import forked
@@ -29,16 +31,21 @@ PARAMETER_SERVICES = (
     *("ListParameters", "SetParameters", "SetParametersAtomically"),
 )
 SERVICES = (*(getattr(rcl_interfaces.srv, name) for name in PARAMETER_SERVICES), Apply, Step, Trigger)
-CASE = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
-MESSAGES = set(recorder.topics(CASE).values())
 
-for kind in (Clock, ParameterEvent, *SERVICES, *MESSAGES):
-    check_for_type_support(kind)
-for name in map(recorder.message_type, MESSAGES):
-    type_hash(name, schema_text(name))
 
-# Load the kernels from their cache into this process.
-load()
+def load_all() -> None:
+    """Load type support of messages and services, and the kernels from their cache, into this process."""
+    case = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
+    messages = set(recorder.topics(case).values())
+    for kind in (Clock, ParameterEvent, *SERVICES, *messages):
+        check_for_type_support(kind)
+    for name in map(recorder.message_type, messages):
+        type_hash(name, schema_text(name))
+    load()
+
+
+with suppress(FactsDampingError):  # the command tells it
+    load_all()
 
 # This process ends last, even if its parent was killed and could not remove the folder.
 if forked.FOLDER in os.environ:
