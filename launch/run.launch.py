@@ -186,6 +186,7 @@ def view(argument: str, port: str, namespace: str, run: dict[str, object]) -> No
         namespace=namespace or None,
         parameters=[{**run, "port": int(port)}],
         prefix=PREFIX,
+        output="screen",  # the address of the page has a token
     )
 
 

@@ -11,7 +11,7 @@ from facts_damping.case.names import label
 from facts_damping.cli.runs import out_folder, say, tell_graph
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
-from facts_damping.terminal import Progress
+from facts_damping.terminal import Progress, clean_up_first
 
 if TYPE_CHECKING:
     import argparse
@@ -56,7 +56,7 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _replay(arguments: argparse.Namespace) -> None:
     """Serve one or two recordings until interrupted."""
-    from facts_damping.cockpit import access, server
+    from facts_damping.cockpit import server
     from facts_damping.nodes.base.asyncio_thread import AsyncioThread
     from facts_damping.recording.reader import load
 
@@ -69,14 +69,19 @@ def _replay(arguments: argparse.Namespace) -> None:
         for i, path in enumerate(paths):
             progress(i, len(paths))
             records.append(load(path))
-    token = access.new_token(arguments.host)
-    shown = server.Cockpit(content(paths, records), host=arguments.host, token=token)
+    shown = server.Cockpit(content(paths, records), host=arguments.host)
     serving = server.Server(shown, arguments.host, arguments.port)
+    clean_up_first()
     thread = AsyncioThread()
     running = thread.begin(serving.serve())
-    say(arguments, f"cockpit: {serving.address}")
-    sys.stdout.flush()
-    running.result()
+    try:
+        say(arguments, f"cockpit: {serving.address}")
+        sys.stdout.flush()
+        running.result()
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("the page is no longer served") from None
+    finally:
+        thread.close()  # a report that is being computed ends with it
 
 
 def content(paths: list[str], records: list[Record]) -> Content:

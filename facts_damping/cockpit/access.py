@@ -1,8 +1,8 @@
 """Who may use a cockpit: by Host, Origin and token; and what its pages may do, by headers.
 
-The server listens at 127.0.0.1 unless told otherwise; elsewhere it asks for a token, which the address holds once and a
-cookie afterwards. The Host header must be one under which it serves (DNS rebinding), and the Origin of the socket the
-page's own.
+It asks for a token, also at 127.0.0.1, where every user of the computer can connect. The printed address holds it, and
+a cookie afterwards. The Host header must be one under which it serves (DNS rebinding), and the Origin of the socket the
+page's own. Other sites may open the page, but fetch nothing (Sec-Fetch-Site; programs and old browsers send none).
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 EXTRA = "cockpit"
 HTTP = 80  # port that a Host header leaves out
+SITES = ("same-origin", "none")  # Sec-Fetch-Site of what the page asks for, and of an address that the user gives
+# What the address with the token answers. A redirect would not do: after a link from another site it lacks the cookie.
+OPENS = '<!DOCTYPE html><link rel="icon" href="data:,"><meta http-equiv="refresh" content="0; url=/">'
 
 # Scripts and data come from this server alone. A report has its scripts inside: it runs without this origin's rights.
 POLICY = (
@@ -31,10 +34,11 @@ HEADERS = {"x-content-type-options": "nosniff", "referrer-policy": "no-referrer"
 
 
 class RequestFilter:
-    """Refuses requests under another host, from another origin, or without the token."""
+    """Refuses requests under another host, from another origin or site, or without the token."""
 
-    def __init__(self, app: Callable[..., Awaitable[None]], host: str, token: str | None) -> None:
-        self._app, self._token = app, token
+    def __init__(self, app: Callable[..., Awaitable[None]], host: str, token: str, count: Callable[[], None]) -> None:
+        """`count`: called for each refused request."""
+        self._app, self._token, self._count = app, token, count
         self._names = {"127.0.0.1", "localhost"} if is_loopback(host) else {host, socket.gethostname().lower()}
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
@@ -46,16 +50,17 @@ class RequestFilter:
         requests, datastructures = library("starlette.requests", EXTRA), library("starlette.datastructures", EXTRA)
         headers, cookie = requests.HTTPConnection(scope).headers, f"cockpit_{(scope.get('server') or ('', 0))[1]}"
         refused = self._refused(scope, headers)
-        if refused:
-            answer = responses.PlainTextResponse(refused, 403)
-        elif self._token is None or self._is_token(requests.HTTPConnection(scope).cookies.get(cookie, "")):
+        if not refused and self._is_token(requests.HTTPConnection(scope).cookies.get(cookie, "")):
             await self._app(scope, receive, _with_headers(send, datastructures.MutableHeaders))
             return
-        elif scope["path"] == "/" and self._is_token(requests.HTTPConnection(scope).query_params.get("token", "")):
-            answer = responses.RedirectResponse("/", 303)
+        token = requests.HTTPConnection(scope).query_params.get("token", "")
+        if not refused and scope["path"] == "/" and self._is_token(token):
+            answer = responses.HTMLResponse(OPENS)
             answer.set_cookie(cookie, self._token, httponly=True, samesite="strict")
         else:
-            answer = responses.PlainTextResponse("token: none or another given; allowed: the address as printed", 403)
+            self._count()
+            reason = refused or "token: none or another given; allowed: the address as printed"
+            answer = responses.PlainTextResponse(reason, 403)
         if scope["type"] == "websocket":
             await receive()  # websocket.connect
             await send({"type": "websocket.close", "code": 4403})  # before it is accepted: status 403
@@ -63,10 +68,10 @@ class RequestFilter:
         await answer(scope, receive, _with_headers(send, datastructures.MutableHeaders))
 
     def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), (self._token or "").encode())
+        return hmac.compare_digest(given.encode(), self._token.encode())
 
     def _refused(self, scope: Any, headers: Any) -> str:
-        """Why a request is refused by its Host and Origin; empty if it is not."""
+        """Why a request is refused by its Host, Origin and site; empty if it is not."""
         host = headers.get("host", "").lower()
         name, port = (scope.get("server") or ("", None))[:2]
         hosts = [f"[{one}]" if ":" in one else one for one in (*self._names, str(name).lower())]
@@ -76,6 +81,9 @@ class RequestFilter:
         origin, own = headers.get("origin"), f"http://{host}"
         if origin != own and (origin is not None or scope["type"] == "websocket"):
             return f"Origin: {(origin or 'none')[:80]} given; allowed: {own}"
+        site, opens = headers.get("sec-fetch-site", "none"), headers.get("sec-fetch-dest") == "document"
+        if scope["type"] == "http" and site not in SITES and not (opens and scope["path"] == "/"):
+            return f"Sec-Fetch-Site: {site[:80]} given; allowed: {', '.join(SITES)}"
         return ""
 
 
@@ -98,6 +106,6 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-def new_token(host: str) -> str | None:
-    """A token for a server that others can reach; None: it needs none."""
-    return None if is_loopback(host) else secrets.token_urlsafe(24)
+def new_token() -> str:
+    """A token that nobody can guess."""
+    return secrets.token_urlsafe(24)

@@ -1,4 +1,4 @@
-"""Reports of what is recorded so far, by processes of their own."""
+"""Reports of what is recorded so far, by processes of their own, one at a time."""
 
 from __future__ import annotations
 
@@ -6,17 +6,69 @@ import asyncio
 import os
 import sys
 import tempfile
+from collections import Counter
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from facts_damping.input_files import read_bytes
 
+if TYPE_CHECKING:
+    from collections.abc import Coroutine
+
+T = TypeVar("T")
 REPORT_S = 300.0  # longest time for a report
 REPORT_BYTES = 100_000_000  # longest report
 
+Report = tuple[bytes | None, str]  # the page, or why there is none
 
-async def report(recording: str) -> tuple[bytes | None, str]:
-    """The page of `facts-damping analyze RECORDING --report` for what is recorded so far, or why there is none."""
+
+class Reports:
+    """Computes one report at a time. Who asks for one that is being computed shares it; it ends when all have gone."""
+
+    def __init__(self) -> None:
+        self._turn = asyncio.Lock()
+        self._tasks: dict[str, asyncio.Task[Report]] = {}  # by recording
+        self._waiting = Counter[str]()  # clients, by recording
+
+    async def get(self, recording: str) -> Report:
+        """The page of a recording, or why there is none. Raises `InputError` if it is too long."""
+        if recording not in self._tasks:
+            self._tasks[recording] = asyncio.create_task(self._in_turn(recording))
+        self._waiting[recording] += 1
+        try:
+            return await asyncio.shield(self._tasks[recording])
+        finally:
+            self._waiting[recording] -= 1
+            if not self._waiting[recording]:
+                self._tasks.pop(recording).cancel()
+
+    async def _in_turn(self, recording: str) -> Report:
+        async with self._turn:
+            return await report(recording)
+
+
+async def while_there(request: Any, work: Coroutine[Any, Any, T]) -> T | None:
+    """The result of work for a client. If the client goes away, the work is cancelled; then None."""
+    tasks = asyncio.ensure_future(work), asyncio.ensure_future(_gone(request))
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        return tasks[0].result() if tasks[0].done() else None
+    finally:
+        for task in tasks:
+            task.cancel()
+
+
+async def _gone(request: Any) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+async def report(recording: str) -> Report:
+    """The page of `facts-damping analyze RECORDING --report` for what is recorded so far, or why there is none.
+
+    If it is cancelled, nothing is left of it.
+    """
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "report.html"
         command = [
@@ -32,14 +84,16 @@ async def report(recording: str) -> tuple[bytes | None, str]:
             stdout=asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.PIPE,
         )
-        with suppress(OSError):  # it may have ended
-            os.setpriority(os.PRIO_PROCESS, process.pid, 10)
         try:
+            with suppress(OSError):  # it may have ended
+                os.setpriority(os.PRIO_PROCESS, process.pid, 10)
             _, errors = await asyncio.wait_for(process.communicate(), REPORT_S)
         except asyncio.TimeoutError:
-            process.kill()
-            await process.wait()
             return None, f"report: not done within {REPORT_S:g} s"
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
         if page.is_file():
             return read_bytes(page, REPORT_BYTES), ""
         return None, errors.decode(errors="replace").strip().rpartition("\n")[2]

@@ -18,8 +18,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.cockpit import controls as of_controls
-from facts_damping.cockpit.access import EXTRA, POLICY, REPORT_POLICY, RequestFilter
-from facts_damping.cockpit.reports import report
+from facts_damping.cockpit.access import EXTRA, POLICY, REPORT_POLICY, RequestFilter, new_token
+from facts_damping.cockpit.reports import Reports, while_there
 from facts_damping.errors import InputError, one_line
 from facts_damping.extras import library
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from facts_damping.cockpit.controls import Control, Request, Values
 
     Answer = Callable[[bool, str], None]
+
 
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 (only if `--host` says so)
 HOST, PORT = "127.0.0.1", 8766
@@ -93,17 +94,17 @@ class Cockpit:
         ask: Callable[[Request, Answer], None] | None = None,
         *,
         host: str = HOST,
-        token: str | None = None,
     ) -> None:
-        """`ask`: carries out a request and calls back with success and message; `token`: asked for if given."""
+        """`ask`: carries out a request and calls back with success and message."""
         self.content, self.controls, self._ask = content, dict(controls or {}), ask
-        self.token, self._host = token, host
+        self.token, self._host = new_token(), host
         self.values: Values = {}
         self.clients: set[Client] = set()
-        self.counts = dict.fromkeys(("clients", "frames_left_out", "texts_left_out", "messages_refused"), 0)
+        counted = ("clients", "frames_left_out", "texts_left_out", "messages_refused", "requests_refused")
+        self.counts = dict.fromkeys(counted, 0)
         self._events: deque[str] = deque(maxlen=KEPT)
         self._status: dict[str, Any] = {}
-        self._reporting = asyncio.Lock()
+        self._reports = Reports()
         self.app = self._made()
 
     def _made(self) -> Any:
@@ -118,7 +119,10 @@ class Cockpit:
             routing.WebSocketRoute("/socket", self._socket),
             routing.Mount("/static", static.StaticFiles(directory=STATIC)),
         ]
-        return RequestFilter(applications.Starlette(routes=routes), self._host, self.token)
+        return RequestFilter(applications.Starlette(routes=routes), self._host, self.token, self._count_refused)
+
+    def _count_refused(self) -> None:
+        self.counts["requests_refused"] += 1
 
     # What the run tells.
 
@@ -259,16 +263,15 @@ class Cockpit:
         return _of_panel(request, events, "application/json")
 
     async def _report(self, request: Any) -> Any:
-        """A report of what is recorded so far, made by a process of its own."""
+        """A report of what is recorded so far, made by a process of its own; it ends when all who asked have gone."""
         responses, known = library("starlette.responses", EXTRA), self.content.recordings
         panel = request.path_params.get("panel", next(iter(known), ""))
         if panel not in known:
             return responses.PlainTextResponse(f"report: {panel[:80]!r} given; allowed: {_names(known)}", 404)
-        async with self._reporting:
-            try:
-                page, reason = await report(known[panel])
-            except InputError as error:  # it is too long
-                page, reason = None, one_line(error)
+        try:
+            page, reason = await while_there(request, self._reports.get(known[panel])) or (None, "its client has gone")
+        except InputError as error:  # it is too long
+            page, reason = None, one_line(error)
         if page is None:
             return responses.PlainTextResponse(reason, 503)
         return responses.HTMLResponse(page, headers={"content-security-policy": REPORT_POLICY})
@@ -335,6 +338,8 @@ class Server:
 
     def __init__(self, cockpit: Cockpit, host: str, port: int) -> None:
         uvicorn = library("uvicorn", EXTRA)
+        from facts_damping.cockpit import connections  # noqa: PLC0415 (it needs uvicorn)
+
         try:
             self._socket = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
         except (OSError, OverflowError) as error:
@@ -344,12 +349,13 @@ class Server:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(2e3 * SEND_S))
         self.port: int = self._socket.getsockname()[1]
         more: dict[str, Any] = {"ws": "websockets-sansio", "ws_max_size": LONGEST, "ws_per_message_deflate": False}
+        more |= {"http": connections.Connection, "backlog": connections.WAITING}
         more |= {"lifespan": "off", "log_config": None, "log_level": "critical", "access_log": False}
         more |= {"server_header": False, "timeout_graceful_shutdown": 1, "limit_concurrency": 16 * CLIENTS}
         self._server = uvicorn.Server(uvicorn.Config(cockpit.app, **more))
         reached = socket.gethostname() if host in EVERYWHERE else host
         shown = f"[{reached}]" if ":" in reached else reached
-        self.address = f"http://{shown}:{self.port}/" + (f"?token={cockpit.token}" if cockpit.token else "")
+        self.address = f"http://{shown}:{self.port}/?token={cockpit.token}"
 
     async def serve(self) -> None:
         """Serve until `stop`."""

@@ -5,6 +5,7 @@ It publishes nothing. It reads the newest message of each topic twenty times a s
 
 from __future__ import annotations
 
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import Context
 from functools import partial
@@ -20,7 +21,7 @@ from std_srvs.srv import Trigger
 
 from facts_damping.case import names
 from facts_damping.case.names import SUPERVISED, label
-from facts_damping.cockpit import access, controls, layout, samples, server, words
+from facts_damping.cockpit import controls, layout, samples, server, words
 from facts_damping.nodes import clock
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.log import NodeLog
@@ -125,8 +126,7 @@ class Cockpit:
             shown | {"duration": case.run.duration}, recordings={title: recording} if recording else {}
         )
         asks = controls.controls(case, launched=launched)
-        token = access.new_token(self.host)
-        self.cockpit = server.Cockpit(content, asks, self.ask, host=self.host, token=token)
+        self.cockpit = server.Cockpit(content, asks, self.ask, host=self.host)
         self.asked: SimpleQueue[tuple[Request, Callable[[bool, str], None]]] = SimpleQueue()
         self.values = samples.Live(self.panel)
         self.newest: dict[str, bytes] = {}  # of a topic, until it is decoded
@@ -284,8 +284,9 @@ class Cockpit:
 
     def run(self) -> None:
         """Serve until stopped."""
-        self.log.line(self.server.address)
-        self.log.info(f"open in a browser: {self.server.address.partition('?')[0]}")
+        sys.stdout.write(f"{self.server.address}\n")  # never in a log, which others read: it has the token
+        sys.stdout.flush()
+        self.log.info("open in a browser: the address on standard output")
         due = status_due = clock.monotonic()
         with ThreadPoolExecutor(1) as beside:
             estimating = beside.submit(dict[str, Any])

@@ -9,16 +9,18 @@ import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.cockpit import server
 from facts_damping.monitor_table import STATES
 from facts_damping.recording.reader import load
 from tests.chromium import CHROMIUM, START, needs_browser
+from tests.cockpit.serving import serving
 from tests.passed import inputs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*", "tests/chromium.py"])
+pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*", "tests/chromium.py", "tests/cockpit/serving.py"])
 
 RUN = [sys.executable, "-m", "facts_damping", "run", "two_area_deployment", "--supervised", "--cockpit", "0"]
 CALM = ("duration=3600", "scenario=[]", "load_noise=null", "watchdog=null")
@@ -37,7 +39,7 @@ class Browser:
     """A page of a graph, and what went wrong in it."""
 
     def __init__(self, page: Any, address: str) -> None:
-        self.page, self.address, self.wrong = page, address, list[str]()
+        self.page, self.origin, self.wrong = page, address.partition("?")[0], list[str]()
         page.on("pageerror", lambda one: self.wrong.append(str(one)))
         page.on("console", lambda one: self.wrong.append(one.text) if one.type == "error" else None)
         page.on("request", lambda one: self.asked(one.url))
@@ -46,7 +48,7 @@ class Browser:
 
     def asked(self, url: str) -> None:
         """Note a request to anywhere else."""
-        if not url.startswith((self.address, self.address.replace("http", "ws"), "data:")):
+        if not url.startswith((self.origin, self.origin.replace("http", "ws"), "data:")):
             self.wrong.append(url)
 
     def until(self, condition: str) -> None:
@@ -127,6 +129,25 @@ def test_delay_makes_the_swing_grow_until_the_supervisor_trips(domain: int, tmp_
     assert delays[-4:] == [0.3, 0.4, None, 0.4]
     assert STATES.index("tripped") in record.supervision["state"]
     assert sum(event.kind == "fault" for event in record.events) == 2
+
+
+@needs_browser
+def test_link_on_another_site_opens_the_page() -> None:
+    """For a browser localhost is another site than 127.0.0.1; there it gets a text, as it has no cookie."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415
+
+    layout = {"type": "layout", "title": "it", "mode": "live", "panels": [], "controls": [], "duration": None}
+    with serving(server.Cockpit(server.Content(layout))) as (served, _), sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=CHROMIUM, args=START)
+        page, origin = started.new_page(), served.address.partition("?")[0]
+        page.goto(origin.replace("127.0.0.1", "localhost"))
+        page.evaluate("(address) => { document.body.innerHTML = `<a href=${address}>it</a>`; }", served.address)
+        page.click("a")
+        for _ in range(2):
+            page.wait_for_selector("#title:has-text('it')")
+            assert page.url == origin
+            page.reload()
+        started.close()
 
 
 @needs_browser

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
-from websockets.typing import Origin
 
 from facts_damping.case.loading import load_case
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from tests.cockpit.serving import page_socket
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, nodes_left, quiet
 
 if TYPE_CHECKING:
@@ -36,9 +35,7 @@ class Page:
         self.thread = threading.Thread(target=lambda: None)
 
     def open(self, address: str) -> None:
-        origin = Origin(address.rstrip("/"))
-        connection = connect(address.replace("http", "ws") + "socket", origin=origin, max_size=None)
-        self.thread = threading.Thread(target=self.listen, args=(connection,), daemon=True)
+        self.thread = threading.Thread(target=self.listen, args=(page_socket(address),), daemon=True)
         self.thread.start()
 
     def listen(self, connection: Any) -> None:

@@ -6,7 +6,7 @@ import json
 import socket
 import sys
 import time
-from functools import partial
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,15 +14,14 @@ import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.cockpit import content
 from facts_damping.cli.main import main
-from facts_damping.cockpit import access, controls, server
+from facts_damping.cockpit import controls, server
 from facts_damping.errors import InputError
-from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.simulation import loop
+from tests.cockpit.serving import page_socket, request, serving
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -57,10 +56,18 @@ def cockpit(table: Any, asked: Asked) -> server.Cockpit:
     return server.Cockpit(server.Content(LAYOUT), table, asked)
 
 
+@contextmanager
+def opened(cockpit: server.Cockpit) -> Iterator[TestClient]:
+    """A client that has the cookie."""
+    with TestClient(cockpit.app, base_url=ADDRESS) as browser:
+        assert browser.get(f"/?token={cockpit.token}").status_code == 200
+        yield browser
+
+
 @pytest.fixture
 def client(cockpit: server.Cockpit) -> Iterator[TestClient]:
-    with TestClient(cockpit.app, base_url=ADDRESS) as made:
-        yield made
+    with opened(cockpit) as browser:
+        yield browser
 
 
 def heard(session: Any, kind: str) -> Any:
@@ -92,12 +99,30 @@ def test_page_and_its_files_come_from_here_alone(client: TestClient) -> None:
         ({"host": "127.0.0.1:80"}, 403),
         ({"origin": "http://evil.example"}, 403),
         ({"origin": "null"}, 403),
+        ({"sec-fetch-site": "none", "sec-fetch-dest": "document"}, 200),  # an address that was typed
+        ({"sec-fetch-site": "cross-site", "sec-fetch-dest": "document"}, 200),  # a link
+        ({"sec-fetch-site": "cross-site", "sec-fetch-dest": "image"}, 403),
     ],
 )
-def test_other_hosts_and_origins_are_refused(client: TestClient, headers: dict[str, str], status: int) -> None:
+def test_requests_of_other_hosts_origins_and_sites_are_refused_and_counted(
+    client: TestClient, cockpit: server.Cockpit, headers: dict[str, str], status: int
+) -> None:
     answer = client.get("/", headers=headers)
     assert answer.status_code == status
     assert status == 200 or "given; allowed: " in answer.text
+    assert client.portal is not None
+    client.portal.call(cockpit.status, {"run": "running"})
+    with client.websocket_connect(SOCKET, headers=OWN) as session:
+        assert heard(session, "status")["counts"]["requests_refused"] == (status == 403)
+
+
+@pytest.mark.parametrize(
+    ("site", "status"), [("same-origin", 404), ("none", 404), ("same-site", 403), ("cross-site", 403), ("x", 403)]
+)
+def test_report_is_for_the_page_and_for_typed_addresses(client: TestClient, site: str, status: int) -> None:
+    """404: it is allowed, but nothing is recorded."""
+    headers = {"sec-fetch-site": site, "sec-fetch-dest": "document"}
+    assert client.get("/report", headers=headers).status_code == status
 
 
 @pytest.mark.parametrize("origin", [None, "http://evil.example", "https://127.0.0.1:8766", "http://localhost:8766"])
@@ -109,27 +134,27 @@ def test_socket_needs_the_page_s_own_origin(client: TestClient, origin: str | No
         assert heard(session, "layout")["title"] == "it"
 
 
-def test_server_that_others_reach_asks_for_a_token() -> None:
-    assert access.new_token("127.0.0.1") is access.new_token("localhost") is access.new_token("::1") is None
-    token = access.new_token("0.0.0.0")
-    assert token is not None
+@pytest.mark.parametrize("host", ["127.0.0.1", "192.0.2.7"])
+def test_server_asks_for_a_token(host: str) -> None:
+    cockpit, other = (server.Cockpit(server.Content(LAYOUT), host=host) for _ in range(2))
+    token = cockpit.token
     assert len(token) >= 32
-    app = server.Cockpit(server.Content(LAYOUT), host="192.0.2.7", token=token).app
-    address = "http://192.0.2.7:8766"
-    with TestClient(app, base_url=address, follow_redirects=False) as client:
-        for path in ("/", "/static/index.html", "/?token=", "/?token=other", f"/data/it?token={token}"):
+    address = f"http://{host}:8766"
+    with TestClient(cockpit.app, base_url=address) as client:
+        for path in ("/", "/static/index.html", "/?token=", f"/?token={other.token}", f"/data/it?token={token}"):
             assert client.get(path).status_code == 403, path
         with (
             pytest.raises(WebSocketDisconnect),
             client.websocket_connect(f"{address}/socket".replace("http", "ws"), headers={"origin": address}),
         ):
             pass
+        assert cockpit.counts["requests_refused"] == 6
         answer = client.get(f"/?token={token}")
-        assert (answer.status_code, answer.headers["location"]) == (303, "/")
-        cookie = answer.headers["set-cookie"].lower()
-        assert "httponly" in cookie
-        assert "samesite=strict" in cookie
-        assert client.get("/").status_code == 200
+        assert "cockpit.js" not in answer.text  # it opens the page, as a redirect would
+        given = answer.headers["set-cookie"].lower()
+        assert "httponly" in given
+        assert "samesite=strict" in given
+        assert "cockpit.js" in client.get("/").text
         with client.websocket_connect(
             f"{address}/socket".replace("http", "ws"), headers={"origin": address}
         ) as session:
@@ -209,25 +234,18 @@ def test_client_that_does_not_read_costs_little_and_delays_nobody(
     """Frames of 20 kB: 40 MB in all, of which it may keep what fits into the buffers of its connection."""
     monkeypatch.setattr(server, "SEND_S", 0.5)
     cockpit = server.Cockpit(server.Content(LAYOUT), table, asked)
-    served = server.Server(cockpit, "127.0.0.1", 0)
-    thread = AsyncioThread()
-    running = thread.begin(served.serve())
-    address = f"ws://127.0.0.1:{served.port}/socket"
-    origin: Any = f"http://127.0.0.1:{served.port}"
-    stalled = socket.create_connection(("127.0.0.1", served.port))
-    stalled.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="  # RFC 6455, 1.3
-    stalled.sendall(
-        f"GET /socket HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nOrigin: {origin}\r\nUpgrade: websocket\r\n"
-        f"Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n{key}\r\n\r\n".encode()
-    )
-    try:
+    upgrade = f"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n{key}\r\n"
+    with serving(cockpit) as (served, thread):
+        origin = served.address.partition("/?")[0]
+        stalled = request(served.address, "/socket", f"Origin: {origin}\r\n{upgrade}")
+        stalled.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         deadline = time.monotonic() + 20.0
         while not cockpit.clients:
             assert time.monotonic() < deadline
             time.sleep(0.01)
         (slow,) = cockpit.clients
-        with connect(address, origin=origin, max_size=None) as reader:
+        with page_socket(served.address) as reader:
             while len(cockpit.clients) < 2:
                 assert time.monotonic() < deadline
                 time.sleep(0.01)
@@ -253,32 +271,22 @@ def test_client_that_does_not_read_costs_little_and_delays_nobody(
                 assert time.monotonic() < deadline
                 time.sleep(0.05)
             assert cockpit.counts["frames_left_out"] == slow.frames_left_out
-    finally:
         stalled.close()
-        served.stop()
-        running.result(5.0)
-        thread.close()
 
 
 def test_message_that_is_too_long_ends_its_connection_alone(table: Any, asked: Asked) -> None:
-    served = server.Server(server.Cockpit(server.Content(LAYOUT), table, asked), "127.0.0.1", 0)
-    thread = AsyncioThread()
-    running = thread.begin(served.serve())
-    origin: Any = f"http://127.0.0.1:{served.port}"
-    join = partial(connect, f"ws://127.0.0.1:{served.port}/socket", origin=origin)
-    try:
-        with join() as one, join() as other:
-            one.recv()
-            other.recv()
-            one.send(" " * (server.LONGEST + 1))
-            with pytest.raises(ConnectionClosed, match="1009"):
-                one.recv(timeout=10.0)
-            other.send("x")
-            assert not json.loads(other.recv(timeout=10.0))["success"]
-    finally:
-        served.stop()
-        running.result(5.0)
-        thread.close()
+    with (
+        serving(server.Cockpit(server.Content(LAYOUT), table, asked)) as (served, _),
+        page_socket(served.address) as one,
+        page_socket(served.address) as other,
+    ):
+        one.recv()
+        other.recv()
+        one.send(" " * (server.LONGEST + 1))
+        with pytest.raises(ConnectionClosed, match="1009"):
+            one.recv(timeout=10.0)
+        other.send("x")
+        assert not json.loads(other.recv(timeout=10.0))["success"]
 
 
 def test_replay_gives_what_is_recorded() -> None:
@@ -286,7 +294,7 @@ def test_replay_gives_what_is_recorded() -> None:
     shown = content(["one", "two"], records)
     first, second = (panel["name"] for panel in shown.layout["panels"])
     assert (shown.layout["mode"], len(shown.layout["panels"])) == ("replay", 2)
-    with TestClient(server.Cockpit(shown).app, base_url=ADDRESS) as client:
+    with opened(server.Cockpit(shown)) as client:
         for name, record in zip((first, second), records, strict=True):
             data = np.frombuffer(client.get(f"/data/{name}").content, "<f4")
             panel = next(one for one in shown.layout["panels"] if one["name"] == name)
@@ -315,7 +323,7 @@ def test_report_is_made_by_the_command_and_has_no_rights_here(
     script.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(script))
     shown = server.Content(LAYOUT, recordings={"one": "good", "a/b": "bad"})
-    with TestClient(server.Cockpit(shown, table, asked).app, base_url=ADDRESS) as client:
+    with opened(server.Cockpit(shown, table, asked)) as client:
         for path in ("/report", "/report/one"):
             answer = client.get(path)
             assert (answer.status_code, answer.text) == (200, "of good\n")
