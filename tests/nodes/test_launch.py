@@ -212,8 +212,9 @@ def test_arguments_change_the_run_of_all_nodes(launched: Any, tmp_path: Path) ->
     for node in found:
         assert node.namespace == "lab"
         assert node.parameters["set"] == ["link=pdci", "duration=5", "controllers.0.name=HBsWC", "seed=3"]
-    views = [action.named["parameters"] for action in started if type(action).__name__ == "Node"]
-    assert [one[-1] for one in views if len(one) > 1] == [str(file)] * 4
+    named = [action.named for action in started if type(action).__name__ == "Node"]
+    assert [one["parameters"][-1] for one in named if len(one["parameters"]) > 1] == [str(file)] * 4
+    assert {one["output"] for one in named} == {"screen"}  # there the cockpit has its address
     assert nodes(launched("run.launch.py", set="seed=3"))[0].parameters["set"] == ["seed=3"]
 
 
