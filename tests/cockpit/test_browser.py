@@ -136,7 +136,14 @@ def test_link_on_another_site_opens_the_page() -> None:
     """For a browser localhost is another site than 127.0.0.1; there it gets a text, as it has no cookie."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415
 
-    layout = {"type": "layout", "title": "it", "mode": "live", "panels": [], "controls": [], "duration": None}
+    layout: dict[str, Any] = {
+        "type": "layout",
+        "title": "it",
+        "mode": "live",
+        "panels": [],
+        "controls": [],
+        "duration": None,
+    }
     with serving(server.Cockpit(server.Content(layout))) as (served, _), sync_playwright() as driver:
         started = driver.chromium.launch(executable_path=CHROMIUM, args=START)
         page, origin = started.new_page(), served.address.partition("?")[0]
