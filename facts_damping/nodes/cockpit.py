@@ -5,7 +5,6 @@ It publishes nothing. It reads the newest message of each topic twenty times a s
 
 from __future__ import annotations
 
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import Context
 from functools import partial
@@ -284,8 +283,7 @@ class Cockpit:
 
     def run(self) -> None:
         """Serve until stopped."""
-        sys.stdout.write(f"{self.server.address}\n")  # never in a log, which others read: it has the token
-        sys.stdout.flush()
+        self.log.line(self.server.address, always=True)  # it has the token: never in a log, which others may read
         self.log.info("open in a browser: the address on standard output")
         due = status_due = clock.monotonic()
         with ThreadPoolExecutor(1) as beside:

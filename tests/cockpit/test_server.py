@@ -151,9 +151,9 @@ def test_server_asks_for_a_token(host: str) -> None:
         assert cockpit.counts["requests_refused"] == 6
         answer = client.get(f"/?token={token}")
         assert "cockpit.js" not in answer.text  # it opens the page, as a redirect would
-        given = answer.headers["set-cookie"].lower()
-        assert "httponly" in given
-        assert "samesite=strict" in given
+        header = answer.headers["set-cookie"].lower()
+        assert "httponly" in header
+        assert "samesite=strict" in header
         assert "cockpit.js" in client.get("/").text
         with client.websocket_connect(
             f"{address}/socket".replace("http", "ws"), headers={"origin": address}

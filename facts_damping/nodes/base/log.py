@@ -22,9 +22,9 @@ class NodeLog:
         self._name, self._logger = node.get_fully_qualified_name().lstrip("/"), node.get_logger()
         self.lines = bool(node.get_parameter("progress").value)
 
-    def line(self, text: str) -> None:
-        """Write a line for the program."""
-        if self.lines:
+    def line(self, text: str, *, always: bool = False) -> None:
+        """Write a line for the program; `always`: also for a user, but not in the log."""
+        if self.lines or always:
             sys.stdout.write(f"{escaped(text)}\n")
             sys.stdout.flush()
 
