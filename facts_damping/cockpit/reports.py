@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import subprocess
 import sys
 import tempfile
 from collections import Counter
@@ -71,29 +72,23 @@ async def report(recording: str) -> Report:
     """
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "report.html"
-        command = [
-            *(sys.executable, "-m", "facts_damping", "analyze", recording),
-            "--report",
-            str(page),
-            "--out",
-            folder,
-        ]
-        process = await asyncio.create_subprocess_exec(
-            *command,
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.DEVNULL,
-            stderr=asyncio.subprocess.PIPE,
-        )
+        process = _begin("analyze", recording, "--report", str(page), "--out", folder)
         try:
-            with suppress(OSError):  # it may have ended
-                os.setpriority(os.PRIO_PROCESS, process.pid, 10)
-            _, errors = await asyncio.wait_for(process.communicate(), REPORT_S)
-        except asyncio.TimeoutError:
+            _, errors = await asyncio.to_thread(process.communicate, timeout=REPORT_S)
+        except subprocess.TimeoutExpired:
             return None, f"report: not done within {REPORT_S:g} s"
-        finally:
-            if process.returncode is None:
-                process.kill()
-                await process.wait()
+        finally:  # waits for its end right here: when the server ends, all that is awaited is cancelled
+            process.kill()
+            process.wait()
         if page.is_file():
             return read_bytes(page, REPORT_BYTES), ""
         return None, errors.decode(errors="replace").strip().rpartition("\n")[2]
+
+
+def _begin(*arguments: str) -> subprocess.Popen[bytes]:
+    """Start a command of this package, which leaves the processors to others."""
+    command, null = [sys.executable, "-m", "facts_damping", *arguments], subprocess.DEVNULL
+    process = subprocess.Popen(command, stdin=null, stdout=null, stderr=subprocess.PIPE)
+    with suppress(OSError):  # it may have ended
+        os.setpriority(os.PRIO_PROCESS, process.pid, 10)
+    return process
