@@ -145,6 +145,8 @@ def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
     if not free.in_synchronism.all():
         return [f"{text}; without control synchronism is lost at {free.time_s[-1]:.1f} s"]
     other = itae(free) if event else _rms(free)
+    if not other:  # nothing has happened yet
+        return [f"{text}, without control 0"]
     change = _change(own / other) if event else f"variance {_variance(record, free, (own / other) ** 2)}"
     return [f"{text}, without control {other:.3g}: {change}"]
 

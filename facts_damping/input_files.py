@@ -63,10 +63,19 @@ def naming_no_files(who: str) -> Iterator[None]:
         _others.reset(before)
 
 
-def is_file(path: Path) -> bool:
-    """Whether the file exists. Raises `InputError` if the source of the name may not open files."""
+def is_file(path: Path, allowed: str = "a file") -> bool:
+    """Whether there is a file. Raises `InputError` for anything else, and if the source of the name may not open files.
+
+    `allowed`: what may be given, for the error.
+    """
     _check_named(path)
-    return path.is_file()
+    try:
+        _check_kind(path, path.stat(), maximum=None, allowed=allowed)
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a name that no file can have
+        return False
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; allowed: {allowed}") from error
+    return True
 
 
 def read_bytes(path: Path, maximum: int = TEXT) -> bytes:
@@ -127,8 +136,8 @@ def _check_named(path: Path) -> None:
     raise InputError(f"{path}: named by {who}, which may open no file; allowed: its content")
 
 
-def _check_kind(path: Path, about: os.stat_result, maximum: int) -> None:
+def _check_kind(path: Path, about: os.stat_result, maximum: int | None, allowed: str = "a file") -> None:
     if not stat.S_ISREG(about.st_mode):
-        raise InputError(f"{path}: {KINDS.get(stat.S_IFMT(about.st_mode), 'no file')} given; allowed: a file")
-    if about.st_size > maximum:
+        raise InputError(f"{path}: {KINDS.get(stat.S_IFMT(about.st_mode), 'no file')} given; allowed: {allowed}")
+    if maximum is not None and about.st_size > maximum:
         raise InputError(f"{path}: {about.st_size} bytes; allowed: at most {maximum}")

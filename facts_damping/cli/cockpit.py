@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
 from facts_damping.case.names import label
-from facts_damping.cli.runs import out_folder, say, tell_graph
+from facts_damping.cli.runs import WITH_RUN, is_recording, out_folder, say, tell_graph
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
+from facts_damping.simulation.replay import check_has_run
 from facts_damping.terminal import Progress, clean_up_first
 
 if TYPE_CHECKING:
@@ -25,8 +25,7 @@ def cockpit(arguments: argparse.Namespace) -> None:
     from facts_damping.cockpit import server
 
     server.check_libraries()
-    path = Path(arguments.what or "")
-    if arguments.what is not None and (path.is_dir() or path.suffix == ".mcap"):
+    if is_recording(arguments.what):
         _replay(arguments)
     elif arguments.other is not None:
         raise InputError(f"{arguments.other}: given beside a run; allowed: beside a recording")
@@ -89,11 +88,11 @@ def content(paths: list[str], records: list[Record]) -> Content:
     from facts_damping.cockpit import layout, samples, server, words
     from facts_damping.findings import names
 
+    for path, record in zip(paths, records, strict=True):
+        check_has_run(record, path, WITH_RUN)
     labels = names(records)
     panels, data, events = [], {}, {}
     for path, name, record in zip(paths, labels, records, strict=True):
-        if not record.configuration:
-            raise InputError(f"{path}: holds no run; allowed: a recording of this package")
         case = loading.recorded_case(record.configuration, path)
         made = layout.panel(case, name)
         panels.append(made.shown)

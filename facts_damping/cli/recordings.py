@@ -72,7 +72,7 @@ def replay(arguments: argparse.Namespace) -> None:
         raise RunError(f"setpoints differ from those recorded, from {first}")
     for what, tick in others.items():
         if tick is not None and not arguments.set:
-            raise RunError(f"setpoints are those recorded, but {what} differ from tick {tick} on")
+            raise RunError(f"setpoints are as recorded, but {what} not, from tick {tick} on")
 
 
 def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str]) -> None:

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     Results = list[dict[str, Any]]
 
 HOST = "127.0.0.1"  # of a cockpit
+RECORDINGS = (".mcap", ".db3")  # suffixes of a recording's files
+WITH_RUN = "a recording that holds its run"
 FREE = "no_control"  # stands for a recording: the same run without control
 
 
@@ -41,6 +43,12 @@ def out_folder(arguments: argparse.Namespace, name: str) -> Path:
     begun = f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
     numbered = (Path("results") / (begun if k == 1 else f"{begun}-{k}") for k in count(1))  # for several in one second
     return next(folder for folder in numbered if not folder.exists())
+
+
+def is_recording(what: str | None) -> bool:
+    """Whether a command line names a recording, not a run."""
+    path = Path(what or "")
+    return what is not None and (path.is_dir() or path.suffix in RECORDINGS)
 
 
 def say(arguments: argparse.Namespace, *texts: str) -> None:
@@ -104,16 +112,21 @@ def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome
     ]
     if outcome is not None:
         flaws += outcome.fallen
-        refused = [
-            (cause, count)
-            for (_, cause, topic, _), count in outcome.messages_refused.items()
-            if topic != "/diagnostics"  # other programs may publish there
-        ]
-        flaws += [f"refused messages: {by_cause(refused)}"] if refused else []
+        flaws += [f"refused messages: {by_cause(refused)}"] if (refused := _refused(result, outcome)) else []
         flaws += [f"the recorder lost {outcome.messages_lost} messages"] if outcome.messages_lost else []
         flaws += [f"of tick {record.gap_tick} not all was recorded"] if record.gap_tick is not None else []
     if flaws:
         raise DegradedError(f"the run ended, but: {'; '.join(flaws)}")
+
+
+def _refused(result: Mapping[str, Any], outcome: Outcome) -> list[tuple[str, int]]:
+    """Cause and count of refused messages as the recording, and thus the table, has them; else as nodes told them.
+
+    Nodes count on after the recorder's end. Empty if all were on `/diagnostics`, where other programs may publish.
+    """
+    told = [(topic, cause, count) for (_, cause, topic, _), count in outcome.messages_refused.items()]
+    rows = [(row["topic"], row["cause"], row["count"]) for row in result["refused_messages"]] or told
+    return [(cause, count) for _, cause, count in rows] if {topic for topic, *_ in rows} - {"/diagnostics"} else []
 
 
 def simulate(arguments: argparse.Namespace) -> None:
@@ -254,7 +267,7 @@ def views(arguments: argparse.Namespace) -> None:
     from facts_damping.views import layouts
 
     path = Path(arguments.what or "")
-    if arguments.what is not None and (path.is_dir() or path.suffix == ".mcap"):
+    if is_recording(arguments.what):
         if arguments.set:
             raise InputError(f"--set {arguments.set[0]}: given with a recording; allowed: with a run")
         content, namespace = origin(path)

@@ -12,11 +12,11 @@ import numpy as np
 
 from facts_damping.case import loading
 from facts_damping.case.names import controller_names, label, link_addresses
-from facts_damping.cli.runs import out_folder, say, tell_graph
+from facts_damping.cli.runs import WITH_RUN, out_folder, say, tell_graph
 from facts_damping.errors import InputError, RunError
 from facts_damping.parameters.streams import read_streams, server
 from facts_damping.signals import NEVER
-from facts_damping.simulation.replay import case_of
+from facts_damping.simulation.replay import case_of, check_has_run
 from facts_damping.streaming import listening, recorded, serving
 from facts_damping.streaming.pdc import WAIT_S, Pdc
 from facts_damping.streaming.serving import Serving
@@ -34,6 +34,7 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
     from facts_damping.recording.reader import load
 
     record = load(arguments.recording)
+    check_has_run(record, str(arguments.recording), WITH_RUN)
     case = case_of(record, str(arguments.recording), None, [])
     links, link = len(link_addresses(case)), arguments.behind
     if link is not None and link >= links:

@@ -10,9 +10,8 @@ import numpy as np
 
 from facts_damping.digest import digest
 from facts_damping.errors import OLD_NAMES, InputError, RecordingError, one_line
-from facts_damping.parameters.plant.system import System
+from facts_damping.parameters.recorded_run import recorded_run
 from facts_damping.parameters.run import Run
-from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording import decode, events, gaps
 from facts_damping.recording.gaps import OF_LINKS
@@ -22,7 +21,7 @@ from facts_damping.recording.writer import CONFIGURATION
 from facts_damping.signals import NANOSECONDS, Record
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -54,7 +53,7 @@ REQUIRED = ("frames", "state")  # required of every recording
 CLOSED_LOOP = ("delivered", "issued", "applied")  # required of a run with controllers
 # Kinds with several topics: one per link, controller, identifier, ...
 SEVERAL = (*OF_LINKS, "issued", "supervised", "supervision", "estimates", "learning", "diagnostics")
-SETPOINTS = ("issued", "supervised", "applied")  # several messages of one tick are all kept
+ALL_COUNT = ("applied",)  # several messages of one tick are all kept: each has acted
 SILENT_S = 0.5  # s of frames, in a cut recording
 UNTIMED = ("events", "refused", "diagnostics", "changes", "run")  # messages without a tick
 
@@ -87,9 +86,9 @@ def origin(path: Path | str) -> tuple[dict[str, Any], str]:
     Raises RecordingError as `load` does, and if the configuration is missing.
     """
     content = scan(path)
-    configuration, _ = _configuration(content)
+    configuration, notes = _configuration(content)
     if not configuration:
-        raise RecordingError(content.refusal(f"{path}: the run's configuration is missing"))
+        raise RecordingError(f"{path}: {'; '.join(notes)}")
     try:
         frames = _topics(content, controlled=False)["frames"][0]
     except RecordingError as error:
@@ -100,12 +99,12 @@ def origin(path: Path | str) -> tuple[dict[str, Any], str]:
 def _assemble(content: Content, configuration: dict[str, Any], notes: list[str]) -> Record:
     topics = _topics(content, bool(configuration.get("controllers")))
     silent = set() if content.complete else _silent(content, topics["frames"][0], configuration.get("frame_rate"))
-    messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
+    messages = _messages(content, topics, notes)
     events.subtract_epoch(messages, topics["state"], configuration.get("frame_rate"))
     of = expected(configuration)
     drop_foreign(messages, topics, of, notes)
     found = {
-        kind: [decode.series(topic, messages[topic], kind in SETPOINTS, notes) for topic in names]
+        kind: [decode.series(topic, messages[topic], kind in ALL_COUNT, notes) for topic in names]
         for kind, names in topics.items()
         if kind not in UNTIMED
     }
@@ -175,13 +174,9 @@ def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
     if not isinstance(configuration, dict):
         return {}, [*notes, "the run's configuration is missing"]
     try:
-        run = check(Run, configuration, CONFIGURATION)
-        check(Run, run.asked or {}, CONFIGURATION, None, "asked")
-        if isinstance(run.system, dict):
-            check(System, run.system, CONFIGURATION, None, "system")
+        return recorded_run(configuration, CONFIGURATION), notes
     except InputError as error:
         return {}, [*notes, f"the run's configuration does not fit this version and is left out: {error}"]
-    return configuration, notes
 
 
 def _topics(content: Content, controlled: bool) -> dict[str, list[str]]:
@@ -220,15 +215,22 @@ def _link_place(namespace: str, graph: str, issued: Sequence[str]) -> int:
     return max(decode.place(name) for name in [*beside, namespace.rpartition("/")[2]])
 
 
-def _messages(content: Content, topics: Sequence[str], notes: list[str]) -> dict[str, list[Block]]:
-    """Decoded messages of the given topics, in file order. Empties `content.messages`."""
-    data: dict[str, list[bytes]] = {topic: [] for topic in topics}
+def _messages(content: Content, topics: Mapping[str, Sequence[str]], notes: list[str]) -> dict[str, list[Block]]:
+    """Decoded messages of the given topics, by kind, in file order. Empties `content.messages`.
+
+    Copies of setpoints are left out: only one of them has acted.
+    """
+    data: dict[str, list[bytes]] = {topic: [] for names in topics.values() for topic in names}
     for message in content.messages:
         if message.topic in data:
             data[message.topic].append(message.data)
     content.messages.clear()  # frees the memory: an hour of messages takes a gigabyte
+    for topic in (name for kind in ALL_COUNT for name in topics[kind]):
+        count, data[topic] = len(data[topic]), list(dict.fromkeys(data[topic]))
+        if len(data[topic]) < count:
+            notes.append(f"{topic}: {count - len(data[topic])} messages are copies of others: the first counts")
     found: dict[str, list[Block]] = {}
-    for topic in topics:
+    for topic in list(data):
         try:
             found[topic] = decode.decode(content.topics[topic], data.pop(topic), notes)
         except RecordingError as error:

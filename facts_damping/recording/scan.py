@@ -21,7 +21,7 @@ from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
 from facts_damping.errors import InputError, RecordingError, one_line
-from facts_damping.input_files import RECORDING, read_bytes, read_text
+from facts_damping.input_files import RECORDING, is_file, read_bytes, read_text
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.bagfile import CUSTOM, DIGEST, FILE_NAME, INFORMATION, TopicInfo
 from facts_damping.recording.chunks import UnpackLimit, check_counts, unpack
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SQLITE = ".db3"
+GIVEN = f"a recording's folder, or an .mcap or {SQLITE} file"
 
 
 class RawMessage(NamedTuple):
@@ -80,14 +81,14 @@ def scan(path: Path | str) -> Content:
     """
     about = metadata(Path(path) / FILE_NAME)
     content = Content(digest=_stored_digest(about))
-    for file in _bag_files(Path(path), about):
-        try:
+    try:
+        for file in _bag_files(Path(path), about):
             if file.suffix == SQLITE:
                 _scan_database(file, content)
             else:
                 _scan_mcap(file, content)
-        except InputError as error:
-            raise RecordingError(str(error)) from error
+    except InputError as error:
+        raise RecordingError(str(error)) from error
     if not content.messages:
         raise RecordingError(content.refusal(f"{path} holds no message"))
     return content
@@ -95,11 +96,11 @@ def scan(path: Path | str) -> Content:
 
 def _bag_files(path: Path, about: dict[str, Any]) -> list[Path]:
     """Files of a recording in the order of metadata.yaml, which is `about`, else of the numbers in their names."""
-    if path.is_file():
-        return [path]
     if not path.is_dir():
-        raise RecordingError(f"{path} does not exist; give a recording's folder or an .mcap file")
-    found = [file for file in path.iterdir() if file.suffix in (".mcap", SQLITE) and file.is_file()]
+        if is_file(path, GIVEN):
+            return [path]
+        raise RecordingError(f"{path} does not exist; allowed: {GIVEN}")
+    found = [file for file in path.iterdir() if file.suffix in (".mcap", SQLITE) and is_file(file)]
     files = sorted(found, key=lambda file: [int(n) for n in re.findall(r"\d+", file.stem)][-1:])
     if not files:
         packed = ", ".join(sorted(file.name for file in path.glob("*.zstd")))

@@ -76,11 +76,14 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str], *, po
     return make_case(content, source, origins)
 
 
-def check_has_run(record: Record, source: str) -> None:
-    """Raise `InputError` if a record does not hold its run's configuration, as with `ros2 bag record`."""
+def check_has_run(record: Record, source: str, allowed: str = "--run with its run") -> None:
+    """Raise `InputError` if a record does not hold its run's configuration, as with `ros2 bag record`.
+
+    `allowed`: what may be given instead, for the error, which ends with the record's notes: one of them has the reason.
+    """
     if not record.configuration:
         notes = "; ".join(["", *record.notes])
-        raise InputError(f"{source}: holds no run; allowed: --run with its run{notes}")
+        raise InputError(f"{source}: holds no run; allowed: {allowed}{notes}")
 
 
 def _refuse_code(content: dict[str, Any], changes: set[str], source: str) -> None:

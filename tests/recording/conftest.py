@@ -9,6 +9,8 @@ import pytest
 import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from facts_damping.case.loading import read_system
+from facts_damping.parameters.recorded_run import recorded_run
 from facts_damping.recording import RecordingWriter, schema_text
 from facts_damping.signals import (
     CHANNELS,
@@ -53,12 +55,21 @@ def identifier(controller: int) -> str:
     return f"/identifier_{controller}_X/estimate"
 
 
-CONFIGURATION = {
-    "system": "two_area",
-    "controllers": [{"name": name, "devices": DEVICES} for name in "AB"],
-    "frame_rate": RATE,
-    "duration": 20,
+_TWO_AREA = read_system("two_area").model_dump(by_alias=True)
+_BARE = ("exciters", "governors", "stabilisers", "signals", "measures")  # of all machines: left out
+_SYSTEM = {name: value for name, value in _TWO_AREA.items() if name not in _BARE} | {
+    "machines": [machine for machine in _TWO_AREA["machines"] if machine["name"] in MACHINES],
+    "pmus": [{**_TWO_AREA["pmus"][0], "name": name} for name in PMUS],
 }
+CONFIGURATION = recorded_run(
+    {
+        "system": _SYSTEM,
+        "controllers": [{"name": name, "devices": DEVICES} for name in "AB"],
+        "frame_rate": RATE,
+        "duration": 20,
+    },
+    "test",
+)
 
 
 def make_record(seed: int, ticks: int = 30) -> Record:
