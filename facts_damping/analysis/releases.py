@@ -86,9 +86,12 @@ def refused_text(counts: dict[str, int] | None) -> str:
     return ", ".join(f"{number} by {cause}" for cause, number in counts.items() if number)
 
 
-def by_cause(counted: Iterable[tuple[str, int]]) -> str:
-    """Text of refusals that were counted in several places: total and causes."""
+def refused_messages(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Text of messages that nodes refused: totals by cause; empty if there are none.
+
+    Those on `/diagnostics` do not count: other programs may publish there.
+    """
     counts: Counter[str] = Counter()
-    for cause, number in counted:
-        counts[cause] += number
-    return refused_text(counts)
+    for row in rows:
+        counts[row["cause"]] += row["count"] * (row["topic"] != "/diagnostics")
+    return refused_text(counts) if counts.total() else ""

@@ -129,7 +129,7 @@ def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[st
         found.append(("impossible latencies", [str(s.get("latencies_left_out", 0)) for s in summaries]))
     if any(s.get("refused_messages") for s in summaries):
         each = [s.get("refused_messages") or [] for s in summaries]  # each node counts the messages that it received
-        texts = [releases.by_cause((row["cause"], row["count"]) for row in rows) for rows in each]
+        texts = [releases.refused_messages(rows) or "-" for rows in each]
         found.append(("refused messages", texts))
     return found
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     Named = list[tuple[str, Record]]
     Results = list[dict[str, Any]]
 
+REFUSAL = ("node", "cause", "topic", "source", "count")  # of messages that a node refused
 HOST = "127.0.0.1"  # of a cockpit
 RECORDINGS = (".mcap", ".db3")  # suffixes of a recording's files
 WITH_RUN = "a recording that holds its run"
@@ -102,7 +103,7 @@ def _step_times(took: Mapping[str, StepTimes]) -> tuple[dict[str, Any], list[str
 
 def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome | None = None) -> None:
     """Raise `DegradedError` if a run ended but was degraded; `outcome`: of its graph."""
-    from facts_damping.analysis.releases import by_cause, joined_text, released_text
+    from facts_damping.analysis.releases import joined_text, refused_messages, released_text
     from facts_damping.analysis.supervision import tripped_texts
 
     flaws = [
@@ -112,21 +113,13 @@ def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome
     ]
     if outcome is not None:
         flaws += outcome.fallen
-        flaws += [f"refused messages: {by_cause(refused)}"] if (refused := _refused(result, outcome)) else []
+        told = [dict(zip(REFUSAL, [*how, n], strict=True)) for how, n in outcome.messages_refused.items()]
+        refused = refused_messages(result["refused_messages"] or told)  # as in the table; nodes count to their end
+        flaws += [f"refused messages: {refused}"] if refused else []
         flaws += [f"the recorder lost {outcome.messages_lost} messages"] if outcome.messages_lost else []
         flaws += [f"of tick {record.gap_tick} not all was recorded"] if record.gap_tick is not None else []
     if flaws:
         raise DegradedError(f"the run ended, but: {'; '.join(flaws)}")
-
-
-def _refused(result: Mapping[str, Any], outcome: Outcome) -> list[tuple[str, int]]:
-    """Cause and count of refused messages as the recording, and thus the table, has them; else as nodes told them.
-
-    Nodes count on after the recorder's end. Empty if all were on `/diagnostics`, where other programs may publish.
-    """
-    told = [(topic, cause, count) for (_, cause, topic, _), count in outcome.messages_refused.items()]
-    rows = [(row["topic"], row["cause"], row["count"]) for row in result["refused_messages"]] or told
-    return [(cause, count) for _, cause, count in rows] if {topic for topic, *_ in rows} - {"/diagnostics"} else []
 
 
 def simulate(arguments: argparse.Namespace) -> None:

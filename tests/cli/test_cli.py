@@ -288,6 +288,9 @@ def test_what_did_not_go_well_is_one_line() -> None:
     with pytest.raises(DegradedError) as caught:
         check_ended_well(joined, replace(record, gap_tick=7), bad)
     assert str(caught.value) == said
+    recorded = [{"node": "/wan_link", "cause": "publisher", "topic": "/pmu/frames", "source": "/forger", "count": 2}]
+    with pytest.raises(DegradedError, match="refused messages: 2 by publisher;"):  # as the table of the recording
+        check_ended_well({**result, "refused_messages": recorded}, record, bad)
 
 
 def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
