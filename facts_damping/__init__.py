@@ -8,7 +8,11 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.version import __version__ as __version__
+from facts_damping.interruption import handle_early
+
+handle_early()  # the rest takes longer to load
+
+from facts_damping.version import __version__ as __version__  # noqa: E402 (after the above)
 
 if TYPE_CHECKING:
     from facts_damping.api import *  # noqa: F403 (types, for those who check them)

@@ -3,33 +3,28 @@
 from __future__ import annotations
 
 import csv
-import ctypes
 import io
 import itertools
 import json
 import os
-import signal
 import sys
 import threading
 import time
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from facts_damping.escaping import escaped, shortened
+from facts_damping.interruption import interruptions_held
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from typing_extensions import Self
 
-exit_now = os._exit  # kept for contexts in which user code may not call it
 CM, USUAL_PT, PRINT_DPI = 2.54, 10.0, 300  # cm per inch; usual text size of pictures; resolution if a width is given
-INTERRUPTED = 130  # exit status
 SILENCE_S = 3.0  # s; a busy line appears after this time without output
-PR_SET_PDEATHSIG = 1  # constant of prctl(2)
-INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # also from a plain kill, or when the terminal closes
 
 
 def duration(seconds: float) -> str:
@@ -205,23 +200,6 @@ def replacing(path: Path) -> Iterator[Path]:
             raise
 
 
-@contextmanager
-def interruptions_held() -> Iterator[None]:
-    """Delay interruptions until after the block."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    received: list[int] = []
-    before = {number: signal.signal(number, lambda number, _: received.append(number)) for number in INTERRUPTIONS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
-        if received:
-            signal.raise_signal(received[0])
-
-
 def write_whole(path: Path, text: str) -> None:
     """Write a file whole or not at all; devices are written directly."""
     if path.exists() and not path.is_file():
@@ -266,34 +244,6 @@ def save_picture(figure: Any, path: Path, **options: Any) -> Path:
     return place
 
 
-def heeded() -> list[signal.Signals]:
-    """Interruptions that this process handles: all except SIGHUP if that is ignored, as after `nohup`."""
-    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    return [one for one in INTERRUPTIONS if one != signal.SIGHUP or not ignored]
-
-
-def end_at_once(_number: int, _frame: Any) -> None:
-    """Handle an interruption by ending the process, while there is nothing to clean up.
-
-    An exception could be lost inside Python itself, above all in an import.
-    """
-    leave("interrupted")
-
-
-def leave(reason: str) -> NoReturn:
-    """End this process at once because of an interruption, with a line of output."""
-    os.write(2, f"facts-damping: {reason}\n".encode())
-    exit_now(INTERRUPTED)
-
-
-def clean_up_first() -> None:
-    """From here on interruptions raise an exception, because there is something to clean up or report."""
-    if threading.current_thread() is threading.main_thread():
-        for number in INTERRUPTIONS:
-            if signal.getsignal(number) is end_at_once:
-                signal.signal(number, signal.default_int_handler)
-
-
 def write_json(target: str | None, content: Any) -> None:
     """Write JSON to a file, or to standard output for `-`."""
     if target is not None:
@@ -317,11 +267,6 @@ def finite(content: Any) -> Any:
     if isinstance(content, float) and content - content != 0.0:
         return None
     return content
-
-
-def tie_to_parent(number: int = signal.SIGTERM) -> None:
-    """Have the kernel send this process a signal when its parent ends for any reason."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number)
 
 
 @contextmanager

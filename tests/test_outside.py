@@ -402,5 +402,5 @@ def test_a_library_that_hangs_does_not_hold_the_command(tmp_path: Path) -> None:
         time.sleep(0.3)  # until it hangs
         popen.send_signal(signal.SIGTERM)
         _, errors = popen.communicate(timeout=60)
-    assert popen.returncode == 130
+    assert popen.returncode == 143
     assert errors == "facts-damping: interrupted; user code has not returned\n"

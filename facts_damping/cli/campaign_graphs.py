@@ -12,9 +12,10 @@ from threading import Event, Lock
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import FactsDampingError, one_line
+from facts_damping.interruption import clean_up_first
 from facts_damping.parameters.files import new_folder
 from facts_damping.parameters.security import add_key
-from facts_damping.terminal import clean_up_first, write_whole
+from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from facts_damping import report
+from facts_damping import interruption, report
 from facts_damping.analysis import details
 from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.analysis.summary import table
@@ -60,14 +60,15 @@ def _newest(folder: Path) -> Path:
 def main() -> int:
     """Entry point of `python -m facts_damping.cli.demo`."""
     folder = Path("results") / f"demo-{time.strftime('%Y%m%d-%H%M%S')}"
-    try:
-        run_all(folder)
-    except FactsDampingError as error:
-        note(f"demo: {one_line(error)}")
-        return 1
-    except KeyboardInterrupt:
-        note("demo: interrupted")
-        return 130
+    with interruption.handled():
+        try:
+            run_all(folder)
+        except FactsDampingError as error:
+            note(f"demo: {one_line(error)}")
+            return 1
+        except KeyboardInterrupt:
+            note("demo: interrupted")
+            return interruption.status()
     return 0
 
 

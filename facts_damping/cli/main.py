@@ -6,12 +6,11 @@ from __future__ import annotations
 import gc
 import importlib
 import os
-import signal
 import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from facts_damping import terminal
+from facts_damping import interruption, terminal
 from facts_damping.cli import options
 from facts_damping.cli.commands import parser
 from facts_damping.errors import VERBOSE, DegradedError, FactsDampingError, InputError, RecordingError, one_line, traced
@@ -35,19 +34,16 @@ STATUSES: tuple[tuple[type[FactsDampingError], int], ...] = (
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Entry point: exit status 0 done, 1 the run failed, 2 bad input, 3 degraded, 130 interrupted."""
-    before = {number: signal.getsignal(number) for number in terminal.INTERRUPTIONS}
-    for number in terminal.INTERRUPTIONS:
-        if before[number] != signal.SIG_IGN:
-            signal.signal(number, terminal.end_at_once)
+    """Entry point: exit status 0 done, 1 the run failed, 2 bad input, 3 degraded, 130, 143 or 129 interrupted."""
     verbose = os.environ.get(VERBOSE)
-    try:
-        return _main(argv)
-    finally:
-        os.environ.pop(VERBOSE, None)
-        os.environ.update({} if verbose is None else {VERBOSE: verbose})
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with interruption.handled():
+        try:
+            return _main(argv)
+        except KeyboardInterrupt as error:
+            return _fail(interruption.text(str(error)), interruption.status())
+        finally:
+            os.environ.pop(VERBOSE, None)
+            os.environ.update({} if verbose is None else {VERBOSE: verbose})
 
 
 def _main(argv: list[str] | None) -> int:
@@ -57,8 +53,6 @@ def _main(argv: list[str] | None) -> int:
     except FactsDampingError as error:
         sys.stderr.write(escaped(traced(error)))
         return _fail(error, next(status for kind, status in STATUSES if isinstance(error, kind)))
-    except KeyboardInterrupt as error:
-        return _fail(f"interrupted; {str(error) or 'what was recorded by then is readable'}", terminal.INTERRUPTED)
     except BrokenPipeError:
         sys.stderr.close()
         return DONE

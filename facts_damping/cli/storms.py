@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.cli.runs import say
 from facts_damping.errors import RunError
+from facts_damping.interruption import clean_up_first
 from facts_damping.parameters.files import new_folder
-from facts_damping.terminal import Progress, clean_up_first, note, write_json, write_whole
+from facts_damping.terminal import Progress, note, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse
 
-    from facts_damping.storm.model import Storm
     from facts_damping.storm.running import Trace
     from facts_damping.storm.search import Findings
 
@@ -69,17 +69,21 @@ def _many(arguments: argparse.Namespace) -> None:
 
         found = search.search(arguments.minutes, arguments.seed, arguments.jobs, tell)
     folder = new_folder(Path(arguments.out or "results/storms"))
+    clean_up_first(f"kept in {folder}: {len(found.broken)} storms that broke a rule")
     say(arguments, *_summary(found, (time.monotonic() - began) / 60.0))
     files = []
     for number, (mark, storms) in enumerate(sorted(found.broken.items(), key=lambda row: -len(row[1]))):
         one, text = min(storms, key=lambda row: len(row[0].events))
-        mild: Storm = search.shrunk(one, mark)
         path = folder / f"storm-{number}.yaml"
-        write_whole(path, f"# {text}\n{mild.text()}")
+        write_whole(path, f"# {text}\n{one.text()}")
         say(arguments, f"{len(storms)} storms: {mark}", f"  {path}")
         files.append({"file": str(path), "rule": mark, "storms": len(storms), "text": text})
+        if found.complete:
+            write_whole(path, f"# {text}\n{search.shrunk(one, mark).text()}")
     totals: dict[str, Any] = {name: getattr(found, name) for name in ("storms", "world_s", "plant_s", "kinds")}
     write_json(arguments.json, totals | {"reached": len(found.reached), "broken": files})
+    if not found.complete:
+        raise KeyboardInterrupt
     if found.broken:
         raise RunError(f"{len(found.broken)} kinds of violations: {folder}")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,15 +9,15 @@ from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
 from facts_damping.cli.runs import page, say, summarise
 from facts_damping.errors import InputError, RunError
+from facts_damping.interruption import CONTINUES, clean_up_first
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping.studies.sweeps.batch import make
-from facts_damping.terminal import Progress, clean_up_first, write_json, write_whole
+from facts_damping.terminal import Progress, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
 
     from facts_damping.studies.campaigns.campaign import Plan as Campaign
     from facts_damping.studies.sweeps.sweep import Plan
@@ -117,8 +116,8 @@ def sweep(arguments: argparse.Namespace) -> None:
     plan = study.plan(arguments.study, sets, arguments.only, check_step=arguments.check_step)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
     _check_report(arguments.report, plan, folder)
-    clean_up_first()
-    with _continuing(folder), Progress(plan.name, "runs") as progress:
+    clean_up_first(f"{CONTINUES}: {folder}")
+    with Progress(plan.name, "runs") as progress:
         found = study.run(plan, folder, arguments.jobs, arguments.scheduler, progress)
     rows, margins = study.rows(found), study.found_margins(plan, found)
     fractions, across = study.found_fractions(plan, found), study.across(plan)
@@ -175,17 +174,17 @@ def campaign(arguments: argparse.Namespace) -> None:
 
     made = study.plan(arguments.campaign, arguments.set, arguments.draws, arguments.graphs)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / made.name
-    clean_up_first()
+    clean_up_first(f"{CONTINUES}: {folder}")
     if arguments.hunt is not None:
         _hunt(arguments, made, folder)
         return
-    with _continuing(folder), Progress("campaign", "draws") as progress:
+    with Progress("campaign", "draws") as progress:
         rows = study.run(made, folder, arguments.jobs, arguments.scheduler, progress)
     graphs: list[dict[str, Any]] = []
     if made.campaign.graphs:
         from facts_damping.cli import campaign_graphs
 
-        with _continuing(folder), Progress("campaign", "graphs") as progress:
+        with Progress("campaign", "graphs") as progress:
             graphs = campaign_graphs.graphs(made, folder, arguments.jobs, progress)
     given = [f"--{name} {value}" for name in ("draws", "graphs") if (value := getattr(arguments, name)) is not None]
     sets = [f"--set {change}" for change in arguments.set]
@@ -220,8 +219,7 @@ def _hunt(arguments: argparse.Namespace, made: Campaign, folder: Path) -> None:
     say(arguments, f"{hunt_pages.counts(found)}.", *hunt_pages.rules_table(hunt_pages.compared(found.rows)))
     say(arguments, *(f"written: {path}" for path in hunt_pages.write(made, found, folder, " ".join(command))))
     if not found.complete:
-        with _continuing(folder):
-            raise KeyboardInterrupt
+        raise KeyboardInterrupt
     errors = [row for row in found.rows if row["error"] is not None]
     if errors:
         raise RunError(f"{len(errors)} cases failed, the first: {errors[0]['error']}")
@@ -234,7 +232,8 @@ def score(arguments: argparse.Namespace) -> None:
     from facts_damping.studies.score.worst import with_worst
 
     case_set = card.read_set(arguments.cases)
-    own = candidates(case_set, arguments.controller, arguments.against and arguments.against.split(","))
+    against = None if arguments.against is None else arguments.against.split(",")
+    own = candidates(case_set, arguments.controller, against)
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     clean_up_first()
     with Progress("score", "cases") as progress:
@@ -249,15 +248,6 @@ def score(arguments: argparse.Namespace) -> None:
         one = arguments.controller is not None
         paths = pages.write(case_set, cards, folder) if one else pages.write_ranking(ranked, folder)
         say(arguments, *(f"written: {path}" for path in paths))
-
-
-@contextmanager
-def _continuing(folder: Path) -> Iterator[None]:
-    """Say where an interrupted command continues."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command continues the study: {folder}") from None
 
 
 def margin(arguments: argparse.Namespace) -> None:

@@ -7,7 +7,7 @@ import os
 import signal
 from typing import TYPE_CHECKING
 
-from facts_damping.terminal import INTERRUPTIONS, heeded
+from facts_damping.interruption import INTERRUPTIONS, heeded
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.errors import InputError, one_line
 from facts_damping.extensions import given
 from facts_damping.input_files import FMU, is_file, read_bytes
-from facts_damping.terminal import exit_now, heeded, leave
+from facts_damping.interruption import exit_now, heeded, leave
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -108,7 +108,7 @@ class _Running:
                 continue
             time.sleep(PATIENCE_S)
             if self._since == call:
-                leave("interrupted; user code has not returned")
+                leave("interrupted; user code has not returned", number[0])
 
 
 running = _Running()

@@ -6,19 +6,22 @@ import gc
 import multiprocessing
 import os
 import random
-import tempfile
+import shutil
+import signal
 import time
 from collections import Counter
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.case.loading import make_case
 from facts_damping.errors import FactsDampingError, InputError
 from facts_damping.extras import library
+from facts_damping.interruption import INTERRUPTIONS, blocked, exit_now, tie_to_parent
 from facts_damping.nodes.launching import preload
 from facts_damping.storm import drawing, running
 from facts_damping.storm.choices import Chance
@@ -47,9 +50,14 @@ class Result(NamedTuple):
     plant_s: float
 
 
-def try_storm(storm: Storm, *, traced: bool = False) -> Result:
-    """Run and judge a storm. Raises `InputError` if it is none."""
-    with tempfile.TemporaryDirectory(dir=RAM if RAM.is_dir() else None) as folder:
+def in_memory() -> TemporaryDirectory[str]:
+    """A folder for the files of storms, in memory if possible."""
+    return TemporaryDirectory(prefix="storms-", dir=RAM if RAM.is_dir() else None)
+
+
+def try_storm(storm: Storm, *, traced: bool = False, place: Path | None = None) -> Result:
+    """Run and judge a storm; `place`: for its files. Raises `InputError` if it is none."""
+    with in_memory() if place is None else TemporaryDirectory(dir=place) as folder:
         lines: list[str] = []
         coverage = _coverage() if traced else None
         if coverage is None:
@@ -127,6 +135,7 @@ class Findings:
     kept: list[Storm] = field(default_factory=list)  # those that reached something new
     kinds: Counter[str] = field(default_factory=Counter)  # events by kind
     broken: dict[str, list[tuple[Storm, str]]] = field(default_factory=dict)  # by fingerprint: storms and texts
+    complete: bool = False  # whether it came to its end
 
     def add(self, storm: Storm, result: Result) -> None:
         """Count a storm."""
@@ -140,23 +149,38 @@ class Findings:
             self.broken.setdefault(fingerprint(rule, text), []).append((storm, text))
 
 
-def _work(pipe: Connection, core: int) -> None:
+def _tie(parent: int, place: Path) -> None:
+    """Leave interruptions to the parent, and end with it: if it was killed, also its files."""
+
+    def end(*_: object) -> None:
+        shutil.rmtree(place.parent, ignore_errors=True)
+        exit_now(0)
+
+    for number in INTERRUPTIONS:
+        signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, end)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)
+    tie_to_parent(parent=parent)
+
+
+def _work(pipe: Connection, core: int, parent: int, place: Path) -> None:
     """Try the storms that come, until the other end closes; of what is loaded nothing is garbage.
 
     All its threads are on one core: they take turns, and to wake one on another core costs four times as much. One that
     is woken lets the other finish first (SCHED_BATCH).
     """
+    _tie(parent, place)
     if hasattr(os, "sched_setaffinity"):  # Linux
         os.sched_setaffinity(0, {core})
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
-    with suppress(EOFError, KeyboardInterrupt):
+    with suppress(EOFError):
         while True:
             make, traced = pipe.recv()
             storm = make()
             try:
-                pipe.send((storm, try_storm(storm, traced=traced)))
+                pipe.send((storm, try_storm(storm, traced=traced, place=place)))
             except InputError:
                 pipe.send(None)
             except Exception as error:  # noqa: BLE001 (the storm's own, which is a finding, too)
@@ -167,18 +191,21 @@ def _work(pipe: Connection, core: int) -> None:
 class Worker:
     """A process that tries storms one by one; it is killed if one hangs."""
 
-    def __init__(self, number: int = 0) -> None:
-        """`number`: of the worker; those after it are on other cores, as far as there are."""
+    def __init__(self, folder: str, number: int = 0) -> None:
+        """`folder`: for files of storms; `number`: of the worker; others are on other cores, as far as there are."""
         self.make: Callable[[], Storm] | None = None
         cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [0]
-        self._core = cores[number % len(cores)]
+        self._core, self._place = cores[number % len(cores)], Path(folder) / str(number)
         self._begin()
 
     def _begin(self) -> None:
         context = multiprocessing.get_context("fork")
         self.pipe, other = context.Pipe()
-        self._process = context.Process(target=_work, args=(other, self._core), daemon=True)
-        self._process.start()
+        self._place.mkdir(exist_ok=True)
+        passed = (other, self._core, os.getpid(), self._place)
+        self._process = context.Process(target=_work, args=passed, daemon=True)
+        with blocked():
+            self._process.start()
         other.close()
 
     def send(self, make: Callable[[], Storm], traced: bool) -> None:
@@ -208,10 +235,25 @@ class Worker:
         return None if make is None else (make(), Result([("time_goes_on", why)], frozenset(), 0.0, 0.0))
 
     def close(self) -> None:
-        """End it."""
+        """End it, and remove its files."""
         self.pipe.close()
         self._process.kill()
         self._process.join()
+        shutil.rmtree(self._place, ignore_errors=True)
+
+
+@contextmanager
+def _workers(jobs: int) -> Iterator[list[Worker]]:
+    """So many workers, with a folder for their files."""
+    workers: list[Worker] = []
+    with in_memory() as folder:
+        try:
+            for number in range(jobs):
+                workers.append(Worker(folder, number))  # noqa: PERF401 (those that began end in any case)
+            yield workers
+        finally:
+            for one in workers:
+                one.close()
 
 
 def search(
@@ -226,8 +268,7 @@ def search(
     `tell`: called after each; `enough`: ends it early.
     """
     chance, found, until = random.Random(seed), Findings(), time.monotonic() + 60.0 * minutes
-    workers = [Worker(number) for number in range(jobs)]
-    try:
+    with suppress(KeyboardInterrupt), _workers(jobs) as workers:
         while time.monotonic() < until and not enough(found):
             for one in workers:
                 if one.make is None:
@@ -239,17 +280,12 @@ def search(
                 if result is not None:
                     found.add(*result)
                     tell(found)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        for one in workers:
-            one.close()
+        found.complete = True
     return found
 
 
 def shrunk(storm: Storm, mark: str, most: int = 200) -> Storm:
     """The mildest storm that violates the same rule in the same way; `mark`: its fingerprint."""
-    worker = Worker()
 
     def breaks(milder: Storm) -> bool:
         worker.send(milder.model_copy, False)
@@ -259,7 +295,5 @@ def shrunk(storm: Storm, mark: str, most: int = 200) -> Storm:
         result = worker.result() if late is None else late
         return result is not None and any(fingerprint(*one) == mark for one in result[1].violations)
 
-    try:
+    with _workers(1) as (worker,):
         return shrink(storm, breaks, most)
-    finally:
-        worker.close()

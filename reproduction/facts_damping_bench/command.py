@@ -30,8 +30,9 @@ def bench(arguments: argparse.Namespace) -> None:
     """Time and error of a run, a sweep and lockstep beside other programs, those that are installed, in one run."""
     from facts_damping.cli.runs import say
     from facts_damping.errors import check_known
+    from facts_damping.interruption import clean_up_first
     from facts_damping.parameters import files
-    from facts_damping.terminal import Progress, clean_up_first, write_json
+    from facts_damping.terminal import Progress, write_json
     from facts_damping_bench import grid, large, pages, study, ticks
     from facts_damping_bench.programs import EXCHANGE, LARGE, OURS, PROGRAMS
 
@@ -43,19 +44,14 @@ def bench(arguments: argparse.Namespace) -> None:
         large.check()
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     others, results, rates = [name for name in asked if name != EXCHANGE], [], []
-    progress = Progress("bench", "runs")
     clean_up_first()
-    try:
+    with Progress("bench", "runs") as progress:
         if arguments.large:
             results = study.measure(others, progress, large.REPEATS, LARGE, sweep=False)
         elif others:
             results = study.measure(others, progress)
         if EXCHANGE in asked:
             rates = ticks.measure(progress)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt("nothing was written") from None
-    finally:
-        progress.close()
     write_json(arguments.json, pages.document(results, rates))
     shown = large.SHOWN if arguments.large else grid.SHOWN
     for line in pages.text(results, rates, shown):

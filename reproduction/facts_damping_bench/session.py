@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import RunError
-from facts_damping.terminal import tie_to_parent
+from facts_damping.interruption import tie_to_parent
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,9 +25,7 @@ WORKER = "facts_damping_bench.worker"
 
 def end_with_parent(parent: int) -> None:
     """Make this process end when the one that started it does, and leave an interrupt to that one."""
-    tie_to_parent(signal.SIGKILL)
-    if os.getppid() != parent:
-        sys.exit()  # it had ended before
+    tie_to_parent(signal.SIGKILL, parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -37,9 +37,10 @@ def add_to(add: Add) -> None:
 def reproduce(arguments: argparse.Namespace) -> None:
     """The thesis's tables, ours beside them: agreement, ensembles, explanations, pictures."""
     from facts_damping.cli.runs import say
+    from facts_damping.interruption import CONTINUES, clean_up_first
     from facts_damping.parameters import files
     from facts_damping.parameters.profile import DEFAULT_PROFILE
-    from facts_damping.terminal import clean_up_first, write_json
+    from facts_damping.terminal import write_json
     from facts_damping_reproduction import pages
     from facts_damping_reproduction.agreement import markdown
     from facts_damping_reproduction.findings import find
@@ -49,11 +50,8 @@ def reproduce(arguments: argparse.Namespace) -> None:
         _what_holds(arguments)
         return
     folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / "reproduction")
-    clean_up_first()
-    try:
-        found = gather(arguments.tables, arguments.draws, folder, arguments.jobs)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command continues the study: {folder}") from None
+    clean_up_first(f"{CONTINUES}: {folder}")
+    found = gather(arguments.tables, arguments.draws, folder, arguments.jobs)
     judged = find(found)
     written = pages.write(found, judged, folder)
     write_json(arguments.json, pages.document(found, judged))
@@ -70,9 +68,10 @@ def _what_holds(arguments: argparse.Namespace) -> None:
     """Whether learning helps in a deployment: the experiment, its page and its figures."""
     from facts_damping.cli.runs import say
     from facts_damping.errors import InputError, check_known
+    from facts_damping.interruption import CONTINUES, clean_up_first
     from facts_damping.parameters import files
     from facts_damping.parameters.profile import DEFAULT_PROFILE
-    from facts_damping.terminal import clean_up_first, write_json
+    from facts_damping.terminal import write_json
     from facts_damping_reproduction.adaptation import experiment, pages
 
     check_known("--profile", arguments.profile, [DEFAULT_PROFILE, experiment.PROFILE])
@@ -82,11 +81,8 @@ def _what_holds(arguments: argparse.Namespace) -> None:
     folder = files.new_folder(
         Path(arguments.out) if arguments.out is not None else Path("results") / experiment.PROFILE
     )
-    clean_up_first()
-    try:
-        found = experiment.run(folder, arguments.jobs, arguments.scheduler, arguments.seed)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command continues the study: {folder}") from None
+    clean_up_first(f"{CONTINUES}: {folder}")
+    found = experiment.run(folder, arguments.jobs, arguments.scheduler, arguments.seed)
     results = pages.by_devices(found)
     told = {devices: pages.ratios(own) for devices, own in results.items()}
     written, first = pages.write(found, told, folder), next(iter(results))

@@ -273,7 +273,7 @@ def test_interrupted_command_leaves_no_process_and_a_sound_recording(
         assert command.poll() is None
     command.send_signal(number)
     _, errors = command.communicate(timeout=PATIENCE_S)
-    assert command.returncode == 130
+    assert command.returncode == 128 + number
     assert errors.count("\n") == 1
     assert nodes_left(tmp_path) == []
     recorded = load(tmp_path / "out" / "recording")

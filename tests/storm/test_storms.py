@@ -113,13 +113,15 @@ def test_what_reaches_something_new_is_kept_and_varied() -> None:
     assert len({one.text() for one in varied}) == len(varied)
 
 
-def test_a_search_counts_what_it_tries_until_an_interrupt() -> None:
+def test_a_search_counts_what_it_tries_until_an_interrupt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(found: search.Findings) -> None:
         if found.storms == 3:
             raise KeyboardInterrupt
 
+    monkeypatch.setattr(search, "RAM", tmp_path)
     found = search.search(1.0, 1, 1, interrupt)
-    assert found.storms == 3
+    assert (found.storms, found.complete) == (3, False)
+    assert list(tmp_path.iterdir()) == []  # though its worker was killed within a storm
     assert found.plant_s > 0.0
     assert not found.broken
 

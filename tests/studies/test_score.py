@@ -11,10 +11,12 @@ import pytest
 
 import facts_damping as fd
 from facts_damping.cli.main import main
+from facts_damping.studies.score import card
 from facts_damping.studies.score.card import LOST, case_of, estimate, logs, ranking, read_set
 from facts_damping.studies.score.measure import Measured, measure
 from facts_damping.studies.score.pages import ranking_table, write_ranking
 from facts_damping.studies.score.worst import worst
+from tests.commands import assert_one_line
 from tests.two_devices import ACTUATORS
 
 # What was published under a name and a version never changes.
@@ -112,6 +114,26 @@ def test_devices_that_a_set_adds_are_commanded(cases: str) -> None:
 def test_what_is_no_controller_is_refused_before_any_run(given: str, cases: str) -> None:
     with pytest.raises(fd.InputError, match="allowed"):
         fd.score(given, cases)
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (
+            ["examples/lead_lag.py:Nope"],
+            "controllers.0.policy: no class 'Nope' in examples/lead_lag.py; allowed: LeadLag",
+        ),
+        (["LLC", "--against", "LLC,"], "--against: '' given; allowed: a controller, "),
+        (["LLC", "--against", ""], "--against: '' given; allowed: a controller, "),
+        (["--against", "LLC"], "--against: given without CONTROLLER; allowed: beside one"),
+    ],
+)
+def test_score_refuses_before_any_run(
+    command: list[str], told: str, cases: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(card, "workers", None)
+    monkeypatch.chdir(DATA.parents[1])
+    assert_one_line(2, ["score", *command, "--cases", cases], told, capsys)
 
 
 def test_lost_synchronism_counts_as_ten_times_and_as_nothing_where_both_lose_it() -> None:

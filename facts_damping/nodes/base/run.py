@@ -24,13 +24,13 @@ from rclpy.signals import SignalHandlerOptions
 
 from facts_damping.errors import FactsDampingError, RunError, one_line, traced
 from facts_damping.input_files import naming_no_files
+from facts_damping.interruption import INTERRUPTIONS
 from facts_damping.nodes import clock
 from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.managed import ManagedNode
 from facts_damping.nodes.base.parameters import usage
 from facts_damping.nodes.base.spinner import DRAIN_S, BeginAgain, Stopped, stop_by_signals
-from facts_damping.terminal import INTERRUPTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import get_default_context
 
+from facts_damping.interruption import heeded
 from facts_damping.nodes import clock
 from facts_damping.nodes.transport.raw_take import take
-from facts_damping.terminal import heeded
 
 if TYPE_CHECKING:
     from rclpy.node import Node

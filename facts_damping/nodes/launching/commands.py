@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import IO, TYPE_CHECKING
 
 from facts_damping.case.names import controller_addresses, link_addresses
-from facts_damping.terminal import tie_to_parent
+from facts_damping.interruption import tie_to_parent
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -11,15 +11,19 @@ from __future__ import annotations
 import importlib
 import multiprocessing
 import os
+import shutil
 import signal
 import sys
+from contextlib import suppress
+from functools import cache
 from multiprocessing import forkserver, resource_tracker, util
 from threading import Lock, Thread
 from typing import TYPE_CHECKING
 
 from setproctitle import setproctitle
 
-from facts_damping.terminal import INTERRUPTIONS, interruptions_held, script_apart
+from facts_damping.interruption import INTERRUPTIONS, at_end, blocked, ensure_tracker, interruptions_held
+from facts_damping.terminal import script_apart
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -34,14 +38,30 @@ _starting = Lock()  # several threads may start graphs at once
 def load() -> None:
     """Start the fork server, which loads in the background; `start` waits for it."""
     multiprocessing.get_context("forkserver").set_forkserver_preload([LOADED])
-    resource_tracker.ensure_running()  # first, as it unblocks signals when it starts
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTIONS)  # the caller handles these
-    os.environ[FOLDER] = util.get_temp_dir()  # last: a kill before the fork server runs would leave the folder behind
-    try:
-        forkserver.ensure_running()
-    finally:
-        os.environ.pop(FOLDER, None)  # other processes that import the preload module do not own the folder
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    ensure_tracker(resource_tracker)  # first, as it unblocks signals when it starts
+    with blocked():  # the caller handles these
+        _end_at_end()
+        os.environ[FOLDER] = util.get_temp_dir()  # last: a kill before the fork server runs would leave the folder
+        try:
+            forkserver.ensure_running()
+        finally:
+            os.environ.pop(FOLDER, None)  # other processes that import the preload module do not own the folder
+
+
+@cache
+def _end_at_end() -> None:
+    at_end(_end)
+
+
+def _end() -> None:
+    """End the fork server, also while it still loads, and remove its folder."""
+    pid = getattr(forkserver, "_forkserver")._forkserver_pid  # noqa: B009, SLF001 (it has no other)
+    if pid is not None:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+        with suppress(ChildProcessError):
+            os.waitpid(pid, 0)
+    shutil.rmtree(util.get_temp_dir(), ignore_errors=True)
 
 
 def start(

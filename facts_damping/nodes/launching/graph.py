@@ -26,6 +26,7 @@ from facts_damping.case.names import (
 )
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
+from facts_damping.interruption import clean_up_first
 from facts_damping.nodes import clock
 from facts_damping.nodes.launching import forked
 from facts_damping.nodes.launching.commands import Command, command
@@ -33,7 +34,7 @@ from facts_damping.parameters.files import new_folder, read_table
 from facts_damping.parameters.security import read_keys
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation.policies import StepTimes
-from facts_damping.terminal import clean_up_first, write_whole
+from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -361,7 +362,7 @@ def run(
 
     Raises `RunError` naming the node that ended or is silent, `InputError` if the folder is in use.
     """
-    clean_up_first()
+    clean_up_first("what was recorded by then is readable")
     check_domain((environment or os.environ).get("ROS_DOMAIN_ID", "0"))
     if (out / "recording").exists():
         raise InputError(f"--out {out}: holds a recording already; allowed: a new folder")

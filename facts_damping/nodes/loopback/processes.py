@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.interruption import INTERRUPTIONS
 from facts_damping.nodes.loopback.middleware import Middleware
 from facts_damping.signals import NEVER
-from facts_damping.terminal import INTERRUPTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -24,6 +24,7 @@ from facts_damping.errors import FactsDampingError, InputError, one_line
 from facts_damping.parameters.case_set import CaseSet
 from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.validation import check
+from facts_damping.simulation.loop import build_loop
 from facts_damping.studies.score.measure import Measured, measure
 from facts_damping.studies.sweeps.pool import workers
 
@@ -74,12 +75,14 @@ def run_set(
 ) -> dict[str, list[Measured]]:
     """Measure controllers, and no control, in all cases: name: a `Measured` for each case.
 
-    Raises `InputError` with the first case that cannot be made.
+    Raises `InputError` for a controller that cannot be built, before any run, and with the first case that cannot be
+    made.
     """
     every = {NONE: (), **controllers}
     tasks = [(name, rows, i) for name, rows in every.items() for i in range(len(case_set.content.cases))]
     found: dict[str, dict[int, Measured]] = {name: {} for name in every}
-    case_of(case_set, next(iter(controllers.values()), ()), 0)  # an error of the controller is told before any run
+    for rows in controllers.values():
+        build_loop(case_of(case_set, rows, 0))
     with workers(jobs) as each:
         for done, (name, i, measured) in enumerate(each(partial(_one, case_set), tasks)):
             if isinstance(measured, str):

@@ -21,18 +21,23 @@ KEPT = ("link", "namespace")  # fields of a run's controllers that belong to its
 
 
 def candidates(case_set: Set, given: Any, against: Sequence[str] | None) -> dict[str, list[dict[str, Any]]]:
-    """Name: rows, of what is given and of those beside it, by default the set's; None given: all of the set."""
+    """Name: rows, of what is given and of those beside it, by default the set's; None given: all of the set.
+
+    Raises `InputError`.
+    """
     if given is None:
+        if against is not None:
+            raise InputError("--against: given without CONTROLLER; allowed: beside one")
         return case_set.content.controllers
-    others = [controllers_of(other, case_set) for other in against or case_set.content.beside]
+    others = [controllers_of(other, case_set, "--against") for other in against or case_set.content.beside]
     return dict([controllers_of(given, case_set), *others])
 
 
-def controllers_of(given: Any, case_set: Set) -> tuple[str, list[dict[str, Any]]]:
+def controllers_of(given: Any, case_set: Set, where: str = "CONTROLLER") -> tuple[str, list[dict[str, Any]]]:
     """Name, and rows of controllers, of what is given: text, a row, or a list of rows.
 
     Text may be a name in the set, in `facts-damping list controllers` or of a run, `module:Class` or `file.py:Class`, a
-    run file, an FMU, or a linear law. Raises `InputError`.
+    run file, an FMU, or a linear law. `where`: the argument, for errors. Raises `InputError`.
     """
     if isinstance(given, dict):
         return str(given.get("name", "controller")), [given]
@@ -42,10 +47,10 @@ def controllers_of(given: Any, case_set: Set) -> tuple[str, list[dict[str, Any]]
         return given, case_set.content.controllers[given]
     if given in CONTROLLERS:
         return given, [{"name": given}]
-    return given, _of_text(given)
+    return given, _of_text(given, where)
 
 
-def _of_text(given: str) -> list[dict[str, Any]]:
+def _of_text(given: str, where: str) -> list[dict[str, Any]]:
     path = Path(given)
     if ":" in given and not path.exists():
         return [{"name": given.rpartition(":")[2], "policy": given}]
@@ -55,7 +60,7 @@ def _of_text(given: str) -> list[dict[str, Any]]:
         return [{"name": path.stem, "linear": given}]
     if path.suffix not in (".yaml", ".yml") and given not in shipped("runs"):
         allowed = "a controller, module:Class, file.py:Class, a run, an .fmu, .npz or .mat file"
-        raise InputError(f"CONTROLLER: '{given}' given; allowed: {allowed}")
+        raise InputError(f"{where}: '{given}' given; allowed: {allowed}")
     content, source = read_run(given)
     rows = content.get("controllers") or []
     if not rows:

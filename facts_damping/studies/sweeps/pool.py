@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import warnings
 from contextlib import contextmanager, nullcontext
@@ -10,12 +11,14 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from joblib import Parallel, delayed, parallel_config
+from joblib.externals.loky.backend import resource_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
 from facts_damping.errors import InputError, RunError
 from facts_damping.extras import library
-from facts_damping.terminal import clean_up_first, script_apart, tie_to_parent
+from facts_damping.interruption import INTERRUPTIONS, blocked, clean_up_first, ensure_tracker, tie_to_parent
+from facts_damping.terminal import script_apart
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -32,13 +35,14 @@ _JOBLIB_WARNINGS = r"\d+ tasks (have been successfully|which were still being)|A
 _state = {"worker": False}  # whether this process is a worker
 
 
-def _worker() -> None:
+def _worker(parent: int) -> None:
     """Ignore interrupts, which the parent handles; end when the parent ends."""
     _state["worker"] = True
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    tie_to_parent()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)
+    tie_to_parent(parent=parent)
 
 
 def refuse_within() -> None:
@@ -72,11 +76,16 @@ def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]
     warnings.filterwarnings("ignore", _JOBLIB_WARNINGS, UserWarning)
     many = min(jobs, max(1, len(todo)))
     batch = max(1, min(MAX_AT_ONCE, len(todo) // (8 * many)))
+    begun = {"initializer": _worker, "initargs": (os.getpid(),)}
     with parallel_config("loky", inner_max_num_threads=1):
-        pool = Parallel(n_jobs=many, return_as="generator_unordered", batch_size=batch, initializer=_worker)
+        pool = Parallel(n_jobs=many, return_as="generator_unordered", batch_size=batch, **begun)
+    if many > 1:
+        ensure_tracker(resource_tracker)
     try:
         with script_apart(), threadpool_limits(1) if many == 1 else nullcontext():
-            yield from pool(delayed(function)(one) for one in todo)
+            with blocked():
+                results = pool(delayed(function)(one) for one in todo)
+            yield from results
     except TerminatedWorkerError as error:
         raise RunError("a process of the sweep was killed, perhaps out of memory: try fewer --jobs") from error
 

@@ -1,0 +1,167 @@
+"""Interruptions of commands: exit status, one line, nothing left; at each stage of a process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import pytest
+
+from facts_damping import interruption
+from facts_damping.cli.main import main
+from facts_damping.interruption import INTERRUPTIONS
+from facts_damping.terminal import Progress
+from tests.studies.test_campaign import SMALL
+from tests.studies.test_sweep import MANY
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+CASES = str(Path(__file__).parent / "data" / "case_set.yaml")
+CONTINUES = "; the same command continues the study: "
+COMMANDS: dict[str, tuple[list[str], str]] = {
+    "sweep": (["sweep", "sweep.yaml", "--jobs", "1"], CONTINUES),
+    "campaign": (["campaign", "campaign.yaml", "--jobs", "1"], CONTINUES),
+    "hunt": (["campaign", "campaign.yaml", "--hunt", "1", "--jobs", "1"], CONTINUES),
+    "score": (["score", "LLC", "--against", "LLC", "--cases", CASES, "--jobs", "1"], ""),
+    "storm": (["storm", "--minutes", "1", "--jobs", "1"], "; kept in results/storms: 0 storms that broke a rule"),
+    "tune": (["tune", "smib", "LLC-tuned", "--budget", "1", "--jobs", "1"], ""),
+    "search": (["search", "smib", "gaussian+sam", "--budget", "100", "--jobs", "1"], ""),
+    "design": (["design", "two_area", "--jobs", "1"], ""),
+    "margin": (["margin", "two_area_small"], ""),
+}  # and what they tell besides
+
+
+@pytest.fixture
+def default_handlers() -> Iterator[None]:
+    """As at a terminal: where tests run in the background, these signals may be ignored."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in INTERRUPTIONS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("default_handlers")
+@pytest.mark.parametrize("name", COMMANDS)
+def test_interrupted_command_tells_one_line_and_its_signal(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """At its first progress; twice, as when a process and its group get the signal."""
+    number = INTERRUPTIONS[list(COMMANDS).index(name) % len(INTERRUPTIONS)]
+
+    def leave(status: int) -> NoReturn:
+        raise SystemExit(status)
+
+    def interrupt(_progress: Progress, _done: int, _of: int) -> None:
+        try:
+            signal.raise_signal(number)
+        finally:
+            signal.raise_signal(number)
+
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.yaml").write_text(MANY)
+    Path("campaign.yaml").write_text(SMALL)
+    monkeypatch.setattr(Progress, "__call__", interrupt)
+    monkeypatch.setattr(interruption, "exit_now", leave)
+    command, holds = COMMANDS[name]
+    try:
+        status: int | str | None = main(command)
+    except SystemExit as left:
+        status = left.code
+    assert status == 128 + number
+    lines = [line for line in capfd.readouterr().err.splitlines() if "--budget" not in line]
+    assert len(set(lines)) == 1, lines
+    assert lines[0].startswith(f"facts-damping: interrupted{holds}")
+
+
+def ended(code: str, **environment: str) -> tuple[int, str]:
+    """Status and errors of a program named as the command line."""
+    begin = "import os, signal, sys, time; sys.argv[0] = 'facts-damping'\n"
+    popen = subprocess.run(
+        [sys.executable, "-c", begin + code],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **environment},
+        preexec_fn=lambda: [signal.signal(number, signal.SIG_DFL) for number in INTERRUPTIONS],
+    )
+    return popen.returncode, popen.stderr
+
+
+def test_program_handles_signals_from_its_first_import_until_it_is_gone() -> None:
+    for number in INTERRUPTIONS:
+        early = f"import facts_damping\nos.kill(os.getpid(), {number:d})\n"
+        assert ended(early) == (128 + number, "facts-damping: interrupted\n")
+    late = "import atexit\natexit.register(os.kill, os.getpid(), signal.SIGTERM)\n"
+    assert ended(f"{late}from facts_damping.cli.main import main\nsys.exit(main(['list', 'links']))") == (0, "")
+
+
+def test_second_interruption_after_a_while_ends_a_command_that_cleans_up() -> None:
+    code = """
+from facts_damping import interruption
+interruption.AGAIN_S = 0.0
+with interruption.handled():
+    interruption.clean_up_first()
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+    except KeyboardInterrupt:
+        os.kill(os.getpid(), signal.SIGINT)
+"""
+    assert ended(code) == (143, "facts-damping: interrupted twice\n")
+
+
+def test_interruption_ends_a_fork_server_that_still_loads(tmp_path: Path) -> None:
+    code = """
+from facts_damping import interruption
+from facts_damping.nodes.launching import forked
+with interruption.handled():
+    forked.load()
+    os.kill(os.getpid(), signal.SIGTERM)
+"""
+    assert ended(code, TMPDIR=str(tmp_path)) == (143, "facts-damping: interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+POOL = """
+import sys, time
+from facts_damping import interruption
+from facts_damping.studies.sweeps.pool import run_all
+with interruption.handled():
+    try:
+        run_all(time.sleep, [0.0, 60.0, 60.0], 2, lambda done, _: done and print("runs", flush=True))
+    except KeyboardInterrupt:
+        sys.exit(interruption.status())
+"""
+
+
+def left_by(pid: int) -> list[str]:
+    """Semaphores and folders that a pool of a process has in shared memory."""
+    return [path.name for path in Path("/dev/shm").iterdir() if f"loky-{pid}-" in path.name or f"_{pid}_" in path.name]
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGKILL])
+def test_struck_pool_leaves_no_line_and_nothing_in_memory(number: signal.Signals) -> None:
+    """By a terminal that closes, whose processes all get the signal; and killed."""
+    with subprocess.Popen(
+        [sys.executable, "-c", POOL],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # noqa: PLW1509
+    ) as popen:
+        assert popen.stdout is not None
+        assert popen.stdout.readline() == "runs\n"
+        assert left_by(popen.pid)
+        (os.kill if number == signal.SIGKILL else os.killpg)(popen.pid, number)
+        _, errors = popen.communicate(timeout=60)  # its workers and trackers have closed their ends, too
+    assert (popen.returncode, errors) == (-number if number == signal.SIGKILL else 128 + number, "")
+    deadline = time.monotonic() + 60.0
+    while left_by(popen.pid):
+        assert time.monotonic() < deadline, left_by(popen.pid)
+        time.sleep(0.05)
