@@ -82,10 +82,12 @@ def layout(c: Configuration) -> Layout:
     size = ends[-1] if ends else 0
     if size + MINIMUM > MAXIMUM:
         raise FrameError(f"FRAMESIZE: {size + MINIMUM} bytes of data; allowed: {MINIMUM} to {MAXIMUM} (6.3)")
-    if (scale == 0.0).any():
-        raise FrameError("PHUNIT, ANUNIT: 0 given for values in integers; allowed: any other (6.4)")
+    if not (scale.all() and np.isfinite([scale, offset]).all()):
+        raise FrameError("PHUNIT, ANUNIT: 0 or no number given for values in integers; allowed: any other (6.4)")
     polar = np.array([pmu.polar for pmu in c.pmus for _ in pmu.phasors], bool)
     turn = np.array([0.0 if pmu.float_phasors else p.angle for pmu in c.pmus for p in pmu.phasors], float)
+    if not np.isfinite(turn).all():
+        raise FrameError("PHSCALE: an angle that is no number given; allowed: any number of radians (6.4)")
     return Layout(size, np.array([0, *ends[:-1]]), wide, signed, scale, offset, field, polar, turn)
 
 
@@ -123,13 +125,14 @@ def encode(made: Layout, data: Data) -> bytes:
 
 
 def decode(made: Layout, body: bytes) -> Data:
-    """The values of a data frame. Raises `FrameError` for a wrong length."""
+    """The values of a data frame; an infinite one is no value. Raises `FrameError` for a wrong length."""
     if len(body) != made.size:
         raise FrameError(f"FRAMESIZE: {len(body) + MINIMUM} bytes; allowed by the configuration: {made.size + MINIMUM}")
     raw, narrow = np.frombuffer(body, np.uint8), ~made.wide
     values = np.zeros(len(made.at))
     with np.errstate(invalid="ignore"):  # signalling NaN
         values[made.wide] = raw[made.at[made.wide, None] + np.arange(4)].view(">f4").ravel()
+    values[np.isinf(values)] = np.nan
     counts = raw[made.at[narrow, None] + np.arange(2)].view(">u2").ravel().astype(np.int64)
     signed = made.signed[narrow]
     counts = np.where(signed & (counts > 32767), counts - 65536, counts)

@@ -29,6 +29,11 @@ ANSWER_S = 1.0  # time after which a configuration is requested again
 SILENT_S = 5.0  # silence after which the server is queried; after the same time again it counts as lost
 AGAIN_S = 1.0  # time between two attempts
 CHUNK = 1 << 16
+RUBBISH = 1 << 16  # bytes outside of frames after which a server speaks another protocol, in one connection
+UNREAD = 1 << 16  # bytes of commands that a server may leave unread
+DATAGRAMS = 256  # that wait to be decoded; further ones are dropped
+SHARE = 0.25  # largest share of a processor that decoding one stream takes
+BUSY_S = 0.01  # time between two looks whether the reader of results is still busy
 ASKED = ("send_configuration_3", "send_configuration_2")  # tried alternately: not every server knows configuration 3
 
 
@@ -41,9 +46,14 @@ class Lost(str):
 class Client:
     """Reports configurations, instants, and lost connections."""
 
-    def __init__(self, server: Server, tell: Callable[[Configuration | Instant | Lost], None]) -> None:
-        """`tell` is called in the event loop that awaits `run`."""
-        self.server, self._tell = server, tell
+    def __init__(
+        self,
+        server: Server,
+        tell: Callable[[Configuration | Instant | Lost], None],
+        busy: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """`tell` is called in the event loop that awaits `run`; nothing more is read while its reader is `busy`."""
+        self.server, self._tell, self._busy = server, tell, busy
         self.receiver, self.connections = Receiver(server.idcode), 0
         self._kind, self._answered = 0, True  # index in ASKED of the request in use, and whether it was answered
         self._asked_s = self._received_s = -ANSWER_S
@@ -94,14 +104,32 @@ class Client:
                     continue
                 if not (received := receiving.result()):
                     return "closed by the server"
+                began_s = time.thread_time()
                 self._take(wire, received)
+                if flaw := self._flaw(wire, receiver.lost_bytes - old.lost_bytes):
+                    return flaw
+                await self._rest(time.thread_time() - began_s)
                 receiving = asyncio.ensure_future(wire.receive())
         finally:
             receiving.cancel()
 
+    def _flaw(self, wire: _Tcp | _Udp, lost_bytes: int) -> str:
+        """Why a connection has to be closed; empty if it may go on."""
+        if self.server.kind == "tcp" and lost_bytes > RUBBISH:
+            return f"{lost_bytes} bytes in no frame of C37.118.2; allowed: {RUBBISH} in a connection"
+        return f"{wire.unread} bytes of commands unread; allowed: {UNREAD}" if wire.unread > UNREAD else ""
+
+    async def _rest(self, used_s: float) -> None:
+        """Leave the processor to others after `used_s`, and while the reader is busy: TCP then slows the server."""
+        await asyncio.sleep(used_s * (1.0 / SHARE - 1.0))
+        while self._busy():  # noqa: ASYNC110 (the reader is in another thread)
+            await asyncio.sleep(BUSY_S)
+
     def _take(self, wire: _Tcp | _Udp, received: bytes) -> None:
         """Process received bytes; turns data on once the configuration is known."""
         self._received_s, receiver = time.monotonic(), self.receiver
+        receiver.lost_bytes += wire.dropped_bytes
+        wire.dropped_bytes = 0
         for one in receiver.take([received]) if self.server.kind == "udp" else receiver.feed(received):
             if isinstance(one, Configuration):
                 self._answered = True
@@ -127,8 +155,15 @@ class Client:
 class _Tcp:
     """A TCP connection."""
 
+    dropped_bytes = 0
+
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader, self._writer = reader, writer
+
+    @property
+    def unread(self) -> int:
+        """Bytes that the server has not read yet."""
+        return self._writer.transport.get_write_buffer_size()
 
     async def receive(self) -> bytes:
         return await self._reader.read(CHUNK)
@@ -143,15 +178,19 @@ class _Tcp:
 class _Udp(asyncio.DatagramProtocol):
     """UDP datagrams, one frame each."""
 
+    unread = 0  # datagrams are sent at once, or dropped
+
     def __init__(self) -> None:
-        self._received: asyncio.Queue[bytes] = asyncio.Queue()
+        self.dropped_bytes, self._received = 0, asyncio.Queue[bytes](DATAGRAMS)
         self._transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: Any) -> None:
         self._transport = transport
 
     def datagram_received(self, data: bytes, _from: Any) -> None:
-        if data:
+        if data and self._received.full():
+            self.dropped_bytes += len(data)
+        elif data:
             self._received.put_nowait(data)
 
     def error_received(self, exc: Exception) -> None:

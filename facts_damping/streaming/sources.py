@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from facts_damping.c37118 import mapping, stat
 from facts_damping.c37118.configuration import TIME_BASE, Configuration
 from facts_damping.c37118.session import Instant
-from facts_damping.errors import InputError, check_known
+from facts_damping.errors import InputError, check_known, one_line
 from facts_damping.measurement.pmu_model import UNSYNCHRONISED
 from facts_damping.parameters.streams import server
 from facts_damping.signals import DELIVERY, NEVER
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from facts_damping.streaming.client import Client, Lost
     from facts_damping.streaming.stream_clock import Tick
 
+LINES, LINES_S = 10, 60.0  # messages about a server in this time, s
+
 
 class Sources:
     """All servers of a run and their state."""
@@ -42,6 +45,8 @@ class Sources:
         self._places: list[Places | None] = [None] * len(self.servers)
         self._down: dict[int, str] = {}  # reason for a lost connection, by server
         self._seen = np.zeros(len(self.grid), bool)  # PMUs with values in the newest tick
+        self._said = [deque[float]() for _ in self.servers]  # times of the newest messages
+        self._unsaid = 0
         self.wrong = False  # whether the last message reports an error
         for name in streams.pmus:
             check_known("pmus", name, [one.name for one in self.grid])
@@ -52,8 +57,21 @@ class Sources:
         if isinstance(what, Instant):
             self._instant(i, at_s, what)
             return ""
-        if isinstance(what, Configuration):
-            return self._configuration(i, what)
+        text = self._configuration(i, what) if isinstance(what, Configuration) else self._lost(i, what)
+        return one_line(text) if text and self._may_say(i, at_s) else ""
+
+    def _may_say(self, i: int, at_s: float) -> bool:
+        """Whether a message about server i may be shown: of those after `LINES` in `LINES_S`, only the count is."""
+        while self._said[i] and at_s - self._said[i][0] > LINES_S:
+            self._said[i].popleft()
+        if len(self._said[i]) == LINES:
+            self._unsaid += 1
+            return False
+        self._said[i].append(at_s)
+        return True
+
+    def _lost(self, i: int, what: Lost) -> str:
+        """Note that the connection to server i is lost."""
         known = self._down.get(i)
         self._down[i] = str(what)
         self._await()
@@ -158,6 +176,7 @@ class Sources:
             "connections": sum(client.connections for client in self.clients),
             "late_entries": self.following.alignment.late,
             "moved_stamps": self.following.moved,
+            "omitted_messages": self._unsaid,
             "refused_frames": sum(sum(one.refused.values()) for one in receivers),
             "lost_bytes": sum(one.lost_bytes for one in receivers),
         }

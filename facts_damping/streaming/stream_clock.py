@@ -116,7 +116,7 @@ class Following:
         if self.first is None:
             self._begin(instant, now_s)
         begun_s = now_s - self.tick(instant) / self._rate
-        if begun_s < self._min_s or not self.alignment.put(instant, report):
+        if begun_s < self._min_s or not self._put(instant, report):
             self._off_s = min(self._off_s, now_s)
             if now_s - self._off_s > OFF_S:
                 self.moved += 1
@@ -125,6 +125,13 @@ class Following:
         self._off_s = math.inf
         self._due_s = min(self._due_s + LEAK / self._rate, begun_s)
         self._min_s = max(self._min_s - LEAK / self._rate, self._due_s - JUMP_S)
+
+    def _put(self, instant: int, report: PmuReport) -> bool:
+        """Add a report unless its tick is over, which the alignment does not know after a change of the time base."""
+        if self.tick(instant) < self.next:
+            self.alignment.late += len(report.where)
+            return False
+        return self.alignment.put(instant, report)
 
     def _begin(self, instant: int, now_s: float) -> None:
         """Take an instant as the present: the first one, or after the source changed, paused or was set back."""

@@ -154,6 +154,21 @@ def test_what_is_missing_stays_missing(floats: bool) -> None:
     assert np.isfinite(found.frequency[1])
 
 
+@pytest.mark.filterwarnings("error")
+def test_infinite_values_are_missing() -> None:
+    floats = dict.fromkeys(configuration.FORMATS, True)
+    made = data.layout(Configuration((PmuConfiguration("A", 1, (Phasor("V"),), (Analog("P"),), **floats),), 60))
+    found = data.decode(made, bytes(2) + 5 * struct.pack(">f", math.inf))
+    assert np.isnan([*found.phasors.ravel(), *found.frequency, *found.rocof, *found.analogs]).all()
+
+
+@pytest.mark.parametrize("change", [{"scale": math.inf}, {"scale": math.nan}, {"angle": math.inf}], ids=str)
+def test_layout_refuses_scales_that_are_no_numbers(change: dict[str, float]) -> None:
+    pmu = PmuConfiguration("A", 1, (Phasor("V", **change),))
+    with pytest.raises(FrameError, match="allowed: any"):
+        data.layout(Configuration((pmu,), 60))
+
+
 def test_beyond_the_integers_are_their_ends() -> None:
     c = stream(polar=True)
     made, sent = data.layout(c), measured(c, 1)

@@ -10,7 +10,10 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from queue import SimpleQueue
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -20,6 +23,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.monitor_table import SHADOW
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
+from facts_damping.nodes.c37118_client import C37118Client
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.signals import NANOSECONDS, NEVER
@@ -231,6 +235,17 @@ def test_a_server_that_leaves_and_comes_back(domain: int, serve: Any, tmp_path: 
     assert result["pmus"]["G1"] == {"frames": int(there.sum()), "absent": int((~there).sum())}
     assert set(record.supervision["state"].tolist()) == {SHADOW}
     assert np.isnan(record.machines["speed_deviation"]).all()
+
+
+def test_flood_of_stream_data_does_not_stop_the_ticks() -> None:
+    """What has come is taken in parts, so that one that sends faster than it is taken never holds the node."""
+    received: SimpleQueue[Any] = SimpleQueue()
+    for k in range(1000):
+        received.put((0, 0.0, k))
+    taken = MagicMock(take=MagicMock(return_value=""))
+    taken.following.left_s.return_value = 0.0
+    C37118Client.receive(SimpleNamespace(received=received, sources=taken))  # type: ignore[arg-type]
+    assert 0 < taken.take.call_count < 1000
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,8 @@ import signal
 import socket
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -236,3 +238,62 @@ def test_what_is_of_another_stream_is_counted() -> None:
     assert receiver.refused == {"IDCODE": 2}
     assert receiver.take([frame.command(11, "turn_on", 5)]) == []
     assert receiver.refused == {"IDCODE": 2, "CMD": 1}
+
+
+CONFIGURATION = b"".join(session.answers(served(), "send_configuration_3", 1000, 0))
+
+
+class Wire:
+    """A connection that has the same bytes again and again."""
+
+    dropped_bytes = 0
+
+    def __init__(self, *received: bytes, unread: int = 0) -> None:
+        self.received, self.unread, self.reads = received, unread, 0
+
+    async def receive(self) -> bytes:
+        self.reads += 1
+        return self.received[min(self.reads, len(self.received)) - 1]
+
+    def send(self, data: bytes) -> None: ...
+
+
+async def serve(wire: Any, seconds: float, **more: Any) -> str | None:
+    """Why the client ends a connection; None: it does not within `seconds`."""
+    serving = Client(address(f"tcp://{HERE}:1/11"), lambda _: None, **more)._serve(wire)
+    with suppress(asyncio.TimeoutError):
+        return await asyncio.wait_for(serving, seconds)
+    return None
+
+
+@pytest.mark.parametrize(
+    ("wire", "reason"),
+    [
+        (Wire(b"HTTP/1.1 400 Bad Request\r\n" * 1000), "78000 bytes in no frame of C37.118.2; allowed: 65536"),
+        (Wire(CONFIGURATION, unread=65537), "65537 bytes of commands unread; allowed: 65536"),
+    ],
+    ids=["other protocol", "commands unread"],
+)
+def test_connection_ends_with_a_server_that_never_ends(wire: Wire, reason: str) -> None:
+    assert str(run(lambda: serve(wire, 5.0))).startswith(reason)
+
+
+def test_client_leaves_the_processor_to_others_while_a_server_floods() -> None:
+    wire = Wire(CONFIGURATION, session.data_frame(served(), instant(0)) * 20)
+    began_s = time.process_time()
+    assert run(lambda: serve(wire, 1.0)) is None
+    assert wire.reads > 3
+    assert time.process_time() - began_s < 0.6
+
+
+def test_client_reads_no_more_while_its_reader_is_busy() -> None:
+    wire = Wire(CONFIGURATION)
+    assert run(lambda: serve(wire, 0.2, busy=lambda: True)) is None
+    assert wire.reads == 1
+
+
+def test_datagrams_that_wait_are_few_and_the_others_counted() -> None:
+    wire = clients._Udp()
+    for _ in range(1000):
+        wire.datagram_received(b"12345678", None)
+    assert wire.dropped_bytes == 8 * (1000 - clients.DATAGRAMS)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from facts_damping.c37118 import frame, session, system_pmus
-from facts_damping.c37118.configuration import FORMATS
+from facts_damping.c37118.configuration import FORMATS, Configuration
 from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
@@ -124,6 +124,21 @@ def test_a_configuration_that_does_not_fit_takes_its_stations_away(other: sessio
     found.take(0, 0.0, stream([0]).configuration)
     found.take(0, 0.0, instant([0], 0))
     assert rows(found, 0.0) == [[(0, 0, 1.0)]]
+
+
+def test_message_about_a_server_is_one_line_whatever_its_names_are() -> None:
+    pmus = stream([0, 1]).configuration.pmus
+    hostile = pmus[1]._replace(name="\x1b[31m\nERROR\n" + 2000 * "n", nominal_hz=50)
+    text = sources(SOUTH).take(0, 0.0, Configuration((pmus[0], hostile), 60))
+    assert text.isprintable()
+    assert len(text) < 1300
+
+
+def test_messages_about_a_server_are_few_and_the_others_counted() -> None:
+    found = sources(SOUTH)
+    texts = [found.take(0, 0.1 * k, stream([k % 2]).configuration) for k in range(100)]
+    assert sum(map(bool, texts)) == found.counts()["omitted_messages"] // 9 == 10
+    assert found.take(0, 100.0, Lost("refused"))
 
 
 def test_group_delay_of_configuration_3_puts_ticks_behind_stamps() -> None:

@@ -118,6 +118,15 @@ def test_stamps_of_another_time_are_taken_for_those_of_now() -> None:
         assert len(ticks) < 5
 
 
+def test_instants_before_the_first_one_are_late_and_shift_no_tick() -> None:
+    following = Following(2, RATE, WAIT)
+    for instant in (100, *range(50, 100), 101):
+        following.put(instant, PmuReport(np.arange(2), rows(2, instant), np.zeros(2, np.int64)), 0.0)
+    ticks = [(one.number, one.frame.instant) for one in following.take(0.0) if one.frame is not None]
+    assert ticks == [(0, 100), (1, 101)]
+    assert following.alignment.late == 100
+
+
 def test_a_stream_that_is_alone_out_of_time_moves_nothing() -> None:
     following = Following(2, RATE, WAIT)
     for k in range(200):
