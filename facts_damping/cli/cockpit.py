@@ -9,9 +9,10 @@ from facts_damping.case import loading
 from facts_damping.case.names import label
 from facts_damping.cli.runs import WITH_RUN, is_recording, out_folder, say, tell_graph
 from facts_damping.errors import InputError
+from facts_damping.interruption import clean_up_first
 from facts_damping.simulation import loop
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress, clean_up_first
+from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:
     import argparse
