@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from time import monotonic
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -27,7 +27,7 @@ PR_SET_PDEATHSIG = 1  # constant of prctl(2)
 
 _came: list[tuple[int, float]] = []  # the interruption that is being handled: its number and time
 _holds: list[str] = []  # what an interruption tells besides
-_at_end: list[Callable[[], object]] = []
+_at_leave: list[Callable[[], object]] = []
 
 
 def status() -> int:
@@ -53,16 +53,15 @@ def end_at_once(number: int, _frame: Any) -> None:
 
 def leave(reason: str, number: int) -> NoReturn:
     """End this process at once because of a signal, with a line of output."""
-    for act in _at_end:
+    for act in _at_leave:
         act()
     os.write(2, f"facts-damping: {reason}\n".encode())
     exit_now(128 + number)
 
 
-def at_end(act: Callable[[], object]) -> None:
-    """Do something when this process ends by itself, or at once because of a signal."""
-    atexit.register(act)
-    _at_end.append(act)
+def at_leave(act: Callable[[], object]) -> None:
+    """Do something if this process ends at once because of a signal."""
+    _at_leave.append(act)
 
 
 def _raise_first(number: int, _frame: Any) -> None:
@@ -169,7 +168,19 @@ def _is_program() -> bool:
 
 
 def handle_early() -> None:
-    """Handle interruptions of the command line while it is imported."""
-    for number in INTERRUPTIONS if _is_program() else ():
+    """Handle interruptions of the command line while it is imported, and their status at its end."""
+    if not _is_program():
+        return
+    atexit.register(_end_interrupted)  # first, so that it is called last
+    for number in INTERRUPTIONS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, end_at_once)
+
+
+def _end_interrupted() -> None:
+    """End with the right status: Python ends with that of SIGINT if the exception has passed an `exec` of a text."""
+    if _came:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):
+                stream.flush()
+        exit_now(status())

@@ -101,6 +101,20 @@ def test_program_handles_signals_from_its_first_import_until_it_is_gone() -> Non
     assert ended(f"{late}from facts_damping.cli.main import main\nsys.exit(main(['list', 'links']))") == (0, "")
 
 
+def test_interruption_within_an_exec_keeps_its_status() -> None:
+    """As where a named tuple is made: Python itself would end as by SIGINT."""
+    code = """
+from facts_damping import interruption
+with interruption.handled():
+    interruption.clean_up_first()
+    try:
+        exec("signal.raise_signal(signal.SIGTERM)", globals())
+    except KeyboardInterrupt:
+        sys.exit(interruption.status())
+"""
+    assert ended(code) == (143, "")
+
+
 def test_second_interruption_after_a_while_ends_a_command_that_cleans_up() -> None:
     code = """
 from facts_damping import interruption

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 def storm(arguments: argparse.Namespace) -> None:
     """Show one storm, or try many. Raises `RunError` if a rule is broken."""
-    clean_up_first()
     if arguments.minutes is not None:
         _many(arguments)
     else:
@@ -34,6 +33,7 @@ def _one(arguments: argparse.Namespace) -> None:
     from facts_damping.nodes.launching import preload  # noqa: F401 (nodes are loaded before the loopback opens)
     from facts_damping.storm import drawing, model, rules, running
 
+    clean_up_first()
     one = drawing.draw(arguments.seed) if arguments.storm is None else model.read(Path(arguments.storm))
     with TemporaryDirectory() if arguments.out is None else nullcontext(arguments.out) as folder:
         trace = running.run(one, new_folder(Path(folder)))
@@ -57,6 +57,7 @@ def _told(trace: Trace) -> list[str]:
 def _many(arguments: argparse.Namespace) -> None:
     from facts_damping.storm import search
 
+    clean_up_first()
     with Progress("storm", "seconds") as progress:
         began, whole = time.monotonic(), round(60 * arguments.minutes)
         told: set[str] = set()

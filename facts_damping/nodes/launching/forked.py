@@ -8,6 +8,7 @@ the process that started them.
 
 from __future__ import annotations
 
+import atexit
 import importlib
 import multiprocessing
 import os
@@ -22,7 +23,7 @@ from typing import TYPE_CHECKING
 
 from setproctitle import setproctitle
 
-from facts_damping.interruption import INTERRUPTIONS, at_end, blocked, ensure_tracker, interruptions_held
+from facts_damping.interruption import INTERRUPTIONS, at_leave, blocked, ensure_tracker, interruptions_held
 from facts_damping.terminal import script_apart
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def load() -> None:
     multiprocessing.get_context("forkserver").set_forkserver_preload([LOADED])
     ensure_tracker(resource_tracker)  # first, as it unblocks signals when it starts
     with blocked():  # the caller handles these
-        _end_at_end()
+        _clean_up_at_the_end()
         os.environ[FOLDER] = util.get_temp_dir()  # last: a kill before the fork server runs would leave the folder
         try:
             forkserver.ensure_running()
@@ -49,19 +50,20 @@ def load() -> None:
 
 
 @cache
-def _end_at_end() -> None:
-    at_end(_end)
+def _clean_up_at_the_end() -> None:
+    atexit.register(_end)
+    at_leave(_end)
+    at_leave(lambda: shutil.rmtree(util.get_temp_dir(), ignore_errors=True))  # else by the library itself
 
 
 def _end() -> None:
-    """End the fork server, also while it still loads, and remove its folder."""
+    """End the fork server, also while it still loads."""
     pid = getattr(forkserver, "_forkserver")._forkserver_pid  # noqa: B009, SLF001 (it has no other)
     if pid is not None:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
         with suppress(ChildProcessError):
             os.waitpid(pid, 0)
-    shutil.rmtree(util.get_temp_dir(), ignore_errors=True)
 
 
 def start(
