@@ -128,7 +128,7 @@ class C37118Client:
         wait, received = min(SPIN_S, self.sources.following.left_s(clock.monotonic())), []
         with suppress(Empty):
             received.append(self.received.get(timeout=wait))
-            for _ in range(PENDING):  # a server that sends at full speed does not stop the ticks
+            while len(received) < PENDING:  # a server that sends at full speed does not stop the ticks
                 received.append(self.received.get_nowait())
         for i, at_s, what in received:
             text = self.sources.take(i, at_s, what)

@@ -121,7 +121,7 @@ class Client:
 
     async def _rest(self, used_s: float) -> None:
         """Leave the processor to others after `used_s`, and while the reader is busy: TCP then slows the server."""
-        await asyncio.sleep(used_s * (1.0 / SHARE - 1.0))
+        await asyncio.sleep(min(used_s * (1.0 / SHARE - 1.0), AGAIN_S))
         while self._busy():  # noqa: ASYNC110 (the reader is in another thread)
             await asyncio.sleep(BUSY_S)
 
