@@ -136,7 +136,8 @@ def test_message_about_a_server_is_one_line_whatever_its_names_are() -> None:
 
 def test_messages_about_a_server_are_few_and_the_others_counted() -> None:
     found = sources(SOUTH)
-    texts = [found.take(0, 0.1 * k, stream([k % 2]).configuration) for k in range(100)]
+    turns = [stream([0]).configuration, stream([1]).configuration]
+    texts = [found.take(0, 0.1 * k, turns[k % 2]) for k in range(100)]
     assert sum(map(bool, texts)) == found.counts()["omitted_messages"] // 9 == 10
     assert found.take(0, 100.0, Lost("refused"))
 
