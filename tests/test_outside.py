@@ -71,7 +71,9 @@ SPEAKERS = {
     "cli/main.py": "errors, escaped",
     "nodes/base/log.py": "what nodes say, escaped",
     "nodes/base/run.py": "what nodes say, escaped",
-    "compiling/store.py": "a line of its own",
+    "compiling": "lines of its own, which its parent reads",
+    "interruption.py": "a line, before the door is loaded",
+    "nodes/base/warmup.py": "errors, escaped",
 }
 
 

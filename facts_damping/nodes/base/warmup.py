@@ -13,6 +13,7 @@ import sys
 from facts_damping.compiling.kernels import ENTRY_POINTS
 from facts_damping.compiling.store import address, prepare, ship
 from facts_damping.errors import FactsDampingError, InputError, one_line, traced
+from facts_damping.escaping import escaped
 
 ROOMS = ("facts_damping.simulation.loop", "facts_damping.nodes.transport.packing")  # modules that import all kernels
 
@@ -29,7 +30,7 @@ def compile_or_exit(program: str) -> None:
     try:
         compile_once()
     except FactsDampingError as error:
-        sys.stderr.write(f"{program}: {one_line(error)}\n{traced(error)}")
+        sys.stderr.write(escaped(traced(error)) + f"{program}: {one_line(error)}\n")
         sys.exit(2 if isinstance(error, InputError) else 1)
 
 
