@@ -218,7 +218,8 @@ class Record:
     role, index and name of the input: (ticks, 2), the node's tick and the tick of the newest message it had.
     `publishers`: publishing node by topic and the publisher's identity (GID), in one text. `versions`: of the software
     that made it, by package; empty if unknown. `in_synchronism` is false at the tick that ended an unstable run.
-    `notes` list what a damaged recording lacks; `gap_tick` is the first tick with missing data, None if complete.
+    `notes` list what a damaged recording lacks, `messages_lost` counts the messages that the recorder missed, also at
+    the end; `gap_tick` is the first tick with missing data, None if complete.
     `arrays` has one column per quantity and one row per tick, `units` the unit of each column.
     """
 
@@ -251,6 +252,7 @@ class Record:
     publishers: dict[str, str] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    messages_lost: int = 0
     gap_tick: int | None = None
 
     @property

@@ -116,7 +116,7 @@ def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome
         told = [dict(zip(REFUSAL, [*how, n], strict=True)) for how, n in outcome.messages_refused.items()]
         refused = refused_messages(result["refused_messages"] or told)  # as in the table; nodes count to their end
         flaws += [f"refused messages: {refused}"] if refused else []
-        flaws += [f"the recorder lost {outcome.messages_lost} messages"] if outcome.messages_lost else []
+        flaws += [f"the recorder lost {record.messages_lost} messages"] if record.messages_lost else []
         flaws += [f"of tick {record.gap_tick} not all was recorded"] if record.gap_tick is not None else []
     if flaws:
         raise DegradedError(f"the run ended, but: {'; '.join(flaws)}")
@@ -177,11 +177,11 @@ def tell_graph(
 
     record = seal(outcome.recording)
     result = summarise(record, outcome.wall_s, str(outcome.recording))
-    result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
+    result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": record.messages_lost}
     times, steps = _step_times(outcome.step_times)
     result |= {"nodes_ended": outcome.fallen, **times}
     further, lines = more(record) if more is not None else ({}, [])
-    lines += [*steps, f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}"]
+    lines += [*steps, f"deadline misses: {outcome.deadline_misses}; messages lost: {record.messages_lost}"]
     _report(arguments, [(name, record)], [result | further], folder, *lines, f"recording: {outcome.recording}")
     check_ended_well(result, record, outcome)
 

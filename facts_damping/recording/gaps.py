@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from facts_damping.recording import decode
 from facts_damping.signals import Absence
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -27,6 +28,7 @@ ROLES = {
 }
 # Inputs and outputs of controllers.
 NEEDED_FOR_REPLAY = ("delivered", "issued", "learning", "supervised", "supervision", "estimates")
+OF_PLANT = ("frames", "state")  # topics that have a message at every tick
 LISTED = 5  # number of missing ticks that are listed
 
 
@@ -95,6 +97,22 @@ def first_missing(found: dict[str, list[Series]], away: Sequence[Absence], ticks
     first, end = int(ticks[0]), int(ticks[-1]) + 1
     needed = [gaps for kind, _, gaps in missing_ticks(found, away, first, end) if kind in NEEDED_FOR_REPLAY]
     return min([gaps[0][0] for gaps in [*needed, _between(ticks, first, end)] if gaps], default=None)
+
+
+def lost_messages(found: dict[str, list[Series]], counted: Mapping[str, int], last: int) -> int:
+    """Number of messages that a recording lacks: those that its recorder missed, and ticks of the plant up to the last.
+
+    `counted`: by the recorder, for `topic` or `topic publisher`; it does not see what is missing at the end. `last`:
+    last tick of the run, if the plant has told it; else -1.
+    """
+    lost: Counter[str] = Counter()
+    for whose, count in counted.items():
+        lost[whose.partition(" ")[0]] += count
+    plant = [one for kind in OF_PLANT for one in found[kind] if len(one.ticks)]
+    first, last = min(one.ticks[0] for one in plant), max([last, *(one.ticks[-1] for one in plant)])
+    for one in plant:
+        lost[one.topic] = max(lost[one.topic], sum(b - a for a, b in _gaps(one, int(first), int(last) + 1)))
+    return lost.total()
 
 
 def _begins(late: set[tuple[str, int, int]], owner: tuple[str, int], first: int, end: int) -> Iterator[int]:

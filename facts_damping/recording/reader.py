@@ -115,6 +115,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     away = gaps.find_absences(found, late, 0, int(ticks[-1]) + 1)
     notes += gaps.gap_notes(found, away, int(ticks[-1]))
     ends = [events.run_ended(messages[topic]) for topic in topics["run"]]
+    lost = gaps.lost_messages(found, content.lost, ends[0][1] if ends and ends[0] else -1)
     _check_end(ticks, configuration, found["state"][0], content.complete, ends, notes)
     first, last = int(ticks[0]), int(ticks[-1])
     cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
@@ -156,6 +157,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         publishers=content.publishers,
         versions=content.versions,
         notes=notes,
+        messages_lost=lost,
         gap_tick=gaps.first_missing(found, away, ticks),
     )
 

@@ -129,6 +129,16 @@ def test_lost_ticks_are_noted(tmp_path: Path, random_record: Callable[..., Recor
     assert part.issued.tobytes() == record.issued.tobytes()
 
 
+def test_lost_messages_count_those_at_the_end(
+    tmp_path: Path, random_record: Callable[..., Record], write_record: Any
+) -> None:
+    """Of which the recorder knows nothing, as no later message of the topic came."""
+    missing = {"/plant/state": {3, 27, 28, 29}, "/pmu/delivered": {4}}
+    skip = lambda topic, tick: tick in missing.get(topic, ())  # noqa: E731
+    write_record(random_record(15), tmp_path / "run", skip=skip, lost={"/plant/state /plant": 1, "/pmu/delivered /l": 1})
+    assert load(tmp_path / "run").messages_lost == 5
+
+
 def test_tick_that_ends_an_unstable_run_stays(
     tmp_path: Path, random_record: Callable[..., Record], write_record: Any
 ) -> None:
