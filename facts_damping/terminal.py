@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import itertools
 import json
@@ -10,11 +11,12 @@ import os
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
+from facts_damping.errors import one_line
 from facts_damping.escaping import escaped, shortened
 from facts_damping.interruption import interruptions_held
 
@@ -45,7 +47,7 @@ class Progress:
     shown: ClassVar[Progress | None] = None  # the progress line now on the terminal
 
     def __init__(self, label: str, unit: str = "ticks", *, shown: bool = True) -> None:
-        self._label, self._unit, self._shown = escaped(label), unit, shown and sys.stderr.isatty()
+        self._label, self._unit, self._shown = escaped(label), unit, shown and _on_terminal()
         self._began, self._before, self._done, self._of = time.monotonic(), 0, 0, 1
 
     def __call__(self, done: int, of: int) -> None:
@@ -53,8 +55,7 @@ class Progress:
         self._done, self._of = done, of
         if self._shown:
             Progress.shown = self
-            sys.stderr.write(str(self))
-            sys.stderr.flush()
+            complain(str(self))
 
     def __str__(self) -> str:
         """The line."""
@@ -80,19 +81,50 @@ class Progress:
         """End the line."""
         if self._shown:
             Progress.shown = None
-            sys.stderr.write("\n")
+            complain("\n")
+
+
+def put(text: str, *, flush: bool = False) -> None:
+    """Write to standard output. Raises OSError, also if the user's code has closed or replaced it."""
+    try:
+        sys.stdout.write(text)
+        if flush:
+            sys.stdout.flush()
+    except OSError:
+        raise
+    except Exception as error:
+        reason = f"closed, or replaced by code of the user ({one_line(error)})"
+        raise OSError(errno.EBADF, reason, "standard output") from error
+
+
+def complain(text: str) -> None:
+    """Write to standard error; where the user's code has closed or replaced it, to its file, if that is open."""
+    try:
+        sys.stderr.write(text)
+        sys.stderr.flush()
+    except Exception:  # noqa: BLE001 (of what replaces it)
+        with suppress(OSError):
+            os.write(2, text.encode())
+
+
+def _on_terminal() -> bool:
+    """Whether standard error is a terminal; not if the user's code has closed or replaced it."""
+    try:
+        return sys.stderr.isatty()
+    except Exception:  # noqa: BLE001 (as above)
+        return False
 
 
 def show(text: str) -> None:
     """Print lines on standard output; text from outside cannot control the terminal."""
     clear_line()
-    sys.stdout.write(escaped(text) + "\n")
+    put(escaped(text) + "\n")
 
 
 def note(text: str) -> None:
     """Print a line of limited length on standard error."""
     clear_line()
-    sys.stderr.write(shortened(escaped(text)) + "\n")
+    complain(shortened(escaped(text)) + "\n")
 
 
 _waiting = threading.Event()  # a busy line is shown
@@ -115,7 +147,7 @@ def busy_line(name: str) -> Iterator[None]:
                 _waiting.set()
                 os.write(2, f"\r{name}: {duration(elapsed)}\033[K".encode())
 
-    if not sys.stderr.isatty():
+    if not _on_terminal():
         yield
         return
     thread = threading.Thread(target=refresh, daemon=True)
@@ -132,7 +164,8 @@ def clear_line() -> None:
     """Remove the line of `busy_line`, or of a progress, before other output."""
     if _waiting.is_set() or Progress.shown is not None:
         _waiting.clear()
-        os.write(2, b"\r\033[K")
+        with suppress(OSError):
+            os.write(2, b"\r\033[K")
 
 
 def table(
@@ -255,7 +288,7 @@ def write_text(target: str, text: str) -> None:
     if target != "-":
         write_whole(Path(target), text)
     else:
-        sys.stdout.write(escaped(text) if sys.stdout.isatty() else text)
+        put(escaped(text) if os.isatty(1) else text)
 
 
 def finite(content: Any) -> Any:

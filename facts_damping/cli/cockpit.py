@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
@@ -12,7 +11,7 @@ from facts_damping.errors import InputError
 from facts_damping.interruption import clean_up_first
 from facts_damping.simulation import loop
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress
+from facts_damping.terminal import Progress, put
 
 if TYPE_CHECKING:
     import argparse
@@ -46,7 +45,7 @@ def _run(arguments: argparse.Namespace) -> None:
 
     def tell(address: str) -> None:
         say(arguments, f"cockpit: {address}")
-        sys.stdout.flush()
+        put("", flush=True)
 
     served = graph.Cockpit(arguments.host, arguments.port, tell)
     with Progress(name) as progress:
@@ -76,7 +75,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     running = thread.begin(serving.serve())
     try:
         say(arguments, f"cockpit: {serving.address}")
-        sys.stdout.flush()
+        put("", flush=True)
         running.result()
     except KeyboardInterrupt:
         raise KeyboardInterrupt("the page is no longer served") from None

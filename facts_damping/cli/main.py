@@ -35,13 +35,14 @@ STATUSES: tuple[tuple[type[FactsDampingError], int], ...] = (
 
 def main(argv: list[str] | None = None) -> int:
     """Entry point: exit status 0 done, 1 the run failed, 2 bad input, 3 degraded, 130, 143 or 129 interrupted."""
-    verbose = os.environ.get(VERBOSE)
+    verbose, streams = os.environ.get(VERBOSE), (sys.stdout, sys.stderr)
     with interruption.handled():
         try:
             return _main(argv)
         except KeyboardInterrupt as error:
             return _fail(interruption.text(str(error)), interruption.status())
         finally:
+            sys.stdout, sys.stderr = streams  # the user's code may have replaced them; Python flushes them at its end
             os.environ.pop(VERBOSE, None)
             os.environ.update({} if verbose is None else {VERBOSE: verbose})
 
@@ -49,9 +50,9 @@ def main(argv: list[str] | None = None) -> int:
 def _main(argv: list[str] | None) -> int:
     try:
         _do(_arguments(argv))
-        sys.stdout.flush()
+        terminal.put("", flush=True)
     except FactsDampingError as error:
-        sys.stderr.write(escaped(traced(error)))
+        terminal.complain(escaped(traced(error)))
         return _fail(error, next(status for kind, status in STATUSES if isinstance(error, kind)))
     except BrokenPipeError:
         sys.stderr.close()
@@ -77,7 +78,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
 def _cannot_write(error: OSError) -> int:
     """Report a disk that is full or missing; the rest of standard output is dropped."""
     with suppress(OSError):
-        sys.stdout.flush()
+        terminal.put("", flush=True)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     where = error.filename or "standard output"
     return _fail(f"{where}: cannot be written: {error.strerror}; allowed: a place with room for it", BAD_INPUT)

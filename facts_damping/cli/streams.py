@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,7 @@ from facts_damping.simulation.replay import case_of, check_has_run
 from facts_damping.streaming import listening, recorded, serving
 from facts_damping.streaming.pdc import WAIT_S, Pdc
 from facts_damping.streaming.serving import Serving
-from facts_damping.terminal import Progress, table, write_json
+from facts_damping.terminal import Progress, put, table, write_json
 
 if TYPE_CHECKING:
     import argparse
@@ -47,7 +46,7 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
     async def whole() -> None:
         try:
             say(arguments, *await serving.begin(servers, asked))
-            sys.stdout.flush()
+            put("", flush=True)
             await recorded.play(servers, recorded.instants(record, pdc, link), each=asked.each)
         finally:
             for server in servers:
