@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
@@ -71,6 +72,8 @@ class Journal:
         with naming(self._name):
             self._file.write(line[:-1] + CHECKSUM % zlib.crc32(line) + b"\n")
             self._file.flush()
+            if not os.fstat(self._file.fileno()).st_nlink:
+                raise OSError(errno.ENOENT, "it was removed")
             if time.monotonic() - self._synced > SYNC_S:
                 os.fsync(self._file.fileno())
                 self._synced = time.monotonic()
