@@ -32,6 +32,8 @@ CHUNK = 1 << 16
 RUBBISH = 1 << 16  # bytes outside of frames after which a server speaks another protocol, in one connection
 UNREAD = 1 << 16  # bytes of commands that a server may leave unread
 DATAGRAMS = 256  # that wait to be decoded; further ones are dropped
+BURST_S = 60.0  # s of data that may come at once, as after a stall
+QUICK = 2.0  # largest pace of the other data, in relation to the configured rate
 SHARE = 0.25  # largest share of a processor that decoding one stream takes
 BUSY_S = 0.01  # time between two looks whether the reader of results is still busy
 ASKED = ("send_configuration_3", "send_configuration_2")  # tried alternately: not every server knows configuration 3
@@ -57,6 +59,7 @@ class Client:
         self.receiver, self.connections = Receiver(server.idcode), 0
         self._kind, self._answered = 0, True  # index in ASKED of the request in use, and whether it was answered
         self._asked_s = self._received_s = -ANSWER_S
+        self._since_s, self._frames, self._rate = 0.0, 0, 1  # of this connection: its begin, data frames, frames/s
 
     async def run(self) -> None:
         """Run until cancelled."""
@@ -92,6 +95,7 @@ class Client:
         receiver, old = Receiver(self.server.idcode), self.receiver
         receiver.lost_bytes, receiver.refused = old.lost_bytes, old.refused
         self.receiver, self._asked_s, self._received_s = receiver, -ANSWER_S, time.monotonic()
+        self._since_s, self._frames, self._rate = self._received_s, 0, 1
         receiving = asyncio.ensure_future(wire.receive())
         try:
             while True:
@@ -117,6 +121,9 @@ class Client:
         """Why a connection has to be closed; empty if it may go on."""
         if self.server.kind == "tcp" and lost_bytes > RUBBISH:
             return f"{lost_bytes} bytes in no frame of C37.118.2; allowed: {RUBBISH} in a connection"
+        allowed = self._rate * (BURST_S + QUICK * (self._received_s - self._since_s))
+        if self._frames > allowed:
+            return f"{self._frames} data frames in {self._received_s - self._since_s:.0f} s; allowed: {allowed:.0f}"
         return f"{wire.unread} bytes of commands unread; allowed: {UNREAD}" if wire.unread > UNREAD else ""
 
     async def _rest(self, used_s: float) -> None:
@@ -132,9 +139,10 @@ class Client:
         wire.dropped_bytes = 0
         for one in receiver.take([received]) if self.server.kind == "udp" else receiver.feed(received):
             if isinstance(one, Configuration):
-                self._answered = True
+                self._answered, self._rate = True, max(1, self._rate, one.rate)
                 self._command(wire, "turn_on")
             if not isinstance(one, str):
+                self._frames += isinstance(one, Instant)
                 self._tell(one)
 
     def _ask(self, wire: _Tcp | _Udp, now: float) -> None:

@@ -270,9 +270,10 @@ async def serve(wire: Any, seconds: float, **more: Any) -> str | None:
     ("wire", "reason"),
     [
         (Wire(b"HTTP/1.1 400 Bad Request\r\n" * 1000), "78000 bytes in no frame of C37.118.2; allowed: 65536"),
+        (Wire(CONFIGURATION, session.data_frame(served(), instant(0)) * 4000), "4000 data frames in 0 s; allowed: 36"),
         (Wire(CONFIGURATION, unread=65537), "65537 bytes of commands unread; allowed: 65536"),
     ],
-    ids=["other protocol", "commands unread"],
+    ids=["other protocol", "flood", "commands unread"],
 )
 def test_connection_ends_with_a_server_that_never_ends(wire: Wire, reason: str) -> None:
     assert str(run(lambda: serve(wire, 5.0))).startswith(reason)
