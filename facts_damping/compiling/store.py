@@ -145,10 +145,11 @@ def prepare(entries: Iterable[EntryPoint]) -> None:
     surroundings |= {"NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1"}
     processes = [subprocess.Popen(command, env=surroundings, stderr=subprocess.PIPE) for _ in range(many)]
     outputs = [process.communicate()[1].decode(errors="replace").strip() for process in processes]
-    for process, output in zip(processes, outputs, strict=True):
+    left = [entry.symbol for entry in missing if not _is_there(entry)]  # nothing, if another process did it
+    for process, output in zip(processes, outputs, strict=True) if left else ():
         if process.returncode:
             raise _failure(output, bad_input=process.returncode == BAD_INPUT)
-    if left := [entry.symbol for entry in missing if not _is_there(entry)]:
+    if left:
         raise RunError(f"{', '.join(left[:3])}: changed while it was compiled; allowed: files that stay as they are")
 
 
