@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from io import StringIO
 from pathlib import Path
 from textwrap import dedent
 from typing import TYPE_CHECKING, Any
@@ -313,3 +315,41 @@ def test_linear_margins_refuse_it(capsys: pytest.CaptureFixture[str]) -> None:
 def test_errors_are_input_errors_for_scripts(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         run(f"{tmp_path / 'nowhere.py'}:Mine")
+
+
+CLOSES = """
+    import sys
+
+    class Silent:
+        def write(self, text): raise RuntimeError("no writing")
+        def flush(self): raise RuntimeError("no writing")
+
+    class Mine:
+        def __init__(self, spec): {act}
+        def step(self, t_s, y, age_s, fresh): return 0.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("act", "status", "said"),
+    [
+        ("sys.stdout.close()", 2, "standard output: cannot be written: closed, or replaced by code of the user (I/O"),
+        ("sys.stdout = Silent()", 2, "replaced by code of the user (no writing); allowed: a place with room for it"),
+        ("sys.stdout = None", 2, "replaced by code of the user"),
+        ("sys.stdout = Silent(); sys.stderr = None", 2, ""),
+        ("sys.stderr.close()", 0, ""),
+        ("sys.stderr = Silent()", 0, ""),
+    ],
+)
+def test_a_class_that_closes_the_streams_ends_a_command_in_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, act: str, status: int, said: str
+) -> None:
+    out, errors = StringIO(), StringIO()
+    monkeypatch.setattr("sys.stdout", out)
+    monkeypatch.setattr("sys.stderr", errors)
+    asked = changes(own(written(tmp_path, CLOSES.format(act=act)), "duration=0.1"))
+    assert main(["simulate", "two_area_small", *asked]) == status
+    assert (sys.stdout, sys.stderr) == (out, errors)  # as before
+    if not errors.closed:
+        assert said in errors.getvalue()
+        assert errors.getvalue().count("\n") == int(bool(said))
