@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 ROOM = 4 << 20  # bytes that the chunks of any file may unpack to
 RATIO = 30  # more bytes per byte of the file up to the chunk's end; recordings of a graph take 3 to 10
-# Of many PMUs that tell the same, they take 115: small chunks may have a larger ratio, up to a size that memory has.
-SMALL, ALIKE, MOST = 16 << 20, 500, 2 << 30
 HEAD = Struct("<BQ")  # of a record: opcode, length of content
 INSIDE = frozenset((Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE))  # kinds of record that a chunk may hold
 
@@ -49,9 +47,7 @@ class UnpackLimit:
 
     def has(self, chunk: Chunk, end: int) -> bool:
         """Whether a chunk fits; if so, its size is counted. `end`: byte of the file at which it ends."""
-        size = self._size + chunk.uncompressed_size
-        alike = chunk.uncompressed_size <= SMALL and size <= min(ALIKE * end, MOST)
-        fits = size <= ROOM + RATIO * end or alike
+        fits = self._size + chunk.uncompressed_size <= ROOM + RATIO * end
         self._size += chunk.uncompressed_size if fits else 0
         return fits
 

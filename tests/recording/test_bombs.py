@@ -8,15 +8,12 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import lz4.frame
-import numpy as np
 import pytest
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk, Header, Message
 from mcap.writer import MCAP0_MAGIC, Writer
 
-from facts_damping.recording import RecordingWriter
-from facts_damping.recording.scan import scan
 from facts_damping.recording.schemas import schema_text
 
 if TYPE_CHECKING:
@@ -162,17 +159,3 @@ def test_a_bomb_is_one_line(folders: dict[str, Path], name: str) -> None:
     assert errors.count("\n") == 1, errors
     assert megabytes < MAX_MB
     assert took < MAX_S
-
-
-def test_recording_of_many_pmus_that_tell_the_same_is_read_whole(tmp_path: Path) -> None:
-    """It takes a hundredth of what it holds, much less than one with noise."""
-    random, ticks = np.random.default_rng(0), 400
-    pmus = np.tile(random.integers(0, 256, 120, np.uint8), (1000, 1))
-    with RecordingWriter(tmp_path / "run", "") as writer:
-        writer.add_topic("/pmu/frames", FRAMES)
-        for tick in range(ticks):
-            pmus[:, 7] = random.integers(0, 256, 1000)
-            writer.write("/pmu/frames", tick.to_bytes(8, "little") + pmus.tobytes(), tick, tick, tick)
-    content = scan(tmp_path / "run")
-    assert (tmp_path / "run" / "run_0.mcap").stat().st_size < ticks * 120 * 1000 / 50
-    assert (content.notes, len(content.messages)) == ([], ticks)
