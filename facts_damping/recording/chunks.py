@@ -52,6 +52,15 @@ class UnpackLimit:
         return fits
 
 
+def may_pack(size: int, end: int) -> bool:
+    """Whether a writer may pack a chunk that ends later than byte `end`; `size`: bytes that all chunks unpack to.
+
+    Equal messages pack so well that `UnpackLimit` would take a file of them for a bomb. It leaves half of `ROOM` for
+    other records.
+    """
+    return size <= ROOM // 2 + RATIO * end
+
+
 def unpack(chunk: Chunk) -> list[McapRecord]:
     """Records in a chunk, checksum verified. Raises ValueError, or the libraries' own errors if damaged."""
     data, at = _plain(chunk), 0

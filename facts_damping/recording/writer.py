@@ -12,6 +12,7 @@ from mcap.writer import CompressionType, Writer
 from facts_damping.errors import RecordingError
 from facts_damping.interruption import clean_up_first
 from facts_damping.recording.bagfile import FILE_NAME, INFORMATION, RELIABLE, TopicInfo, bag_information, dump, qos_text
+from facts_damping.recording.chunks import may_pack
 from facts_damping.recording.schemas import schema_text, type_hash
 from facts_damping.terminal import write_whole
 
@@ -24,6 +25,7 @@ CONFIGURATION = "run.yaml"  # attachment with the run's configuration
 VERSIONS = "facts_damping.versions"  # metadata record with the versions
 LOST = "facts_damping.lost"  # metadata record with the counts of lost messages
 PUBLISHERS = "facts_damping.publishers"  # metadata record with the publishers: `TOPIC IDENTITY` to node
+MESSAGE = 31  # bytes of a message record beside its data
 
 
 class RecordingWriter:
@@ -45,6 +47,7 @@ class RecordingWriter:
         self._schemas: dict[tuple[str, str], int] = {}
         self._counts: dict[str, int] = {}
         self._span: tuple[int, int] | None = None
+        self._size = 0  # of all messages, not packed
         self._stream: IO[bytes] | None = _open_new(self.file)
         self._mcap = Writer(self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
         with writing(self.file):
@@ -84,9 +87,12 @@ class RecordingWriter:
         `cdr`: serialised message; `log_ns`, `publish_ns`: times of reception and publication, ns since 1970;
         `sequence`: the publisher's counter (gaps are lost messages). Raises RecordingError.
         """
-        self._check_open()
+        stream = self._check_open()
         if topic not in self._channels:
             raise RecordingError(f"topic {topic} was not announced; there are {', '.join(self._channels) or 'none'}")
+        self._size += MESSAGE + len(cdr)
+        kind = CompressionType.ZSTD if may_pack(self._size, stream.tell()) else CompressionType.NONE
+        self._mcap._Writer__compression = kind  # type: ignore[attr-defined]  # noqa: SLF001 (it is fixed otherwise)
         try:  # without `writing`, which takes 1 us
             self._mcap.add_message(self._channels[topic][0], log_ns, bytes(cdr), publish_ns, sequence % 2**32)
         except OSError as error:
@@ -134,9 +140,10 @@ class RecordingWriter:
         """Close the recording, also after an error, so that it stays readable."""
         self.close()
 
-    def _check_open(self) -> None:
+    def _check_open(self) -> IO[bytes]:
         if self._stream is None:
             raise RecordingError(f"{self.folder}: the recording is closed")
+        return self._stream
 
 
 def _open_new(file: Path) -> IO[bytes]:

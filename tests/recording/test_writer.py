@@ -8,6 +8,7 @@ import pytest
 
 from facts_damping.errors import RecordingError
 from facts_damping.recording import RecordingWriter, schema_text
+from facts_damping.recording.scan import scan
 from facts_damping.recording.schemas import SEPARATOR, definition_file, type_hash
 
 STRING = "std_msgs/msg/String"
@@ -74,6 +75,18 @@ def test_place_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordingError, match="cannot be written"):
         RecordingWriter(tmp_path / "file" / "run")
+
+
+def test_recording_of_equal_large_messages_is_read_whole(tmp_path: Path) -> None:
+    """Such as those of many steady PMUs: they pack so well that a reader would take them for a bomb."""
+    frames, count = bytes(500_000), 60
+    with RecordingWriter(tmp_path / "run") as writer:
+        writer.add_topic("/pmu/frames", "facts_damping_msgs/msg/PmuDataFrame")
+        for k in range(count):
+            writer.write("/pmu/frames", frames, k, k, k)
+    content = scan(tmp_path / "run")
+    assert (len(content.messages), content.notes) == (count, [])
+    assert writer.file.stat().st_size < count * len(frames) / 10
 
 
 def test_error_inside_the_block_still_closes(tmp_path: Path) -> None:
