@@ -101,6 +101,11 @@ def _step_times(took: Mapping[str, StepTimes]) -> tuple[dict[str, Any], list[str
     return times, [f"{name}: {times}" for name, times in took.items()]
 
 
+def _missing(outcome: Outcome, record: Record) -> int:
+    """Ticks of a graph that its record lacks, also those after the last message that was recorded."""
+    return max(0, outcome.ticks - len(record.time_ns))
+
+
 def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome | None = None) -> None:
     """Raise `DegradedError` if a run ended but was degraded; `outcome`: of its graph."""
     from facts_damping.analysis.releases import joined_text, refused_messages, released_text
@@ -117,6 +122,8 @@ def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome
         refused = refused_messages(result["refused_messages"] or told)  # as in the table; nodes count to their end
         flaws += [f"refused messages: {refused}"] if refused else []
         flaws += [f"the recorder lost {record.messages_lost} messages"] if record.messages_lost else []
+        missing = _missing(outcome, record)
+        flaws += [f"{missing} of {outcome.ticks} ticks were not recorded"] if missing else []
         flaws += [f"of tick {record.gap_tick} not all was recorded"] if record.gap_tick is not None else []
     if flaws:
         raise DegradedError(f"the run ended, but: {'; '.join(flaws)}")
@@ -178,10 +185,12 @@ def tell_graph(
     record = seal(outcome.recording)
     result = summarise(record, outcome.wall_s, str(outcome.recording))
     result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": record.messages_lost}
+    result |= {"ticks_missing": _missing(outcome, record)}
     times, steps = _step_times(outcome.step_times)
     result |= {"nodes_ended": outcome.fallen, **times}
     further, lines = more(record) if more is not None else ({}, [])
-    lines += [*steps, f"deadline misses: {outcome.deadline_misses}; messages lost: {record.messages_lost}"]
+    counts = ("deadline_misses", "messages_lost", "ticks_missing")
+    lines += [*steps, "; ".join(f"{name.replace('_', ' ')}: {result[name]}" for name in counts)]
     _report(arguments, [(name, record)], [result | further], folder, *lines, f"recording: {outcome.recording}")
     check_ended_well(result, record, outcome)
 

@@ -273,16 +273,18 @@ def test_what_did_not_go_well_is_one_line() -> None:
     record = loop.run(load_case(None, ["duration=0.2"]))
     result = summarise(record)
     check_ended_well(result, record)
-    sound = Outcome(Path("recording"), 1.0, 0, 0, {}, [], {})
+    sound = Outcome(Path("recording"), 1.0, len(record.time_ns), 0, 0, {}, [], {})
     check_ended_well(result, record, sound)
     refused = {
         ("wan_link", "publisher", "/pmu/frames", "/forger"): 3,
         ("wan_link", "publisher", "/diagnostics", "x"): 9,
     }
-    bad = replace(sound, messages_refused=refused, fallen=["controller_0_LLC was killed by SIGKILL"])
+    fallen = ["controller_0_LLC was killed by SIGKILL"]
+    bad = replace(sound, ticks=sound.ticks + 5, messages_refused=refused, fallen=fallen)
     said = (
         "the run ended, but: /n joined at 1.00 s, disarmed; controller_0_LLC was killed by SIGKILL; "
-        "refused messages: 3 by publisher; the recorder lost 2 messages; of tick 7 not all was recorded"
+        "refused messages: 3 by publisher; the recorder lost 2 messages; 5 of 17 ticks were not recorded; "
+        "of tick 7 not all was recorded"
     )
     joined = {**result, "joined": [{"node": "/n", "time_s": 1.0, "armed_s": None}]}
     with pytest.raises(DegradedError) as caught:

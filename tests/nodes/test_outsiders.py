@@ -120,6 +120,7 @@ def test_all_publishers_keep_so_much_and_a_recorder_says_what_it_lost(loopback: 
     frames = [message for message in scan(outcome.recording).messages if message.topic == "/pmu/frames"]
     recorded, computed = load(outcome.recording), loop.run(case)
     assert 0 < outcome.messages_lost == case.ticks - len(frames) < case.ticks
+    assert outcome.ticks == case.ticks
     assert f"/pmu/frames: the recorder lost {outcome.messages_lost} messages of /plant_sim" in recorded.notes
     assert recorded.frames.tobytes() == computed.frames[np.isin(computed.ticks, recorded.ticks)].tobytes()
     assert recorded.issued.tobytes() == computed.issued.tobytes()

@@ -67,6 +67,7 @@ class Outcome:
 
     recording: Path
     wall_s: float
+    ticks: int  # that the source of frames has published
     deadline_misses: int
     messages_lost: int
     messages_refused: Refusals
@@ -407,7 +408,7 @@ def run(
         step_times = {name: row for name, row in times.items() if row is not None}
         refused = {how: count for process in running.values() for how, count in process.refused().items()}
     missed = int(lost.group(1)) if lost else 0
-    return Outcome(out / "recording", wall, misses, missed, refused, list(fallen.values()), step_times)
+    return Outcome(out / "recording", wall, newest, misses, missed, refused, list(fallen.values()), step_times)
 
 
 def check_domain(domain: str) -> None:
