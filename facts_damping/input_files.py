@@ -81,6 +81,7 @@ def is_file(path: Path, allowed: str = "a file") -> bool:
 def read_bytes(path: Path, maximum: int = TEXT) -> bytes:
     """Content of a file of at most `maximum` bytes. Raises `InputError`."""
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
+    check_file(path, maximum)  # a folder cannot be opened below
     with _opening(path), os.fdopen(os.open(path, flags), "rb") as file:
         about = os.fstat(file.fileno())
         _check_kind(path, about, maximum)

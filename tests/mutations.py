@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
-from typing import TYPE_CHECKING
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import random
+    from collections.abc import Iterator
 
 ODD = (
     *("", "~", "yes", "[]", "{}", "-1", "0", "1e400", ".nan", "-.inf", "1e-300", "99999999999999999999", "'x'", "*a"),
@@ -62,3 +65,45 @@ def damaged(whole: bytes, dice: random.Random) -> bytes:
             del data[at:]
         data = data or bytearray(1)
     return bytes(data)
+
+
+DEEP: Any = 1
+for _ in range(15):
+    DEEP = [DEEP]
+VALUES = (
+    *(None, True, -1, 0, 1, 3.5, 1e308, math.inf, math.nan, 10**30, -(10**30), "", "x", "9D", "\x1b[2J"),
+    *("/etc/hostname", "../x.yaml", "two_area", [], {}, [None], ["x"], {"a": 1}, [0.0] * 5, DEEP),
+)
+
+
+def _places(content: Any) -> Iterator[tuple[Any, Any]]:
+    """Each table or list within a content, with each of its keys or indices."""
+    for key in list(content) if isinstance(content, dict) else range(len(content)):
+        yield content, key
+        if isinstance(content[key], (dict, list)):
+            yield from _places(content[key])
+
+
+def changed(content: Any, dice: random.Random) -> Any:
+    """A copy of a content with one or two changes: of a value, its type or key; of a list's length."""
+    copy = deepcopy(content)
+    for _ in range(dice.choice([1, 1, 2])):
+        places = list(_places(copy))
+        upper = [(table, key) for table, key in places if table is copy]
+        table, key = dice.choice(dice.choice([places, upper or places]))
+        change = dice.randrange(8)
+        if change == 0:
+            del table[key]
+        elif change == 1 and isinstance(table, dict):
+            table["weather"] = "rain"
+        elif change == 2 and isinstance(table, dict):
+            table[f"{key}s"] = table.pop(key)
+        elif change == 3 and isinstance(table, list):
+            table.append(table[key])
+        elif change == 4 and isinstance(table[key], (dict, list)):
+            table[key].clear()
+        else:
+            table[key] = dice.choice(VALUES)
+        if not copy:
+            return copy
+    return copy

@@ -163,3 +163,12 @@ def test_without_an_event_the_noise_is_compared_with_no_control() -> None:
     assert re.search(rf"^{words} \(90 % interval: \d+ % less to \d+ % less\)$", str(found), re.MULTILINE)
     short = fd.simulate("two_area_deployment", scenario=[], duration=30, supervision=None, arm_at=None, seed=3)
     assert re.search(rf"^{words} \(no interval: run shorter than a minute\)$", str(short), re.MULTILINE)
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 3])
+def test_a_run_of_a_few_ticks_has_findings(ticks: int) -> None:
+    """In one tick nothing has happened, with and without control."""
+    result = fd.simulate("two_area_small", duration=ticks / 60)
+    assert len(result.time_ns) == ticks
+    assert result.findings[2].startswith("ITAE ")
+    assert (result.findings[2] == "ITAE 0, without control 0") == (ticks == 1)

@@ -33,7 +33,10 @@ def replay(arguments: argparse.Namespace) -> None:
 
     record = load(arguments.recording)
     case = again.case_of(record, str(arguments.recording), arguments.run, arguments.set, policy=arguments.policy)
-    played = again.fitted(record, case)
+    try:
+        played = again.fitted(record, case)
+    except InputError as error:
+        raise InputError(f"{arguments.recording}: {error}") from error
     folder = None if arguments.out is None and not arguments.nodes else out_folder(arguments, "replay")
     replayed, recording = _by_nodes(arguments, case, played, folder) if arguments.nodes else _in_process(case, played)
     issued = again.acted(replayed)

@@ -86,13 +86,13 @@ def origin(path: Path | str) -> tuple[dict[str, Any], str]:
     Raises RecordingError as `load` does, and if the configuration is missing.
     """
     content = scan(path)
-    configuration, notes = _configuration(content)
-    if not configuration:
-        raise RecordingError(f"{path}: {'; '.join(notes)}")
     try:
         frames = _topics(content, controlled=False)["frames"][0]
     except RecordingError as error:
         raise RecordingError(content.refusal(f"{path}: {error}")) from error
+    configuration, notes = _configuration(content)
+    if not configuration:
+        raise RecordingError(f"{path}: {'; '.join(notes)}")
     return configuration, frames.removesuffix(KINDS["frames"][1]) or "/"
 
 
@@ -171,8 +171,8 @@ def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
         notes += [f"{topic}: the recorder lost {count} messages{of}"] if count else []
     try:
         configuration = parse(content.configuration)
-    except UNREADABLE:
-        configuration = None
+    except UNREADABLE as error:
+        return {}, [*notes, f"the run's configuration cannot be read and is left out: {one_line(error)}"]
     if not isinstance(configuration, dict):
         return {}, [*notes, "the run's configuration is missing"]
     try:
