@@ -68,7 +68,7 @@ def summarise(record: Record, wall_s: float | None, recording: str | None, metho
 
 
 def _report(arguments: argparse.Namespace, named: Named, results: Results, folder: Path | None, *more: str) -> None:
-    """Write files first, then print the table: a closed pipe then loses no result."""
+    """Write files first, then print the table: a closed pipe then loses no result. `folder`: exists, or None."""
     from facts_damping.analysis.summary import table
     from facts_damping.findings import findings, names_of_seeds
 
@@ -79,7 +79,7 @@ def _report(arguments: argparse.Namespace, named: Named, results: Results, folde
         from facts_damping.analysis.plotting.plots import plot_comparison
 
         labels = names_of_seeds(records)
-        pictures = plot_comparison(list(zip(labels, records, strict=True)), files.new_folder(folder))
+        pictures = plot_comparison(list(zip(labels, records, strict=True)), folder)
         write_json(str(folder / "result.json"), content)
     write_json(arguments.json, content)
     for name, record in named:
@@ -228,7 +228,7 @@ def analyze(arguments: argparse.Namespace) -> None:
         *_distributions(arguments, named, results, folder),
         *page(arguments, named, results, baseline),
     ]
-    _report(arguments, named, results, folder, *more)
+    _report(arguments, named, results, files.new_folder(folder), *more)
 
 
 def _distributions(arguments: argparse.Namespace, named: Named, results: Results, folder: Path) -> list[str]:

@@ -116,10 +116,10 @@ def test_table(swing_record: Callable[..., Record]) -> None:
 def test_pictures(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     stems = ("speeds", "differences", "tie_power", "injected_voltage", "indices", "latency")  # the voltage stands still
     names = [f"{stem}.png" for stem in stems]
-    paths = plot_comparison([("", swing_record())], tmp_path / "one")
+    paths = plot_comparison([("", swing_record())], tmp_path)
     assert [path.name for path in paths] == names
     several = [("a", swing_record()), ("b", swing_record(600, damping=-0.1))]
-    assert [path.name for path in plot_comparison(several, tmp_path / "two")] == names
+    assert [path.name for path in plot_comparison(several, tmp_path)] == names
     for path in paths:
         picture = imread(path)
         assert picture.shape[1] > 1000

@@ -11,7 +11,9 @@ import subprocess
 import sys
 from argparse import Namespace
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from shutil import rmtree
 from typing import IO, TYPE_CHECKING, Any
 
 import pytest
@@ -25,6 +27,8 @@ from facts_damping.input_files import share_folder
 from facts_damping.nodes.launching.graph import Outcome
 from facts_damping.parameters.files import new_folder
 from facts_damping.simulation import loop
+from facts_damping.studies.sweeps import results
+from facts_damping.studies.sweeps.journal import Journal
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -293,6 +297,40 @@ def test_what_did_not_go_well_is_one_line() -> None:
     recorded = [{"node": "/wan_link", "cause": "publisher", "topic": "/pmu/frames", "source": "/forger", "count": 2}]
     with pytest.raises(DegradedError, match=r"refused messages: 2 by publisher$"):  # as the table of the recording
         check_ended_well({**result, "refused_messages": recorded}, record, bad)
+
+
+ADAPTS = ["simulate", "two_area_small", "--set", "controllers.0.name=HBsWC", "--set", "duration=0.2"]
+REMOVED = {
+    "simulate": (ADAPTS, "facts_damping.analysis.plotting.plots.plot_comparison", "out/result.json"),
+    "sweep, runs": (["sweep", "study.yaml", "--jobs", "1"], f"{Journal.__module__}.Journal.append", "out/rows.jsonl"),
+    "sweep, end": (["sweep", "study.yaml", "--jobs", "1"], f"{results.__name__}.write", "out/rows.parquet"),
+}
+
+
+@pytest.mark.parametrize("when", REMOVED)
+def test_a_folder_that_is_removed_under_way_ends_the_command_in_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], when: str
+) -> None:
+    """It is not made again: what was in it is lost."""
+    command, place, named = REMOVED[when]
+    monkeypatch.chdir(tmp_path)
+    Path("study.yaml").write_text(
+        "run: two_area_small\nset: {duration: 0.2}\nsweep: [{field: seed, values: [1, 2]}]\n", encoding="utf-8"
+    )
+    module, _, name = place.rpartition(".")
+    holder = Journal if module.endswith("Journal") else sys.modules.get(module) or import_module(module)
+    before = getattr(holder, name)
+
+    def removing(*given: Any) -> Any:
+        rmtree("out", ignore_errors=True)
+        return before(*given)
+
+    monkeypatch.setattr(holder, name, removing)
+    assert main([*command, "--out", "out"]) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith(f"facts-damping: {named}: cannot be written: ")
+    assert errors.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["study.yaml"]
 
 
 def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

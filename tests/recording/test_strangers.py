@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import facts_damping as fd
+from facts_damping import report
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.cockpit import server
@@ -151,7 +152,9 @@ def test_a_list_of_a_million_is_refused_before_it_is_made(
 ) -> None:
     text = dump({name: value for name, value in record.configuration.items() if name != "devices"})
     path = stored(f"{text}devices: [{'0,' * 10**6}]\n", place / "own")
-    assert_one_line(2, ["views", path], "own: the run's configuration cannot be read and is left out: more than ", capsys)
+    assert_one_line(
+        2, ["views", path], "own: the run's configuration cannot be read and is left out: more than ", capsys
+    )
 
 
 @settings(max_examples=20, suppress_health_check=list(HealthCheck))
@@ -274,3 +277,19 @@ def test_a_recording_whose_messages_all_come_twice_replays_exactly(
     assert "twice: /pmu/frames: 6 messages repeat a tick: the first counts" in notes
     assert "twice: /setpoints/delivered: 6 messages are copies of others: the first counts" in notes
     assert all(note.endswith("the first counts") for note in notes)
+
+
+def test_a_folder_that_is_removed_while_a_report_is_made_ends_the_command_in_a_line(
+    sound: Path, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write = report.write
+    (place / "page").mkdir()
+
+    def removing(*given: Any) -> None:
+        (place / "page").rmdir()
+        write(*given)
+
+    monkeypatch.setattr(report, "write", removing)
+    command = ["analyze", str(sound), "--report", "page/it.html", "--out", "out"]
+    assert_one_line(2, command, "page/it.html: No such file or directory; allowed: a file in a folder", capsys)
+    assert list(place.iterdir()) == []

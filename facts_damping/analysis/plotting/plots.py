@@ -44,7 +44,7 @@ class Plotted(NamedTuple):
 
 
 def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -> list[Path]:
-    """Plot several records (name, record) over each other; returns paths of the PNG files in `folder`.
+    """Plot several records (name, record) over each other; returns paths of the PNG files in `folder`, which exists.
 
     Draws those of `pictures.PICTURES` that are not empty. Records with the same name, such as seeds of a run, give
     their median in a band from minimum to maximum. Vertical lines mark the events of the first record. Raises
@@ -52,9 +52,7 @@ def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -
     """
     if not records:
         raise InputError("plots: no record given; allowed: at least one")
-    place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
-    paths = []
+    place, paths = Path(folder), []
     for picture in PICTURES:
         figure = _figure(picture, records)
         if figure is not None:

@@ -70,6 +70,8 @@ class Journal:
     def _write(self, content: dict[str, Any]) -> None:
         line = json.dumps(content, allow_nan=False).encode()
         with naming(self._name):
+            if not os.fstat(self._file.fileno()).st_nlink:  # else all runs that follow would be lost
+                raise FileNotFoundError(errno.ENOENT, "removed while the study runs")
             self._file.write(line[:-1] + CHECKSUM % zlib.crc32(line) + b"\n")
             self._file.flush()
             if not os.fstat(self._file.fileno()).st_nlink:

@@ -17,7 +17,7 @@ from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.run_warnings import NEVER_ARMED
 from facts_damping.input_files import share_folder
 from facts_damping.studies.margins.margins import failed_fraction
-from facts_damping.terminal import write_whole
+from facts_damping.terminal import replacing, write_whole
 from facts_damping.version import versions
 
 if TYPE_CHECKING:
@@ -57,14 +57,10 @@ def _commit() -> str | None:
 
 def write(folder: Path, rows: Rows, margins: Rows, fractions: Rows) -> list[Path]:
     """Write all tables and the versions; return their paths."""
-    made = []
-    whole = table(rows)
-    parquet.write_table(whole, folder / "rows.parquet")
-    made.append(folder / "rows.parquet")
+    made = [_written(folder / "rows.parquet", rows)]
     for name, some in (("rows", rows), ("margins", margins), ("fractions", fractions)):
         if some:
-            csv.write_csv(table(some), folder / f"{name}.csv")
-            made.append(folder / f"{name}.csv")
+            made.append(_written(folder / f"{name}.csv", some))
     about = {**versions("joblib", "pyarrow"), "git": _commit()}
     write_whole(folder / "versions.json", json.dumps(about, indent=2) + "\n")
     return [*made, folder / "versions.json"]
@@ -72,10 +68,15 @@ def write(folder: Path, rows: Rows, margins: Rows, fractions: Rows) -> list[Path
 
 def tables(folder: Path, name: str, rows: Rows) -> list[Path]:
     """Write rows as Parquet and CSV; return the paths."""
-    whole = table(rows)
-    parquet.write_table(whole, folder / f"{name}.parquet")
-    csv.write_csv(whole, folder / f"{name}.csv")
-    return [folder / f"{name}.parquet", folder / f"{name}.csv"]
+    return [_written(folder / f"{name}.parquet", rows), _written(folder / f"{name}.csv", rows)]
+
+
+def _written(path: Path, rows: Rows) -> Path:
+    """Write rows to a file, whole or not at all, in the format of its suffix; returns the path."""
+    write_format = parquet.write_table if path.suffix == ".parquet" else csv.write_csv
+    with replacing(path) as beside:
+        write_format(table(rows), beside)
+    return path
 
 
 def sweep_tables(rows: Rows, margins: Rows, fractions: Rows, across: str = "scenario") -> list[str]:
