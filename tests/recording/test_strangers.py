@@ -293,3 +293,25 @@ def test_a_folder_that_is_removed_while_a_report_is_made_ends_the_command_in_a_l
     command = ["analyze", str(sound), "--report", "page/it.html", "--out", "out"]
     assert_one_line(2, command, "page/it.html: No such file or directory; allowed: a file in a folder", capsys)
     assert list(place.iterdir()) == []
+
+
+def other_estimate(_topic: str, message: Any) -> Any:
+    if hasattr(message, "jacobian") and message.tick == 4:
+        message.jacobian = message.jacobian + 1.0
+    return message
+
+
+@pytest.mark.parametrize(
+    ("sets", "said"),
+    [
+        (["link=ideal"], "but supervision is not, from tick 0 on"),  # of which the recording has nothing
+        (["supervision=off", "controllers.0.name=HBsWC"], "but the estimates are not, from tick 4 on"),
+    ],
+)
+def test_replay_names_what_differs_beside_equal_setpoints(
+    place: Path, written: Callable[..., None], sets: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = load_case("two_area_deployment", ["duration=0.1", "measurement=ideal", "arm_at=null", *sets])
+    written(loop.run(case), place / "own", change=other_estimate)
+    assert main(["replay", "own"]) == 1
+    assert capsys.readouterr().err.endswith(f"facts-damping: setpoints are as recorded, {said}\n")
