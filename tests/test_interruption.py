@@ -17,7 +17,7 @@ from facts_damping.cli.main import main
 from facts_damping.interruption import INTERRUPTIONS
 from facts_damping.terminal import Progress
 from tests.studies.test_campaign import SMALL
-from tests.studies.test_sweep import MANY
+from tests.studies.test_sweep import MANY, children, is_worker
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -164,6 +164,13 @@ def left_by(pid: int) -> list[str]:
     return [path.name for path in Path("/dev/shm").iterdir() if f"loky-{pid}-" in path.name or f"_{pid}_" in path.name]
 
 
+def guarded(pid: int) -> bool:
+    """Whether a process blocks or ignores what a terminal sends to all its processes."""
+    status = dict(line.split(":\t", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
+    mask = int(status["SigBlk"], 16) | int(status["SigIgn"], 16)
+    return all(mask >> (number - 1) & 1 for number in (signal.SIGINT, signal.SIGHUP))
+
+
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGKILL])
 def test_struck_pool_leaves_no_line_and_nothing_in_memory(number: signal.Signals) -> None:
     """By a terminal that closes, whose processes all get the signal; and killed."""
@@ -176,6 +183,9 @@ def test_struck_pool_leaves_no_line_and_nothing_in_memory(number: signal.Signals
         preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # noqa: PLW1509
     ) as popen:
         assert popen.stdout is not None
+        while not (found := [guarded(pid) for pid in children(popen.pid) if is_worker(pid)]):
+            time.sleep(0.01)
+        assert all(found)  # from the start
         assert popen.stdout.readline() == "runs\n"
         assert left_by(popen.pid)
         (os.kill if number == signal.SIGKILL else os.killpg)(popen.pid, number)

@@ -8,10 +8,11 @@ import warnings
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from itertools import islice
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
 from joblib import Parallel, delayed, parallel_config
-from joblib.externals.loky.backend import resource_tracker
+from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
@@ -80,7 +81,8 @@ def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]
     with parallel_config("loky", inner_max_num_threads=1):
         pool = Parallel(n_jobs=many, return_as="generator_unordered", batch_size=batch, **begun)
     if many > 1:
-        ensure_tracker(resource_tracker)
+        for tracker in (resource_tracker, loky_tracker):  # first: they unblock signals when they start
+            ensure_tracker(tracker)
     try:
         with script_apart(), threadpool_limits(1) if many == 1 else nullcontext():
             with blocked():
