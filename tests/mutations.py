@@ -70,7 +70,7 @@ def damaged(whole: bytes, dice: random.Random) -> bytes:
 DEEP: Any = 1
 for _ in range(15):
     DEEP = [DEEP]
-VALUES = (
+VALUES: tuple[Any, ...] = (
     *(None, True, -1, 0, 1, 3.5, 1e308, math.inf, math.nan, 10**30, -(10**30), "", "x", "9D", "\x1b[2J"),
     *("/etc/hostname", "../x.yaml", "two_area", [], {}, [None], ["x"], {"a": 1}, [0.0] * 5, DEEP),
 )

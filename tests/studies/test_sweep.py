@@ -7,7 +7,6 @@ import io
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -402,17 +401,6 @@ def test_an_interrupted_sweep_leaves_no_process_and_goes_on_where_it_stopped(
     gone(left)
     assert rows_there(out) == STRUCK
     goes_on(path, out)
-
-
-def test_sweep_ends_when_its_folder_is_removed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path, out = study(tmp_path, MANY), tmp_path / "out"
-    at_strike(monkeypatch, lambda: shutil.rmtree(out))
-    assert main(["sweep", str(path), "--jobs", "1", "--out", str(out)]) == 2
-    text = "cannot be written: it was removed; allowed: a place with room for it"
-    assert capsys.readouterr().err == f"facts-damping: {out / sweep.JOURNAL}: {text}\n"
-    assert not out.exists()
 
 
 DEADLY = """

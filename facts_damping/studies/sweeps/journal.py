@@ -74,8 +74,6 @@ class Journal:
                 raise FileNotFoundError(errno.ENOENT, "removed while the study runs")
             self._file.write(line[:-1] + CHECKSUM % zlib.crc32(line) + b"\n")
             self._file.flush()
-            if not os.fstat(self._file.fileno()).st_nlink:
-                raise OSError(errno.ENOENT, "it was removed")
             if time.monotonic() - self._synced > SYNC_S:
                 os.fsync(self._file.fileno())
                 self._synced = time.monotonic()
