@@ -295,7 +295,8 @@ def test_what_did_not_go_well_is_one_line() -> None:
         check_ended_well(joined, replace(record, gap_tick=7, messages_lost=2), bad)
     assert str(caught.value) == said
     recorded = [{"node": "/wan_link", "cause": "publisher", "topic": "/pmu/frames", "source": "/forger", "count": 2}]
-    with pytest.raises(DegradedError, match=r"refused messages: 2 by publisher; 5 of 17 ticks were not recorded$"):  # as the table of the recording
+    told = r"refused messages: 2 by publisher; 5 of 17 ticks were not recorded$"  # as the table of the recording
+    with pytest.raises(DegradedError, match=told):
         check_ended_well({**result, "refused_messages": recorded}, record, bad)
 
 
