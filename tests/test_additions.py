@@ -83,7 +83,7 @@ SCRIPT = """
 import contextlib, io, json, sys, traceback
 import pytest
 from facts_damping.cli.main import main
-from facts_damping.nodes.loopback.opening import opened
+from facts_damping_testing.loopback.opening import opened
 
 told = {}
 pytests = ["-q", "-n", "0", "-p", "no:cacheprovider", "--rootdir", *sys.argv[1:]]

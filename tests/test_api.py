@@ -16,7 +16,7 @@ from facts_damping import api
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.digest import digest
-from facts_damping.nodes.loopback.opening import opened
+from facts_damping_testing.loopback.opening import opened
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:

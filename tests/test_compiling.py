@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("facts_damping.nodes.transport.packing", "facts_damping.environment.many", "facts_damping.simulation.loop")
+ROOMS = ("facts_damping.nodes.transport.packing", "facts_damping_gym.many", "facts_damping.simulation.loop")
 # What the C library may do for kernels: one IEEE operation, or moving memory.
 EXACT = {"ceil", "floor", "memcpy", "memmove", "memset", "rint", "trunc"}
 SHORT = ["duration=0.5", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]

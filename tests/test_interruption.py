@@ -150,7 +150,7 @@ with interruption.handled():
 POOL = """
 import sys, time
 from facts_damping import interruption
-from facts_damping.studies.sweeps.pool import run_all
+from facts_damping_studies.sweeps.pool import run_all
 with interruption.handled():
     try:
         run_all(time.sleep, [0.0, 60.0, 60.0], 2, lambda done, _: done and print("runs", flush=True))

@@ -26,8 +26,8 @@ from facts_damping.cli.main import BAD_INPUT, DEGRADED, DONE, FAILED, main
 from facts_damping.errors import InputError
 from facts_damping.escaping import SCREEN
 from facts_damping.parameters.files import shipped
-from facts_damping.studies.campaigns import campaign
-from facts_damping.studies.sweeps import sweep
+from facts_damping_studies.campaigns import campaign
+from facts_damping_studies.sweeps import sweep
 from tests.mutations import damaged, mutated
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from facts_damping.plant.build import build
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise, modes
-from facts_damping.studies.sweeps.sweep import plan
+from facts_damping_studies.sweeps.sweep import plan
 
 if TYPE_CHECKING:
     from facts_damping.small_signal.linearisation import Eigenmode

@@ -4,9 +4,9 @@ What is exported here stays; all else is private. Errors are those of the comman
 """
 
 from facts_damping.api.results import Result, load_recording, simulate, summarise
-from facts_damping.api.scores import Score, score
+from facts_damping_studies.api.scores import Score, score
 from facts_damping.api.stepping import Simulation
-from facts_damping.api.sweeps import Sweep, sweep
+from facts_damping_studies.api.sweeps import Sweep, sweep
 from facts_damping.api.systems import linear_plant, modes
 from facts_damping.errors import FactsDampingError, InputError, RecordingError, RunError
 from facts_damping.simulation.spec import Spec

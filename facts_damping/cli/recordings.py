@@ -166,7 +166,8 @@ def export(arguments: argparse.Namespace) -> None:
 
 def _export_case(arguments: argparse.Namespace, path: Path) -> None:
     """Write a system as a MATPOWER case: a function named after the file."""
-    from facts_damping.case import loading, matpower_case
+    from facts_damping.case import loading
+    from facts_damping_grids import matpower_case
 
     if not matpower_case.NAME.fullmatch(path.stem) or path.stem in matpower_case.KEYWORDS:
         allowed = "a name of letters, digits and _ that MATLAB takes for a function"

@@ -266,7 +266,7 @@ def page(arguments: argparse.Namespace, named: Named, results: Results, baseline
 def views(arguments: argparse.Namespace) -> None:
     """Write layouts for Foxglove and PlotJuggler of a run or recording, and the recording in simulated time."""
     from facts_damping.recording import in_simulated_time, origin
-    from facts_damping.views import layouts
+    from facts_damping_views.layouts import layouts
 
     path = Path(arguments.what or "")
     if is_recording(arguments.what):
@@ -314,7 +314,7 @@ def modes(arguments: argparse.Namespace) -> None:
 
 def validate(arguments: argparse.Namespace) -> None:
     """Check the plant against published figures, other programs, analytic solutions and finer steps."""
-    from facts_damping.validation import report, table
+    from facts_damping_validation import report, table
 
     files.check_writable(arguments.out, "--out")
     for name in arguments.tables:
@@ -396,9 +396,9 @@ def _controllers() -> list[dict[str, Any]]:
 
 def import_(arguments: argparse.Namespace) -> None:
     """Write a system file from a MATPOWER or PSS/E case."""
-    from facts_damping.case.control_limits import widened
-    from facts_damping.grid_formats import matpower, psse
-    from facts_damping.grid_formats.text import document
+    from facts_damping_grids.control_limits import widened
+    from facts_damping_grids import matpower, psse
+    from facts_damping_grids.text import document
 
     case = Path(arguments.case)
     files.check_writable(arguments.out, "--out")

@@ -11,8 +11,8 @@ from jinja2 import Environment, PackageLoader
 from markdown_it import MarkdownIt
 from pyarrow import csv
 
-from facts_damping.studies.pages import save
-from facts_damping.studies.sweeps.results import table
+from facts_damping_studies.pages import save
+from facts_damping_studies.sweeps.results import table
 from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 from facts_damping_reproduction import charts, extracts, side_by_side

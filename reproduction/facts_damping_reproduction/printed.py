@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from facts_damping.studies.sweeps.enumerated_axes import Scheme
+    from facts_damping_studies.sweeps.enumerated_axes import Scheme
 
 ROUGHNESS = "roughness"
 SCENARIOS = {  # as the thesis numbers them, and their names here

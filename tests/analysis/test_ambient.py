@@ -14,7 +14,7 @@ from facts_damping.analysis.modes.ambient import covariances, fit_ambient
 from facts_damping.analysis.modes.ringdown import COVERED, interval
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from tests.analysis.ambient_signals import MODES, RATE, SHAPES, ambient, same_noise
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from facts_damping.c37118 import configuration, data, frame
-from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration, Site
-from facts_damping.c37118.data import Data
-from facts_damping.c37118.frame import Frame, FrameError
+from facts_damping_streams.c37118 import configuration, data, frame
+from facts_damping_streams.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration, Site
+from facts_damping_streams.c37118.data import Data
+from facts_damping_streams.c37118.frame import Frame, FrameError
 
 KINDS = ("configuration_1", "configuration_2", "configuration_3")
 UNITS = (0.001, 0.25, 12.5, 91.6)  # V or A a count

@@ -9,11 +9,11 @@ from binascii import crc_hqx
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import configuration, data, frame, session, stat
-from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration
-from facts_damping.c37118.data import Data
-from facts_damping.c37118.frame import FrameError
-from facts_damping.c37118.session import Instant, Receiver
+from facts_damping_streams.c37118 import configuration, data, frame, session, stat
+from facts_damping_streams.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration
+from facts_damping_streams.c37118.data import Data
+from facts_damping_streams.c37118.frame import FrameError
+from facts_damping_streams.c37118.session import Instant, Receiver
 
 MUTATED = int(os.environ.get("MUTATED_FRAMES", "40000"))
 WIDE = Configuration(

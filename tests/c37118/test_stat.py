@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import stat
+from facts_damping_streams.c37118 import stat
 
 
 def word(status: int = 0, error_s: float = 0.0, unlocked_s: float = 0.0, *, there: bool = True) -> int:

@@ -22,7 +22,7 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build as build_grid
 from facts_damping.plant.grid.network import series_devices
 from facts_damping.simulation import build, loop
-from facts_damping.studies.sweeps import sweep
+from facts_damping_studies.sweeps import sweep
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,8 +15,8 @@ from facts_damping.parameters.files import shipped
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_control, plant_residues
-from facts_damping.studies.sweeps import sweep
-from facts_damping.studies.sweeps.batch import make
+from facts_damping_studies.sweeps import sweep
+from facts_damping_studies.sweeps.batch import make
 
 if TYPE_CHECKING:
     from pathlib import Path

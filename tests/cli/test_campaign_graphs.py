@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.cli import campaign_graphs
-from facts_damping.studies.campaigns import campaign
-from facts_damping.studies.campaigns.invariants import INVARIANTS
+from facts_damping_studies.campaigns import graphs as campaign_graphs
+from facts_damping_studies.campaigns import campaign
+from facts_damping_studies.campaigns.invariants import INVARIANTS
 from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:

@@ -27,8 +27,8 @@ from facts_damping.input_files import share_folder
 from facts_damping.nodes.launching.graph import Outcome
 from facts_damping.parameters.files import new_folder
 from facts_damping.simulation import loop
-from facts_damping.studies.sweeps import results
-from facts_damping.studies.sweeps.journal import Journal
+from facts_damping_studies.sweeps import results
+from facts_damping_studies.sweeps.journal import Journal
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

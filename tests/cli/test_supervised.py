@@ -10,7 +10,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.monitor_table import MONITORS
-from facts_damping.nodes.loopback.opening import opened
+from facts_damping_testing.loopback.opening import opened
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from facts_damping.cockpit import server
+from facts_damping_views.cockpit import server
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.cockpit import server
+from facts_damping_views.cockpit import server
 from facts_damping.monitor_table import STATES
 from facts_damping.recording.reader import load
 from tests.chromium import CHROMIUM, START, needs_browser

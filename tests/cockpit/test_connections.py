@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from facts_damping.cockpit import connections, server
+from facts_damping_views.cockpit import connections, server
 from tests.cockpit.serving import page_socket, request, serving
 
 LAYOUT: dict[str, Any] = {"type": "layout", "title": "it", "mode": "live", "panels": [], "duration": None}

@@ -10,14 +10,14 @@ import pytest
 
 from facts_damping.case import names
 from facts_damping.case.loading import load_case
-from facts_damping.cockpit import controls, layout, samples
+from facts_damping_views.cockpit import controls, layout, samples
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import with_event, with_link
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
-    from facts_damping.cockpit.controls import Control
+    from facts_damping_views.cockpit.controls import Control
 
 RUNS = ("two_area_deployment", "minniwecc", "two_area_decentralised", "best_smib_pdci")
 

@@ -32,8 +32,8 @@ def test_every_file_of_the_page_is_installed(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(setuptools, "setup", given.update)
     runpy.run_path("setup.py")
-    assert "facts_damping.cockpit" in given["packages"]
-    patterns = given["package_data"]["facts_damping.cockpit"]
+    assert "facts_damping_views.cockpit" in given["packages"]
+    patterns = given["package_data"]["facts_damping_views.cockpit"]
     found = {path for pattern in patterns for path in STATIC.parent.glob(pattern) if path.is_file()}
     assert sorted(found) == FILES
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from facts_damping.cockpit import server
+from facts_damping_views.cockpit import server
 from tests.cockpit.serving import request, serving
 
 LAYOUT: dict[str, Any] = {"type": "layout", "title": "it", "mode": "live", "panels": [], "duration": None}

@@ -16,9 +16,9 @@ from starlette.websockets import WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed
 
 from facts_damping.case.loading import load_case
-from facts_damping.cli.cockpit import content
+from facts_damping_views.commands import content
 from facts_damping.cli.main import main
-from facts_damping.cockpit import controls, server
+from facts_damping_views.cockpit import controls, server
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from tests.cockpit.serving import page_socket, request, serving
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from facts_damping.cockpit.controls import Request
+    from facts_damping_views.cockpit.controls import Request
 
 ADDRESS = "http://127.0.0.1:8766"
 SOCKET, OWN = "ws://127.0.0.1:8766/socket", {"origin": ADDRESS}

@@ -15,7 +15,7 @@ from facts_damping.control.compensation import MAX_LEAD, compensate, compensator
 from facts_damping.control.table import COMPENSATION_PARAMETERS, SETTINGS
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,11 +11,11 @@ from gymnasium.utils.env_checker import check_env
 
 import facts_damping as fd
 from facts_damping.case.loading import load_case
-from facts_damping.environment import NAME
-from facts_damping.environment.reward import IndexReward
-from facts_damping.environment.single import WideAreaDamping
-from facts_damping.environment.vector import WideAreaDampingVector
-from facts_damping.environment.window import Window
+from facts_damping_gym import NAME
+from facts_damping_gym.reward import IndexReward
+from facts_damping_gym.single import WideAreaDamping
+from facts_damping_gym.vector import WideAreaDampingVector
+from facts_damping_gym.window import Window
 from facts_damping.errors import InputError, RunError
 from facts_damping.simulation import loop
 from facts_damping.simulation.spec import Spec, spec_of
@@ -100,7 +100,7 @@ def test_an_episode_ends_at_the_end_or_where_synchronism_is_lost() -> None:
 POLICY = """
 import sys
 sys.path.insert(0, {root!r})
-from facts_damping.environment.window import Window
+from facts_damping_gym.window import Window
 from tests.environment.test_environment import law
 
 class Mine:

@@ -21,8 +21,8 @@ from facts_damping.parameters.measurement import Measurement
 from facts_damping.signals import NANOSECONDS, NEVER
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linear_model
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
-from facts_damping.validation.pmus import CLASSES, reported
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
+from facts_damping_validation.pmus import CLASSES, reported
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -28,7 +28,7 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import recorder
 from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
-from facts_damping.nodes.foreign.messages import hostile
+from facts_damping_testing.foreign.messages import hostile
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop

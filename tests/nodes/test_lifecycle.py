@@ -13,7 +13,7 @@ from rclpy.lifecycle import LifecycleNode
 from std_srvs.srv import Trigger
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes.loopback.lifecycle import GRAPH, NUMBERS, STATES
+from facts_damping_testing.loopback.lifecycle import GRAPH, NUMBERS, STATES
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun

@@ -21,9 +21,9 @@ from std_srvs.srv import Trigger
 
 from facts_damping import nodes
 from facts_damping.errors import RunError
-from facts_damping.nodes.loopback.domain import parse
-from facts_damping.nodes.loopback.opening import StandIn, opened
-from facts_damping.nodes.loopback.processes import World, never
+from facts_damping_testing.loopback.domain import parse
+from facts_damping_testing.loopback.opening import StandIn, opened
+from facts_damping_testing.loopback.processes import World, never
 from tests.nodes.graphs import payloads, run_graph, set_parameter, somebody
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT

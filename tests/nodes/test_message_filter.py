@@ -21,7 +21,7 @@ from facts_damping.nodes.admission.publishers import KNOW_S
 from facts_damping.nodes.admission.refusals import MAXIMUM, TELL_S
 from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import SUBSCRIBER_QOS
-from facts_damping.nodes.foreign.messages import hostile
+from facts_damping_testing.foreign.messages import hostile
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import Estimates, stamped
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage

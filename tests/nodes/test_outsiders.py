@@ -18,7 +18,7 @@ from rclpy.qos import QoSHistoryPolicy
 from facts_damping.case.loading import load_case
 from facts_damping.nodes.base.qos import DEPTH, SUBSCRIBER_QOS
 from facts_damping.nodes.launching import graph
-from facts_damping.nodes.loopback.domain import domain as of_loopback
+from facts_damping_testing.loopback.domain import domain as of_loopback
 from facts_damping.recording.reader import load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import loop

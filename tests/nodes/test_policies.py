@@ -13,7 +13,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes.launching import graph
-from facts_damping.nodes.loopback.opening import opened
+from facts_damping_testing.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.commands import assert_one_line, changes

@@ -26,7 +26,7 @@ from facts_damping.errors import RecordingError, RunError
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.controller import ControllerNode
 from facts_damping.nodes.launching import graph
-from facts_damping.nodes.loopback.opening import opened
+from facts_damping_testing.loopback.opening import opened
 from facts_damping.recording import RecordingWriter
 from facts_damping.recording.reader import KINDS, UNTIMED, load
 from facts_damping.recording.scan import scan

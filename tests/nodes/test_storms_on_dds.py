@@ -9,15 +9,15 @@ from facts_damping.case.loading import changed_case, load_case
 from facts_damping.monitor_table import ARMED
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
-from facts_damping.storm.rules import violations
-from facts_damping.storm.running import Trace
+from facts_damping_testing.storm.rules import violations
+from facts_damping_testing.storm.running import Trace
 from tests.nodes.graphs import LOADED_S, quiet
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 GONE_S = 2.0  # longest wait at the end for the readers of killed nodes
-OWN = [sys.executable, "-c", "from facts_damping.nodes.foreign.own_controller import main; main()"]
+OWN = [sys.executable, "-c", "from facts_damping_testing.foreign.own_controller import main; main()"]
 
 
 def assert_holds(case: Any, mode: str, folder: Path, timeout: float, look: Any = None) -> Trace:

@@ -13,7 +13,7 @@ from facts_damping.parameters.plant.machines import StaticExciter
 from facts_damping.parameters.plant.system import System
 from facts_damping.plant.machines.excitation import derivatives, field_voltage, steady_state
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping.validation.small_signal import PRINTED
+from facts_damping_validation.small_signal import PRINTED
 from tests.independent import kundur_circuits
 from tests.independent.reference_cases import CURRENT, IMPEDANCE
 from tests.plant.running import REFERENCES, changed, plant, shipped

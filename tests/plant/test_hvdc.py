@@ -17,7 +17,7 @@ from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping.small_signal.modal_analysis import analyse
-from facts_damping.validation.devices import SWINGS, two_machines
+from facts_damping_validation.devices import SWINGS, two_machines
 from tests.plant.channels import ACTIVE, REACTIVE, VOLTAGE
 from tests.plant.running import changed, follow, frame_times, plant, shipped
 from tests.plant.small import SPUR, between_infinite_buses

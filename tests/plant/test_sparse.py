@@ -10,7 +10,7 @@ from scipy.sparse import csc_array
 
 from facts_damping.case.loading import load_case, load_system
 from facts_damping.errors import InputError
-from facts_damping.grid_formats.matpower import import_case
+from facts_damping_grids.matpower import import_case
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.validation import check
 from facts_damping.plant import build as plant_build

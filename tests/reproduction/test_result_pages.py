@@ -16,7 +16,7 @@ from facts_damping_reproduction.pdci import pages
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
-from facts_damping.studies.score.card import read_set
+from facts_damping_studies.score.card import read_set
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,8 +13,8 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.parameters.stages import Noise
 from facts_damping.simulation import loop
-from facts_damping.studies.sweeps import axes, sweep
-from facts_damping.studies.sweeps.batch import Base, make
+from facts_damping_studies.sweeps import axes, sweep
+from facts_damping_studies.sweeps.batch import Base, make
 from facts_damping.terminal import Progress
 
 Made = dict[ComparedRun, dict[str, float] | None]

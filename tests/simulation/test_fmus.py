@@ -15,7 +15,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.study import Study
 from facts_damping.simulation import loop
 from facts_damping.simulation.replay import case_of
-from facts_damping.studies.sweeps.sweep import planned
+from facts_damping_studies.sweeps.sweep import planned
 from tests.commands import assert_one_line, changes
 from tests.lead_lag_fmu import build
 

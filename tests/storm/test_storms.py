@@ -13,10 +13,10 @@ import pytest
 from facts_damping.case.loading import make_case
 from facts_damping.digest import digest
 from facts_damping.errors import InputError
-from facts_damping.storm import drawing, model, running, search
-from facts_damping.storm.events import KINDS, words
-from facts_damping.storm.rules import RULES, violations
-from facts_damping.storm.shrinking import fingerprint, shrink
+from facts_damping_testing.storm import drawing, model, running, search
+from facts_damping_testing.storm.events import KINDS, words
+from facts_damping_testing.storm.rules import RULES, violations
+from facts_damping_testing.storm.shrinking import fingerprint, shrink
 from tests.storm.faults import FAULTS, insert
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
-from facts_damping.c37118 import system_pmus
+from facts_damping_streams.c37118 import system_pmus
 from facts_damping.cli.main import main
 from facts_damping.parameters.streams import server as address
-from facts_damping.streaming.client import Lost
-from facts_damping.streaming.listening import ServerState
+from facts_damping_streams.streaming.client import Lost
+from facts_damping_streams.streaming.listening import ServerState
 from tests.commands import assert_one_line
 from tests.streaming.test_server import GRID, HERE, instant, run, served, until
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import pytest
 
-    from facts_damping.streaming.server import Server
+    from facts_damping_streams.streaming.server import Server
 
 SERVER = "tcp://pdc:4712/11"
 

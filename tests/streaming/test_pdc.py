@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import data, mapping, session, stat
-from facts_damping.c37118.session import Instant, Receiver
+from facts_damping_streams.c37118 import data, mapping, session, stat
+from facts_damping_streams.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
 from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER, Record
 from facts_damping.simulation import loop
-from facts_damping.streaming import recorded, serving
-from facts_damping.streaming.pdc import Pdc, grid_pmus
-from facts_damping.streaming.serving import Serving
+from facts_damping_streams.streaming import recorded, serving
+from facts_damping_streams.streaming.pdc import Pdc, grid_pmus
+from facts_damping_streams.streaming.serving import Serving
 
 EPOCH = 1_700_000_000
 NAME = "two_area_large"

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.signals import CHANNELS
-from facts_damping.streaming.stream_clock import AlignedFrame, Alignment, Following, PmuReport
+from facts_damping_streams.streaming.stream_clock import AlignedFrame, Alignment, Following, PmuReport
 
 if TYPE_CHECKING:
-    from facts_damping.streaming.stream_clock import Tick
+    from facts_damping_streams.streaming.stream_clock import Tick
 
 RATE, WAIT = 60, 0.2
 ONE, SOUND, HERE = np.array([0]), np.zeros(1, np.int64), np.zeros(1, bool)

@@ -15,8 +15,8 @@ from scipy import stats
 from facts_damping.errors import InputError
 from facts_damping.parameters.study import Axis, Margin, Study
 from facts_damping.parameters.validation import check
-from facts_damping.studies.margins import margins
-from facts_damping.studies.sweeps import axes
+from facts_damping_studies.margins import margins
+from facts_damping_studies.sweeps import axes
 
 
 def points(*sweep: dict[str, Any], seed: int = 0) -> list[axes.Point]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from facts_damping.case.loading import load_case
-from facts_damping.studies.sweeps.batch import identity
+from facts_damping_studies.sweeps.batch import identity
 
 
 def test_a_fallback_is_not_what_is_studied() -> None:

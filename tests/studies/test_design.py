@@ -16,10 +16,10 @@ from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.small_signal import linearisation, places
-from facts_damping.studies.design import design, design_pages, lead_lag
-from facts_damping.studies.margins import delay_margin
-from facts_damping.studies.search import scoring
-from facts_damping.studies.sweeps import enumerated_axes
+from facts_damping_studies.design import design, design_pages, lead_lag
+from facts_damping_studies.margins import delay_margin
+from facts_damping_studies.search import scoring
+from facts_damping_studies.sweeps import enumerated_axes
 
 if TYPE_CHECKING:
     from pathlib import Path

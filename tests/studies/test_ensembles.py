@@ -13,8 +13,8 @@ from facts_damping.parameters.files import shipped
 from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_plant
-from facts_damping.studies.sweeps import sweep
-from facts_damping.studies.sweeps.batch import make, one_run
+from facts_damping_studies.sweeps import sweep
+from facts_damping_studies.sweeps.batch import make, one_run
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case

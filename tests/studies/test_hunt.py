@@ -12,10 +12,10 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
-from facts_damping.studies.campaigns import campaign, hunt, hunt_pages, invariants
-from facts_damping.studies.campaigns.faults import FAULTS, ONLY_REAL, Numbers
-from facts_damping.studies.campaigns.proposals import proposal, spread, turns
-from facts_damping.studies.campaigns.shrink import shrunk
+from facts_damping_studies.campaigns import campaign, hunt, hunt_pages, invariants
+from facts_damping_studies.campaigns.faults import FAULTS, ONLY_REAL, Numbers
+from facts_damping_studies.campaigns.proposals import proposal, spread, turns
+from facts_damping_studies.campaigns.shrink import shrunk
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.studies.campaigns.campaign import Choice
+    from facts_damping_studies.campaigns.campaign import Choice
 
 TURNED = """\
 description: a wrong sign or nothing on two_area

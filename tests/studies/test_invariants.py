@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import ARMED, FALLBACK, TRIPPED
 from facts_damping.simulation import loop
-from facts_damping.studies.campaigns import invariants
-from facts_damping.studies.campaigns.invariants import HARM, SETTLED_S, TOLERANCE, itae
+from facts_damping_studies.campaigns import invariants
+from facts_damping_studies.campaigns.invariants import HARM, SETTLED_S, TOLERANCE, itae
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case

@@ -14,8 +14,8 @@ from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_plant
 from facts_damping.small_signal.residues import residues
-from facts_damping.studies.sweeps import sweep
-from facts_damping.studies.sweeps.true_jacobian import Respondent, compared, follow
+from facts_damping_studies.sweeps import sweep
+from facts_damping_studies.sweeps.true_jacobian import Respondent, compared, follow
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

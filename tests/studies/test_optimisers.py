@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.studies.search.optimisers import METHODS, Found
+from facts_damping_studies.search.optimisers import METHODS, Found
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from facts_damping.studies.sweeps.pool import run_all
+from facts_damping_studies.sweeps.pool import run_all
 
 _kept: list[bytes] = []
 

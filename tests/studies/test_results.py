@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from facts_damping.studies.sweeps.margin_plots import draw_margins
-from facts_damping.studies.sweeps.results import margin_table
+from facts_damping_studies.sweeps.margin_plots import draw_margins
+from facts_damping_studies.sweeps.results import margin_table
 
 
 def margin(criterion: str, scenario: str, link: str, controller: str, at: float, **more: Any) -> dict[str, Any]:

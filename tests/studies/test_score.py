@@ -11,11 +11,11 @@ import pytest
 
 import facts_damping as fd
 from facts_damping.cli.main import main
-from facts_damping.studies.score import card
-from facts_damping.studies.score.card import LOST, case_of, estimate, logs, ranking, read_set
-from facts_damping.studies.score.measure import Measured, measure
-from facts_damping.studies.score.pages import ranking_table, write_ranking
-from facts_damping.studies.score.worst import worst
+from facts_damping_studies.score import card
+from facts_damping_studies.score.card import LOST, case_of, estimate, logs, ranking, read_set
+from facts_damping_studies.score.measure import Measured, measure
+from facts_damping_studies.score.pages import ranking_table, write_ranking
+from facts_damping_studies.score.worst import worst
 from tests.commands import assert_one_line
 from tests.two_devices import ACTUATORS
 

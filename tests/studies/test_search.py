@@ -26,12 +26,12 @@ from facts_damping.parameters import files
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.run import Controller, Tuned
 from facts_damping.parameters.validation import check
-from facts_damping.studies.search import scoring
-from facts_damping.studies.search import search as study
-from facts_damping.studies.search.optimisers import METHODS, Found
-from facts_damping.studies.search.scoring import LOST, REFERENCE, Figures, Score, draws, score
-from facts_damping.studies.search.search import CHOICES, GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
-from facts_damping.studies.search.structures import Choice, Structure, started, structures
+from facts_damping_studies.search import scoring
+from facts_damping_studies.search import search as study
+from facts_damping_studies.search.optimisers import METHODS, Found
+from facts_damping_studies.search.scoring import LOST, REFERENCE, Figures, Score, draws, score
+from facts_damping_studies.search.search import CHOICES, GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
+from facts_damping_studies.search.structures import Choice, Structure, started, structures
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.control.table import Value
-    from facts_damping.studies.search.scoring import Draw
-    from facts_damping.studies.sweeps.enumerated_axes import Scheme
+    from facts_damping_studies.search.scoring import Draw
+    from facts_damping_studies.sweeps.enumerated_axes import Scheme
 
 TINY = ["smib", "gaussian+sam", "--budget", "1", "--seed", "4", "--jobs", "1"]
 BEST = sorted(name for name in shipped("runs") if name.startswith(("best_", "lead_lag_", "search_")))

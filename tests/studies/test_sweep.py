@@ -25,11 +25,11 @@ from facts_damping.parameters import files
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
-from facts_damping.studies.margins.criteria import fails
-from facts_damping.studies.sweeps import axes, batch, sweep
-from facts_damping.studies.sweeps.batch import RunRequest, make, names, one_run
-from facts_damping.studies.sweeps.journal import Journal
-from facts_damping.studies.sweeps.results import cell
+from facts_damping_studies.margins.criteria import fails
+from facts_damping_studies.sweeps import axes, batch, sweep
+from facts_damping_studies.sweeps.batch import RunRequest, make, names, one_run
+from facts_damping_studies.sweeps.journal import Journal
+from facts_damping_studies.sweeps.results import cell
 from facts_damping.terminal import Progress
 from tests.commands import assert_one_line
 
@@ -539,7 +539,7 @@ def test_a_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
 def test_no_scheduler_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("facts_damping.studies.sweeps.pool.CONNECT_S", 0.5)
+    monkeypatch.setattr("facts_damping_studies.sweeps.pool.CONNECT_S", 0.5)
     out = str(tmp_path / "out")
     assert_one_line(
         2,

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from facts_damping.studies.sweeps.column_names import axis_label, value_label
-from facts_damping.studies.sweeps.sweep_plots import LOST_RUNS, draw_curves, settings
+from facts_damping_studies.sweeps.column_names import axis_label, value_label
+from facts_damping_studies.sweeps.sweep_plots import LOST_RUNS, draw_curves, settings
 
 
 def row(delay: float, jitter: float, seed: int, itae: float | None) -> dict[str, Any]:

@@ -17,8 +17,8 @@ from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
-from facts_damping.studies.search import tune
-from facts_damping.studies.search.tune import LOST, Job, Trainer, TuningTask, objective, rows, search
+from facts_damping_studies.search import tune
+from facts_damping_studies.search.tune import LOST, Job, Trainer, TuningTask, objective, rows, search
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import MONITORS, STATES
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import plant_residues
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop, link_delays, sampled
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, link_delays, sampled
 
 HARM = list(MONITORS).index("harm")
 SYSTEMS = {"two_area": ["scenario=small"], "smib": ["system=smib", "scenario=nominal"]}

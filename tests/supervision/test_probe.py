@@ -17,7 +17,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES, cause_name
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import plant_residues
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from facts_damping.supervision.model import UNKNOWNS
 from facts_damping.supervision.probe import fit
 

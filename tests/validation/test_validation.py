@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.cli.main import main
-from facts_damping.validation import report
-from facts_damping.validation.table import Row, ValidationTable, as_csv, compare, furthest, summary, within
+from facts_damping_validation import report
+from facts_damping_validation.table import Row, ValidationTable, as_csv, compare, furthest, summary, within
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

@@ -43,7 +43,7 @@ def load() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["--ship"]:
-        for module in (*ROOMS, "facts_damping.environment.many"):
+        for module in (*ROOMS, "facts_damping_gym.many"):
             importlib.import_module(module)
         ship(ENTRY_POINTS.values())
     else:

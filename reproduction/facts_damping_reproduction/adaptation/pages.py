@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from pyarrow import csv
 
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping.studies.score.card import NONE
-from facts_damping.studies.sweeps.results import table as arrow
+from facts_damping_studies.score.card import NONE
+from facts_damping_studies.sweeps.results import table as arrow
 from facts_damping.terminal import save_picture, table, write_whole
 from facts_damping_reproduction.adaptation import decide
 from facts_damping_reproduction.adaptation.cases import KINDS

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from pyarrow import csv
 
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping.studies.campaigns.invariants import HARM
-from facts_damping.studies.score.card import NONE
+from facts_damping_studies.campaigns.invariants import HARM
+from facts_damping_studies.score.card import NONE
 from facts_damping.terminal import as_csv, save_picture, table, write_whole
 from facts_damping_reproduction.adaptation.decide import Ratio
 from facts_damping_reproduction.pdci import study

@@ -16,7 +16,7 @@ import numpy as np
 
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.simulation import loop
-from facts_damping.studies.score.card import NONE, log_ratio
+from facts_damping_studies.score.card import NONE, log_ratio
 from facts_damping.terminal import as_csv, write_whole
 from facts_damping_reproduction.adaptation import decide
 from facts_damping_reproduction.adaptation.arms import Space, space
