@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 
 from facts_damping.case.loading import load_case
-from facts_damping_gym import NAME
+from facts_damping.environment import NAME
 from facts_damping.simulation import loop
 
 ROUNDS, EPISODES, STEPS = 7, 64, 600

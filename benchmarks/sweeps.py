@@ -28,9 +28,9 @@ from facts_damping.case.loading import load_case
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.simulation import loop
+from facts_damping.terminal import Progress
 from facts_damping_studies.sweeps import batch, sweep
 from facts_damping_studies.sweeps.pool import workers
-from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -23,9 +23,9 @@ from facts_damping.case.supervision import unsupervised
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of
 from facts_damping.small_signal import modal_analysis
+from facts_damping.terminal import as_csv
 from facts_damping_studies.margins.delay_margin import oscillations
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
-from facts_damping.terminal import as_csv
 
 SOUND, GROWS = 0.01, 0.05  # damping ratio; 1/s
 WELL = 0.1  # damping ratio above which ringdowns are over too soon to be measured

@@ -4,7 +4,7 @@ import pytest
 from lead_lag_node import main
 
 import facts_damping as fd
-from facts_damping_testing.fixtures import loopback  # noqa: F401 (a fixture)
+from facts_damping.testing import loopback  # noqa: F401 (a fixture)
 
 RUN = {"scenario": "large", "link": "pdci", "watchdog": "off", "duration": 3}
 

@@ -15,7 +15,7 @@ import numpy as np
 from cmaes import CMA
 from trained_damper import WINDOW, action
 
-from facts_damping_gym import NAME  # with it Gymnasium knows the environment
+from facts_damping.environment import NAME  # with it Gymnasium knows the environment
 
 SETTING = {"study": "ensemble_two_area_training", "link": "pdci", "window": WINDOW, "duration": 12}
 GENERATIONS, SEED = 40, 1

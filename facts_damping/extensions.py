@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from functools import cache
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
@@ -11,17 +12,23 @@ from facts_damping.errors import InputError, one_line
 if TYPE_CHECKING:
     from collections.abc import Collection
     from importlib.metadata import EntryPoint
+    from types import ModuleType
 
 PREFIX = "facts_damping."  # of entry point groups
 PAIRS = (("devices", "device_kinds"), ("stages", "stage_kinds"))  # fields of a kind, and its behaviour
 GROUPS = (
     "antecedents",
+    "api",
     "commands",
     "consequents",
     "controllers",
     "device_kinds",
     "devices",
+    "exports",
     "indices",
+    "kernels",
+    "modules",
+    "nodes",
     "policies",
     "stage_kinds",
     "stages",
@@ -33,6 +40,14 @@ GROUPS = (
 def given(group: str) -> dict[str, EntryPoint]:
     """Entry points of a group by name, in alphabetical order."""
     return {one.name: one for one in sorted(every(), key=lambda one: one.name) if one.group == PREFIX + group}
+
+
+def module(name: str) -> ModuleType:
+    """A module under this package's name that another package has. Raises `ModuleNotFoundError`."""
+    row = given("modules").get(name)
+    if row is None:
+        raise ModuleNotFoundError(f"No module named 'facts_damping.{name}'", name=f"facts_damping.{name}")
+    return importlib.import_module(row.value)
 
 
 @cache

@@ -102,7 +102,7 @@ for name, given in {**json.load(open("commands.json")), "tests": pytests}.items(
     json.dump(told, open("told.json", "w"))
 """
 TESTS = [block.file for block in CORE if block.file.startswith("tests/")]
-COPIED = ("facts_damping", "tests", "setup.py", "pyproject.toml", "package.xml")
+COPIED = ("facts_damping", "extensions", "tests", "setup.py", "pyproject.toml", "package.xml")
 
 
 class Told(NamedTuple):
@@ -158,7 +158,8 @@ def carried(tmp_path_factory: pytest.TempPathFactory) -> Carried:
 
 
 def test_the_page_has_a_row_for_every_group_and_a_file_for_every_row() -> None:
-    assert set(PROJECT["entry-points"]) | {"facts_damping.policies"} == {
+    more = {f"facts_damping.{group}" for group in re.findall(r"^\| `(\w+)` \| ", EXTENSIONS, re.MULTILINE)}
+    assert set(PROJECT["entry-points"]) | more | {"facts_damping.policies"} == {
         f"facts_damping.{g}" for g in extensions.GROUPS
     }
     named = {value.partition(":")[0] for points in PROJECT["entry-points"].values() for value in points.values()}
@@ -172,8 +173,8 @@ def test_a_row_of_the_table_leads_to_what_is_there() -> None:
     assert len(rows) == 12
     for _, places, tests, page in rows:
         for tables, file in re.findall(r"((?:`\w+`, )*)`([\w/]+\.py)`", places):
-            top = ROOT if file == "setup.py" else ROOT / "facts_damping"
-            text = (top / file).read_text(encoding="utf-8")
+            places = [place / file for place in (ROOT, ROOT / "facts_damping", ROOT / "extensions")]
+            text = next(place for place in places if place.is_file()).read_text(encoding="utf-8")
             for name in re.findall(r"\w+", tables):
                 assert re.search(rf"^(def )?{name}\b", text, re.MULTILINE), (file, name)
         for name, file in re.findall(r"(?:`([A-Z]\w+)`, )?`([\w/.]+)`", tests):
@@ -292,7 +293,7 @@ def test_the_node_is_an_executable(carried: Carried) -> None:
     values = {ast.unparse(one.targets[0]): one.value for one in tree.body if isinstance(one, ast.Assign)}
     nodes = eval(ast.unparse(values["NODES"]))
     executables = (carried.copy / "facts_damping" / "nodes" / "executables.py").read_text(encoding="utf-8")
-    functions = re.findall(r"^(?:def )?([a-z]\w+)(?:\(\) -> None:| = _entry_point)", executables, re.MULTILINE)
+    functions = re.findall(r"^(?:def )?([a-z]\w+)(?:\(\) -> None:| = entry_point)", executables, re.MULTILINE)
     assert set(nodes) == set(functions)
     script = f"from facts_damping.nodes.executables import {nodes[-1]} as start; start()"
     command, path = [sys.executable, "-c", script, "--help"], f"{carried.copy}:{os.environ.get('PYTHONPATH', '')}"

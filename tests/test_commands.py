@@ -24,10 +24,10 @@ import pytest
 
 from facts_damping.cli.commands import parser
 from facts_damping.cli.main import DEGRADED, main
-from facts_damping_testing.loopback.opening import opened
 from facts_damping.parameters.yaml_text import dump, parse
 from facts_damping_studies.search import search, tune
 from facts_damping_studies.sweeps import sweep
+from facts_damping_testing.loopback.opening import opened
 from tests.andes_cases import WHEEL
 
 if TYPE_CHECKING:

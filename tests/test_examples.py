@@ -18,13 +18,13 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
-from facts_damping_gym import NAME
 from facts_damping.nodes.launching import graph
-from facts_damping_testing.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from facts_damping_gym import NAME
 from facts_damping_studies.margins.delay_margin import margin
 from facts_damping_studies.margins.delay_margin_runs import pulse_margin
+from facts_damping_testing.loopback.opening import opened
 from tests.appendix_b import bilinear
 from tests.lead_lag_fmu import build
 from tests.nodes.graphs import LOADED_S, assert_same, quiet

@@ -37,7 +37,8 @@ from tests.commands import assert_one_line
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-PACKAGE = Path(facts_damping.__file__).parent
+ROOT = Path(facts_damping.__file__).parents[1]
+SOURCES = [ROOT / "facts_damping", ROOT / "extensions"]
 
 # Who opens files beside the door, and which.
 FILES = {
@@ -49,17 +50,17 @@ FILES = {
     "compiling": "reads the package's source, writes kernels",
     "nodes/launching/forked.py": "writes what nodes say",
     "nodes/launching/graph.py": "writes the run file; what nodes say",
-    "nodes/loopback": "writes what nodes say; reads parameter files of the command line",
+    "facts_damping_testing/loopback": "writes what nodes say; reads parameter files of the command line",
     "nodes/launching/tap_relay.py": "opens a device of the system's for virtual networks, by its name",
     "recording/export.py": "writes",
     "recording/schemas.py": "reads installed definitions of messages",
     "recording/writer.py": "writes",
     "simulation/fmus.py": "unpacks what the door has read",
     "small_signal/linear_plant.py": "writes",
-    "storm/stage.py": "reads again what nodes say",
-    "studies/campaigns/campaign_pages.py": "reads shipped pages",
-    "studies/sweeps/journal.py": "appends to its own file, once the door has let it",
-    "validation/table.py": "reads shipped references",
+    "facts_damping_testing/storm/stage.py": "reads again what nodes say",
+    "facts_damping_studies/campaigns/campaign_pages.py": "reads shipped pages",
+    "facts_damping_studies/sweeps/journal.py": "appends to its own file, once the door has let it",
+    "facts_damping_validation/table.py": "reads shipped references",
 }
 LOADERS = {"load", "loadtxt", "genfromtxt", "loadmat", "ZipFile", "fromfile"}
 OPENERS = {"open", "fdopen", "read_text", "read_bytes", *LOADERS}
@@ -94,8 +95,8 @@ def opens(call: ast.Call) -> bool:
 def outside(found: Callable[[ast.Call], bool], allowed: dict[str, str]) -> list[str]:
     """Places of calls in files of the package that are not allowed, and allowed files that have none."""
     places, used = [], set()
-    for file in sorted(PACKAGE.rglob("*.py")):
-        name = file.relative_to(PACKAGE).as_posix()
+    files = [(file, file.relative_to(source).as_posix()) for source in SOURCES for file in sorted(source.rglob("*.py"))]
+    for file, name in files:
         room = next((one for one in allowed if name == one or name.startswith(f"{one}/")), None)
         for call in filter(found, calls(file)):
             used.add(room)

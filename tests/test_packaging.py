@@ -16,11 +16,11 @@ from tests.passed import inputs
 pytestmark = inputs(
     contents=["*.toml", "*.py", "*.cfg", "*.xml", "*.pkg", "Makefile", "facts_damping/version.py"]
     + [f"{part}/**/*" for part in ("msg_defs", "ros_package", "launch", "resource")],
-    names=["facts_damping/**/*", "config/**/*"],
+    names=["facts_damping/**/*", "extensions/**/*", "config/**/*"],
 )
 
 ROOT = Path(__file__).parents[1]
-PARTS = ["facts_damping", "msg_defs", "ros_package", "config", "launch", "resource"]
+PARTS = ["facts_damping", "extensions", "msg_defs", "ros_package", "config", "launch", "resource"]
 FILES = ["package.xml", "setup.py", "setup.cfg", "pyproject.toml", "colcon.pkg"]
 EXECUTABLES = [
     "c37118_client",

@@ -20,7 +20,10 @@ from tests.passed import inputs
 
 pytestmark = inputs(
     contents=["*.md", "*.cff", "mkdocs.yml", "pyproject.toml", "setup.py"]
-    + [f"{folder}/**/*" for folder in ("docs", "facts_damping", "examples", "config", "msg_defs", "launch")],
+    + [
+        f"{folder}/**/*"
+        for folder in ("docs", "facts_damping", "extensions", "examples", "config", "msg_defs", "launch")
+    ],
     names=["tests/**/*.py"],
 )
 

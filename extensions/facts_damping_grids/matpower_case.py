@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.errors import InputError
 from facts_damping.parameters.plant.devices import Series
 from facts_damping.plant.grid.network import Branch, Topology, at_rest, branches, device_section
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -41,6 +43,14 @@ PQ, PV, REFERENCE = 1, 2, 3
 NOTHING = 1e-12  # p.u.; smaller values of charging or phase shift are round-off
 
 Row = tuple[list[float], str]  # row of a table, and the name of its element
+
+
+def export(system: System, path: Path) -> str:
+    """Text of a MATPOWER case, a function named after its file. Raises `InputError` for a name that MATLAB refuses."""
+    if not NAME.fullmatch(path.stem) or path.stem in KEYWORDS:
+        allowed = "a name of letters, digits and _ that MATLAB takes for a function"
+        raise InputError(f"--out {path}: given; allowed: {allowed}")
+    return text(system, path.stem)
 
 
 def text(system: System, name: str) -> str:

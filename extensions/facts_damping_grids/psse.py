@@ -9,13 +9,13 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
+from facts_damping.parameters.plant.blocks import MODELS, SHORTEST, TABLES, quantity_of
+from facts_damping.parameters.plant.system import System
+from facts_damping.parameters.validation import check
 from facts_damping_grids import conversion
 from facts_damping_grids import psse_network as network
 from facts_damping_grids.conversion import Imported
 from facts_damping_grids.psse_files import Row, read_dyr, read_raw
-from facts_damping.parameters.plant.blocks import MODELS, SHORTEST, TABLES, quantity_of
-from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.validation import check
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -6,6 +6,10 @@ Importing this registers `gymnasium.make("facts_damping/WideAreaDamping-v0")`.
 import importlib
 from contextlib import suppress
 
+from facts_damping_gym.window import Window
+
+__all__ = ["NAME", "Window"]
+
 NAME = "facts_damping/WideAreaDamping-v0"
 
 with suppress(ImportError):  # a trained class does not need gymnasium

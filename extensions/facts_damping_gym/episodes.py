@@ -14,13 +14,13 @@ from facts_damping.case.changes import as_sets, change
 from facts_damping.compiling.structs import Table
 from facts_damping.control.called import sensed
 from facts_damping.control.inputs import inputs
-from facts_damping_gym.many import AgentInputs, Episodes, step_many
 from facts_damping.errors import InputError
 from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
 from facts_damping.simulation.loop import build_loop
 from facts_damping.simulation.policies import check
+from facts_damping_gym.many import AgentInputs, Episodes, step_many
 from facts_damping_studies.sweeps import sweep
 
 if TYPE_CHECKING:

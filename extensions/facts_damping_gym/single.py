@@ -8,11 +8,11 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from facts_damping.errors import InputError
 from facts_damping_gym.episodes import Episode, Source, weights_of
 from facts_damping_gym.many import MAX_AGE, MAX_SIGNAL
 from facts_damping_gym.reward import IndexReward, Reward
 from facts_damping_gym.window import each_scale
-from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

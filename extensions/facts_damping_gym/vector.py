@@ -13,10 +13,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from facts_damping.compiling.structs import Table
-from facts_damping_gym.many import Episodes, step_many
-from facts_damping_gym.single import Setting
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.policies import check
+from facts_damping_gym.many import Episodes, step_many
+from facts_damping_gym.single import Setting
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping_gym.many import append_to_window
 from facts_damping.errors import InputError
+from facts_damping_gym.many import append_to_window
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

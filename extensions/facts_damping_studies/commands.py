@@ -13,8 +13,8 @@ from facts_damping.interruption import CONTINUES, clean_up_first
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
-from facts_damping_studies.sweeps.batch import make
 from facts_damping.terminal import Progress, write_json, write_whole
+from facts_damping_studies.sweeps.batch import make
 
 if TYPE_CHECKING:
     import argparse

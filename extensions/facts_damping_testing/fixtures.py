@@ -1,6 +1,6 @@
 """For tests of nodes, including the user's own: a graph in this process, without DDS, in simulated time.
 
-`loopback` is a pytest fixture: `from facts_damping_testing.fixtures import loopback`. During the test `rclpy` and this package's
+`loopback` is a pytest fixture: `from facts_damping.testing import loopback`. During the test `rclpy` and this package's
 nodes run on it, and `time.sleep` lets simulated time pass (docs/extensions.md).
 """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
@@ -9,15 +10,16 @@ from facts_damping.case.names import label
 from facts_damping.cli.runs import WITH_RUN, is_recording, out_folder, say, tell_graph
 from facts_damping.errors import InputError
 from facts_damping.interruption import clean_up_first
+from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress, put
+from facts_damping.terminal import Progress, note, put, write_whole
 
 if TYPE_CHECKING:
     import argparse
 
-    from facts_damping_views.cockpit.server import Content
     from facts_damping.signals import Record
+    from facts_damping_views.cockpit.server import Content
 
 
 def cockpit(arguments: argparse.Namespace) -> None:
@@ -55,9 +57,9 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _replay(arguments: argparse.Namespace) -> None:
     """Serve one or two recordings until interrupted."""
-    from facts_damping_views.cockpit import server
     from facts_damping.nodes.base.asyncio_thread import AsyncioThread
     from facts_damping.recording.reader import load
+    from facts_damping_views.cockpit import server
 
     if arguments.set or arguments.supervised is not None:
         given = f"--set {arguments.set[0]}" if arguments.set else "--supervised"
@@ -85,8 +87,8 @@ def _replay(arguments: argparse.Namespace) -> None:
 
 def content(paths: list[str], records: list[Record]) -> Content:
     """What a cockpit shows of recordings, one panel each. Raises `InputError` for one without its run."""
-    from facts_damping_views.cockpit import layout, samples, server, words
     from facts_damping.findings import names
+    from facts_damping_views.cockpit import layout, samples, server, words
 
     for path, record in zip(paths, records, strict=True):
         check_has_run(record, path, WITH_RUN)
@@ -101,3 +103,26 @@ def content(paths: list[str], records: list[Record]) -> Content:
     end = max(float(record.time_s[-1]) for record in records)
     shown: dict[str, Any] = {"type": "layout", "title": ", ".join(labels), "mode": "replay", "panels": panels}
     return server.Content(shown | {"duration": end}, data, events, dict(zip(labels, map(str, paths), strict=True)))
+
+
+def views(arguments: argparse.Namespace) -> None:
+    """Write layouts for Foxglove and PlotJuggler of a run or recording, and the recording in simulated time."""
+    from facts_damping.recording import in_simulated_time, origin
+    from facts_damping_views.layouts import layouts
+
+    path = Path(arguments.what or "")
+    if is_recording(arguments.what):
+        if arguments.set:
+            raise InputError(f"--set {arguments.set[0]}: given with a recording; allowed: with a run")
+        content, namespace = origin(path)
+        case = loading.recorded_case(content, str(path))
+        folder = path.parent / "views" if arguments.out is None else Path(arguments.out)
+        for line in in_simulated_time(path, folder / "simulated_time"):
+            note(f"{path}: {line}")
+        say(arguments, f"recording: {folder / 'simulated_time'}")
+    else:
+        case, namespace = loading.load_case(arguments.what, arguments.set), "/"
+        folder = files.new_folder(out_folder(arguments, "views"))
+    for name, text in layouts(case, namespace).items():
+        write_whole(folder / name, text)
+        say(arguments, f"layout: {folder / name}")

@@ -1,8 +1,9 @@
-"""The parser of `facts-damping`, made from the table of commands in commands.yaml."""
+"""The parser of `facts-damping`, made from tables of commands: commands.yaml here, and those of other packages."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from facts_damping.cli import options
@@ -13,9 +14,12 @@ from facts_damping.version import __version__
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from facts_damping.cli.options import Arguments
+
+
+TABLE = Path(__file__).with_suffix(".yaml")
 
 
 class Add(Protocol):
@@ -37,27 +41,31 @@ def parser() -> argparse.ArgumentParser:
     def add(name: str, function: str, text: str, *examples: str) -> argparse.ArgumentParser:
         command = verbs.add_parser(name, help=text, description=text, epilog=options.examples_text(examples))
         command.add_argument("--verbose", action="store_true", help="with an error, also its place in the code")
-        path = function if ":" in function else f"facts_damping.cli.{function}"
-        command.set_defaults(function=path, known=command.options)
+        command.set_defaults(function=function, known=command.options)
         return command
 
-    for name, row in parse(read_text(Path(__file__).with_suffix(".yaml"))).items():
+    added = [row.load() for row in given("commands").values()]
+    tables = [TABLE, *(Path(str(one.__file__)).with_name(TABLE.name) for one in added if isinstance(one, ModuleType))]
+    rows = {name: row for path in tables for name, row in parse(read_text(path)).items()}
+    shared = rows.pop("shared arguments")
+    for name, row in sorted(rows.items(), key=lambda item: float(item[1]["place"])):
         command = add(name, row["function"], row["text"], *row["examples"])
         command.set_defaults(**row.get("defaults", {}))
-        _add_arguments(command, row["arguments"])
-    for extension in given("commands").values():
-        extension.load()(add)
+        _add_arguments(command, row["arguments"], shared)
+    for add_to in added:
+        if not isinstance(add_to, ModuleType):
+            add_to(add)
     return top
 
 
-def _add_arguments(command: Arguments, rows: Sequence[Any]) -> None:
+def _add_arguments(command: Arguments, rows: Sequence[Any], shared: Mapping[str, Sequence[Any]]) -> None:
+    """Add arguments of a table; `shared`: those of several commands, by the word that stands for them."""
     for row in rows:
-        if isinstance(row, list):
-            _add_arguments(command, row)
-            continue
         ((name, content),) = row.items() if isinstance(row, dict) else ((row, {}),)
-        if name == "one of":
-            _add_arguments(command.add_mutually_exclusive_group(), content)
+        if name in shared:
+            _add_arguments(command, shared[name], shared)
+        elif name == "one of":
+            _add_arguments(command.add_mutually_exclusive_group(), content, shared)
         elif name in options.GROUPS:
             options.GROUPS[name](command, **content)
         else:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.case import loading
 from facts_damping.cli.runs import out_folder, say
 from facts_damping.digest import digest
 from facts_damping.errors import InputError, RunError
+from facts_damping.extensions import given
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.simulation import replay as again
@@ -22,8 +24,6 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
-
-CASE = ".m"  # suffix of a MATPOWER case
 
 
 def replay(arguments: argparse.Namespace) -> None:
@@ -146,32 +146,23 @@ def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], f
 
 
 def export(arguments: argparse.Namespace) -> None:
-    """Write all signals of a recording, one row per tick; or a system as a MATPOWER case."""
+    """Write all signals of a recording, one row per tick; or a system for other programs."""
     from facts_damping.recording.export import KINDS, write
     from facts_damping.recording.reader import load
 
-    path = Path(arguments.out)
-    if path.suffix not in (*KINDS, CASE):
-        raise InputError(f"--out {path}: given; allowed: a file that ends with {', '.join(KINDS)} or {CASE}")
+    path, of_system = Path(arguments.out), {f".{name}": row for name, row in given("exports").items()}
+    if path.suffix not in (*KINDS, *of_system):
+        raise InputError(
+            f"--out {path}: given; allowed: a file that ends with {', '.join(KINDS)} or {', '.join(of_system)}"
+        )
     files.check_writable(str(path), "--out")
-    if path.suffix == CASE:
-        _export_case(arguments, path)
+    if path.suffix in of_system:
+        system = loading.load_system(arguments.what)
+        write_whole(path, of_system[path.suffix].load()(system, path))
+        say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines: {path}")
         return
     record = load(arguments.what)
     write(record, path)
     for line in record.notes:
         note(f"{arguments.what}: {line}")
     say(arguments, f"{len(record.time_ns)} ticks, {len(record.arrays)} columns: {path}")
-
-
-def _export_case(arguments: argparse.Namespace, path: Path) -> None:
-    """Write a system as a MATPOWER case: a function named after the file."""
-    from facts_damping.case import loading
-    from facts_damping_grids import matpower_case
-
-    if not matpower_case.NAME.fullmatch(path.stem) or path.stem in matpower_case.KEYWORDS:
-        allowed = "a name of letters, digits and _ that MATLAB takes for a function"
-        raise InputError(f"--out {path}: given; allowed: {allowed}")
-    system = loading.load_system(arguments.what)
-    write_whole(path, matpower_case.text(system, path.stem))
-    say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines: {path}")

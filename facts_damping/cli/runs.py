@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.case import loading
 from facts_damping.case.names import label
 from facts_damping.digest import digest
-from facts_damping.errors import DegradedError, InputError, RunError, check_known
+from facts_damping.errors import DegradedError, InputError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import adapted_weights, loop
 from facts_damping.simulation.policies import step_times
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress, note, show, table, write_json, write_text, write_whole
+from facts_damping.terminal import Progress, note, show, table, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -263,29 +263,6 @@ def page(arguments: argparse.Namespace, named: Named, results: Results, baseline
     return [f"report: {arguments.report}"]
 
 
-def views(arguments: argparse.Namespace) -> None:
-    """Write layouts for Foxglove and PlotJuggler of a run or recording, and the recording in simulated time."""
-    from facts_damping.recording import in_simulated_time, origin
-    from facts_damping_views.layouts import layouts
-
-    path = Path(arguments.what or "")
-    if is_recording(arguments.what):
-        if arguments.set:
-            raise InputError(f"--set {arguments.set[0]}: given with a recording; allowed: with a run")
-        content, namespace = origin(path)
-        case = loading.recorded_case(content, str(path))
-        folder = path.parent / "views" if arguments.out is None else Path(arguments.out)
-        for line in in_simulated_time(path, folder / "simulated_time"):
-            note(f"{path}: {line}")
-        say(arguments, f"recording: {folder / 'simulated_time'}")
-    else:
-        case, namespace = loading.load_case(arguments.what, arguments.set), "/"
-        folder = files.new_folder(out_folder(arguments, "views"))
-    for name, text in layouts(case, namespace).items():
-        write_whole(folder / name, text)
-        say(arguments, f"layout: {folder / name}")
-
-
 def _explained(record: Record, path: str, run: str | None) -> Record:
     """The record; if it holds no run (`ros2 bag record` stores none), with the run of a name or file."""
     if record.configuration or run is None:
@@ -310,31 +287,6 @@ def modes(arguments: argparse.Namespace) -> None:
         pictures = modal_pictures.plot(found, files.new_folder(Path(arguments.out)))
     write_json(arguments.json, modal_analysis.document(found))
     say(arguments, *modal_analysis.modes_text(found), *(f"plot: {path}" for path in pictures))
-
-
-def validate(arguments: argparse.Namespace) -> None:
-    """Check the plant against published figures, other programs, analytic solutions and finer steps."""
-    from facts_damping_validation import report, table
-
-    files.check_writable(arguments.out, "--out")
-    for name in arguments.tables:
-        check_known("TABLE", name, report.TABLES)
-    names, tables = arguments.tables or list(report.TABLES), []
-    with Progress("validate", "tables") as progress:
-        for i, name in enumerate(names):
-            progress(i, len(names))
-            tables.append(report.TABLES[name]())
-    write_json(arguments.json, table.document(tables))
-    if arguments.out is not None:
-        path = Path(arguments.out)
-        write_whole(path, report.page(tables))
-        if path.is_file() and path.suffix != ".csv":
-            write_whole(path.with_suffix(".csv"), table.as_csv(tables))
-    say(arguments, *(line for made in tables for line in [*table.table_text(made), ""]))
-    failed = [row.what for made in tables for row in made.rows if not row.passed]
-    if failed:
-        raise RunError(f"validate: {len(failed)} rows fail: {'; '.join(failed)}")
-    say(arguments, f"{sum(len(made.rows) for made in tables)} rows pass")
 
 
 def list_(arguments: argparse.Namespace) -> None:
@@ -392,28 +344,3 @@ def _controllers() -> list[dict[str, Any]]:
         }
         for name, row in CONTROLLERS.items()
     ]
-
-
-def import_(arguments: argparse.Namespace) -> None:
-    """Write a system file from a MATPOWER or PSS/E case."""
-    from facts_damping_grids.control_limits import widened
-    from facts_damping_grids import matpower, psse
-    from facts_damping_grids.text import document
-
-    case = Path(arguments.case)
-    files.check_writable(arguments.out, "--out")
-    if case.suffix.lower() == ".raw":
-        if arguments.dynamics is not None:
-            raise InputError(f"--dynamics {arguments.dynamics}: given with a RAW file; allowed: with a MATPOWER case")
-        made = psse.import_case(case, None if arguments.dyr is None else Path(arguments.dyr))
-        content, wider = widened(made.content)
-        made = made._replace(content=content, notes=[*made.notes, *wider])
-    elif arguments.dyr is not None:
-        raise InputError(f"CASE.dyr: {arguments.dyr} given with {case.name}; allowed: with a RAW file")
-    else:
-        made = matpower.import_case(case, None if arguments.dynamics is None else Path(arguments.dynamics))
-    more = arguments.dynamics or arguments.dyr
-    text = document(made, case.name if more is None else f"{case.name} with {Path(more).name}")
-    for line in made.notes:
-        note(f"facts-damping: {line}")
-    write_text(arguments.out or "-", text)

@@ -11,8 +11,6 @@ from jinja2 import Environment, PackageLoader
 from markdown_it import MarkdownIt
 from pyarrow import csv
 
-from facts_damping_studies.pages import save
-from facts_damping_studies.sweeps.results import table
 from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 from facts_damping_reproduction import charts, extracts, side_by_side
@@ -21,6 +19,8 @@ from facts_damping_reproduction.ensembles import Interval
 from facts_damping_reproduction.printed import LLC
 from facts_damping_reproduction.results import LINK, TITLES
 from facts_damping_reproduction.templates import render
+from facts_damping_studies.pages import save
+from facts_damping_studies.sweeps.results import table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

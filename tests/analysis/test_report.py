@@ -34,7 +34,9 @@ if TYPE_CHECKING:
     from facts_damping.report.contents import Report
     from facts_damping.signals import Record
 
-pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*", "tests/analysis/conftest.py", "tests/chromium.py"])
+pytestmark = inputs(
+    contents=["facts_damping/**/*", "extensions/**/*", "config/**/*", "tests/analysis/conftest.py", "tests/chromium.py"]
+)
 
 DESK = {"viewport": {"width": 1200, "height": 900}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}

@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+
+from facts_damping.case.loading import load_system
+from facts_damping.cli.main import main
+from facts_damping.errors import RunError
 from facts_damping_bench import ours, pages, study, ticks
 from facts_damping_bench.figures import Result, Rung, Sweep, at_equal_error, difference, ratio, sweep_step
 from facts_damping_bench.grid import FAULT_END, FAULT_START, LOAD, RATE, SYSTEM, TimedRun, grid, swings
 from facts_damping_bench.programs import HELICS, OURS, PROGRAMS, Program, missing
 from facts_damping_bench.session import session
-
-from facts_damping.case.loading import load_system
-from facts_damping.cli.main import main
-from facts_damping.errors import RunError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,12 +6,12 @@ import re
 from collections import Counter
 
 import pytest
+
+from facts_damping.cli.main import main
 from facts_damping_bench import large, large_ours
 from facts_damping_bench.figures import difference
 from facts_damping_bench.grid import FAULT_END, RATE, grid, swings
 from facts_damping_bench.programs import LARGE, missing
-
-from facts_damping.cli.main import main
 from tests.andes_cases import CASES
 from tests.commands import assert_one_line
 

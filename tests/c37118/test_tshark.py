@@ -16,7 +16,15 @@ import numpy as np
 import pytest
 
 from facts_damping_streams.c37118 import configuration, frame, session, stat, system_pmus
-from facts_damping_streams.c37118.configuration import UNIT, Analog, Configuration, Digital, Phasor, PmuConfiguration, Site
+from facts_damping_streams.c37118.configuration import (
+    UNIT,
+    Analog,
+    Configuration,
+    Digital,
+    Phasor,
+    PmuConfiguration,
+    Site,
+)
 from facts_damping_streams.c37118.data import MISSING, RADIAN, Data
 from facts_damping_streams.c37118.session import Instant
 from facts_damping_streams.c37118.system_pmus import Pmu

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from facts_damping_views.cockpit import server
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
+from facts_damping_views.cockpit import server
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,9 +9,9 @@ import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from facts_damping_views.cockpit import server
 from facts_damping.monitor_table import STATES
 from facts_damping.recording.reader import load
+from facts_damping_views.cockpit import server
 from tests.chromium import CHROMIUM, START, needs_browser
 from tests.cockpit.serving import serving
 from tests.passed import inputs
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*", "tests/chromium.py", "tests/cockpit/serving.py"])
+pytestmark = inputs(
+    contents=["facts_damping/**/*", "extensions/**/*", "config/**/*", "tests/chromium.py", "tests/cockpit/serving.py"]
+)
 
 RUN = [sys.executable, "-m", "facts_damping", "run", "two_area_deployment", "--supervised", "--cockpit", "0"]
 CALM = ("duration=3600", "scenario=[]", "load_noise=null", "watchdog=null")

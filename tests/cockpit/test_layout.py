@@ -10,10 +10,10 @@ import pytest
 
 from facts_damping.case import names
 from facts_damping.case.loading import load_case
-from facts_damping_views.cockpit import controls, layout, samples
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import with_event, with_link
+from facts_damping_views.cockpit import controls, layout, samples
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case

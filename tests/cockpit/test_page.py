@@ -12,10 +12,10 @@ import setuptools
 
 from tests.passed import inputs
 
-pytestmark = inputs(contents=["setup.py", "facts_damping/cockpit/static/**/*"], names=["facts_damping/**/*.py"])
+pytestmark = inputs(contents=["setup.py", "extensions/*/cockpit/static/**/*"], names=["extensions/**/*.py"])
 
 ROOT = Path(__file__).parents[2]
-STATIC = ROOT / "facts_damping" / "cockpit" / "static"
+STATIC = ROOT / "extensions" / "facts_damping_views" / "cockpit" / "static"
 FILES = [path for path in sorted(STATIC.rglob("*")) if path.is_file()]
 NAMESPACE = "http://www.w3.org/2000/svg"
 COMMENT = re.compile(r"/\*.*?\*/|(?<!:)//[^\n]*", re.DOTALL)

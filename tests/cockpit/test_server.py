@@ -16,11 +16,11 @@ from starlette.websockets import WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed
 
 from facts_damping.case.loading import load_case
-from facts_damping_views.commands import content
 from facts_damping.cli.main import main
-from facts_damping_views.cockpit import controls, server
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
+from facts_damping_views.cockpit import controls, server
+from facts_damping_views.commands import content
 from tests.cockpit.serving import page_socket, request, serving
 
 if TYPE_CHECKING:

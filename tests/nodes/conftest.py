@@ -17,7 +17,7 @@ import pytest
 
 from facts_damping.nodes import frame_source
 from facts_damping.nodes.launching import forked, graph
-from facts_damping_testing.fixtures import loopback
+from facts_damping.testing import loopback
 from tests.nodes.graphs import PATIENCE_S, somebody
 
 if TYPE_CHECKING:

@@ -28,10 +28,10 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import recorder
 from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
-from facts_damping_testing.foreign.messages import hostile
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from facts_damping_testing.foreign.messages import hostile
 from tests.nodes.graphs import LOADED_S, assert_same, odd_requests, quiet, somebody, wait_until
 from tests.nodes.hostile import IDENTIFIER, LATEST, SETS, forgeries
 

@@ -23,9 +23,9 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import RunError
 from facts_damping.nodes.launching import graph
-from facts_damping_testing.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from facts_damping_testing.loopback.opening import opened
 from tests.nodes.graphs import (
     PATIENCE_S,
     as_in_process,

@@ -79,7 +79,7 @@ def receiver(node: Any, executor: Any) -> Callable[..., list[Any]]:
 def on_loopback(loopback: Any, names: Iterable[str], **parameters: Any) -> dict[str, Any]:
     """Nodes by name, started on the loopback."""
     given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
-    mains = {name: importlib.import_module(f"facts_damping.nodes.{name}").main for name in names}
+    mains = {name: importlib.import_module(executables.module_of(name)).main for name in names}
     return {name: loopback.start(name, main, ["--ros-args", *given]) for name, main in mains.items()}
 
 
@@ -331,13 +331,13 @@ def test_who_is_started_by_hand_ends_with_a_plant_that_is_told_to_stop(capsys: A
 
 def test_each_executable_is_a_node(monkeypatch: pytest.MonkeyPatch) -> None:
     found: list[str] = []
-    monkeypatch.setattr(executables, "_start", lambda node, **_: found.append(node))
-    installed = [one for one in entry_points(group="console_scripts") if one.module == executables.__name__]
+    monkeypatch.setattr(executables, "_start", lambda module, **_: found.append(module))
+    installed = [one for one in entry_points(group="console_scripts") if one.name in NODES]
     for one in installed:
         one.load()()
-        assert found[-1] == one.name
+        assert found[-1] == executables.module_of(one.name)
         assert (BIN / one.name).exists()
-    assert set(found) >= set(NODES)
+    assert {one.name for one in installed} == set(NODES)
 
 
 def test_every_field_of_an_interface_has_its_meaning_on_its_own_line() -> None:

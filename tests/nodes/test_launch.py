@@ -15,6 +15,7 @@ from lifecycle_msgs.msg import Transition
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
+from facts_damping.nodes.executables import module_of
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.nodes.graphs import PATIENCE_S, assert_same
@@ -243,7 +244,7 @@ def test_what_is_launched_below_a_namespace_is_the_in_process_run(
         arguments = ["--ros-args", "-r", f"__node:={node.name}", "-r", f"__ns:={place}"]
         for key, value in node.parameters.items():
             arguments += ["-p", f"{key}:={value}"]
-        main = importlib.import_module(f"facts_damping.nodes.{node.executable}").main
+        main = importlib.import_module(module_of(node.executable)).main
         running[node.name, place] = loopback.start(node.name, main, arguments)
     for node in running.values():
         node.join(PATIENCE_S)

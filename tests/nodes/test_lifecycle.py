@@ -13,10 +13,10 @@ from rclpy.lifecycle import LifecycleNode
 from std_srvs.srv import Trigger
 
 from facts_damping.case.loading import load_case
-from facts_damping_testing.loopback.lifecycle import GRAPH, NUMBERS, STATES
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
+from facts_damping_testing.loopback.lifecycle import GRAPH, NUMBERS, STATES
 from tests.nodes.graphs import PATIENCE_S, assert_replayed, assert_same, ticks
 from tests.nodes.test_joining import RATE, Graph
 

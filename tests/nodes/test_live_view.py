@@ -27,9 +27,9 @@ from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.topics import REFUSALS
 from facts_damping.nodes.launching import graph
-from facts_damping_views.nodes.live_view import LISTENING
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from facts_damping_views.nodes.live_view import LISTENING
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, nodes_left, payloads, quiet, wait_until
 
 if TYPE_CHECKING:

@@ -21,11 +21,11 @@ from facts_damping.nodes.admission.publishers import KNOW_S
 from facts_damping.nodes.admission.refusals import MAXIMUM, TELL_S
 from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import SUBSCRIBER_QOS
-from facts_damping_testing.foreign.messages import hostile
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import Estimates, stamped
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import DELIVERY, SETPOINT
+from facts_damping_testing.foreign.messages import hostile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

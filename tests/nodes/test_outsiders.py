@@ -18,10 +18,10 @@ from rclpy.qos import QoSHistoryPolicy
 from facts_damping.case.loading import load_case
 from facts_damping.nodes.base.qos import DEPTH, SUBSCRIBER_QOS
 from facts_damping.nodes.launching import graph
-from facts_damping_testing.loopback.domain import domain as of_loopback
 from facts_damping.recording.reader import load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import loop
+from facts_damping_testing.loopback.domain import domain as of_loopback
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, quiet
 
 if TYPE_CHECKING:

@@ -26,11 +26,11 @@ from facts_damping.errors import RecordingError, RunError
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.controller import ControllerNode
 from facts_damping.nodes.launching import graph
-from facts_damping_testing.loopback.opening import opened
 from facts_damping.recording import RecordingWriter
 from facts_damping.recording.reader import KINDS, UNTIMED, load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import replay
+from facts_damping_testing.loopback.opening import opened
 from tests.nodes.bags import STORAGES, copy, in_chunks
 from tests.nodes.graphs import (
     ARRAYS,

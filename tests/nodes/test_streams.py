@@ -18,16 +18,16 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from facts_damping_streams.c37118 import system_pmus
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.monitor_table import SHADOW
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
-from facts_damping_streams.nodes.c37118_client import C37118Client
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.signals import NANOSECONDS, NEVER
 from facts_damping.simulation import loop
+from facts_damping_streams.c37118 import system_pmus
+from facts_damping_streams.nodes.c37118_client import C37118Client
 from facts_damping_streams.streaming import recorded, serving
 from facts_damping_streams.streaming.pdc import Pdc, grid_pmus
 from facts_damping_streams.streaming.serving import Serving

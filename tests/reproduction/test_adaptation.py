@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+
+from facts_damping.cli.main import main
 from facts_damping_reproduction.adaptation import experiment, pages
 from facts_damping_reproduction.adaptation.cases import BEGIN, KINDS, evaluation, training
 from facts_damping_reproduction.adaptation.decide import ALIKE, BETTER, OPEN, WORSE, decision, ratio
-
-from facts_damping.cli.main import main
 from facts_damping_studies.score.card import NONE
 
 if TYPE_CHECKING:

@@ -10,6 +10,10 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import spearmanr
+
 from facts_damping_reproduction.agreement import (
     ALL,
     ComparedRun,
@@ -25,9 +29,6 @@ from facts_damping_reproduction.agreement import (
 from facts_damping_reproduction.agreement import value_text as text_of
 from facts_damping_reproduction.printed import DIRECT, LLC, Cell, ControllerId, cells
 from facts_damping_reproduction.ranking import correlation, mean_ranks, rankings, totals
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import spearmanr
 
 CELLS = cells()
 Found = dict[ComparedRun, dict[str, float]]

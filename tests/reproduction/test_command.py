@@ -8,14 +8,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from facts_damping_reproduction import pictures, results
-from facts_damping_reproduction.printed import SCENARIOS, cells
-from facts_damping_reproduction.results import TITLES
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
+from facts_damping_reproduction import pictures, results
+from facts_damping_reproduction.printed import SCENARIOS, cells
+from facts_damping_reproduction.results import TITLES
 
 WHO = {"LLC", "ANFTSC"}
 CELLS = [cell for cell in cells(["6.1"]) if cell.controller in WHO and cell.scenario != "multiple"]

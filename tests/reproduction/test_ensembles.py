@@ -3,14 +3,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
+
+from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping_reproduction import ensembles
 from facts_damping_reproduction.agreement import ComparedRun, name
 from facts_damping_reproduction.printed import DIRECT, LLC, SCENARIOS, ControllerId, cells
 from facts_damping_reproduction.ranking import rho
 from facts_damping_reproduction.runs import BASELINES, FIGURES
-from scipy import stats
-
-from facts_damping.neurofuzzy.table import VARIANTS
 
 NETWORKS = [ControllerId("MISO", one, "direct") for one in VARIANTS]
 EVERYBODY = [*BASELINES, *NETWORKS]

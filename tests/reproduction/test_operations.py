@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from facts_damping_reproduction.operations import SHAPE, WHY, Count, complexity, file, markdown
-from facts_damping_reproduction.printed import Operations, operations
 
 from facts_damping.compiling import compiled
 from facts_damping.neurofuzzy.network import forward, network, passes
 from facts_damping.neurofuzzy.start import initial
 from facts_damping.neurofuzzy.table import VARIANTS, Variant
+from facts_damping_reproduction.operations import SHAPE, WHY, Count, complexity, file, markdown
+from facts_damping_reproduction.printed import Operations, operations
 from tests.reproduction import counting
 from tests.reproduction.counting import AT, START, counts
 

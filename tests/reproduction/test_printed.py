@@ -9,6 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+
+from facts_damping.analysis.indices import INDICES
+from facts_damping.errors import InputError
+from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.parameters.files import shipped
 from facts_damping_reproduction import printed
 from facts_damping_reproduction.printed import (
     DIRECT,
@@ -21,11 +26,6 @@ from facts_damping_reproduction.printed import (
     inconsistent,
     operations,
 )
-
-from facts_damping.analysis.indices import INDICES
-from facts_damping.errors import InputError
-from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.parameters.files import shipped
 
 if TYPE_CHECKING:
     from pathlib import Path

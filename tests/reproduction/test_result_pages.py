@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
-from facts_damping_reproduction import result_figures
-from facts_damping_reproduction.adaptation.experiment import plan
-from facts_damping_reproduction.pdci import pages
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
+from facts_damping_reproduction import result_figures
+from facts_damping_reproduction.adaptation.experiment import plan
+from facts_damping_reproduction.pdci import pages
 from facts_damping_studies.score.card import read_set
 
 if TYPE_CHECKING:

@@ -2,20 +2,20 @@ import json
 from pathlib import Path
 
 import pytest
-from facts_damping_reproduction import explanations
-from facts_damping_reproduction.agreement import ComparedRun, name
-from facts_damping_reproduction.printed import LLC, SCENARIOS, TABLES, ControllerId, cells
-from facts_damping_reproduction.results import FOUND
-from facts_damping_reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
 
 from facts_damping.analysis.indices import THESIS_INDICES
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.parameters.stages import Noise
 from facts_damping.simulation import loop
+from facts_damping.terminal import Progress
+from facts_damping_reproduction import explanations
+from facts_damping_reproduction.agreement import ComparedRun, name
+from facts_damping_reproduction.printed import LLC, SCENARIOS, TABLES, ControllerId, cells
+from facts_damping_reproduction.results import FOUND
+from facts_damping_reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
 from facts_damping_studies.sweeps import axes, sweep
 from facts_damping_studies.sweeps.batch import Base, make
-from facts_damping.terminal import Progress
 
 Made = dict[ComparedRun, dict[str, float] | None]
 

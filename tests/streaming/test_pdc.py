@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facts_damping_streams.c37118 import data, mapping, session, stat
-from facts_damping_streams.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
 from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER, Record
 from facts_damping.simulation import loop
+from facts_damping_streams.c37118 import data, mapping, session, stat
+from facts_damping_streams.c37118.session import Instant, Receiver
 from facts_damping_streams.streaming import recorded, serving
 from facts_damping_streams.streaming.pdc import Pdc, grid_pmus
 from facts_damping_streams.streaming.serving import Serving

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping_streams.c37118 import frame, system_pmus
-from facts_damping_streams.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
 from facts_damping.nodes.launching import graph
-from facts_damping_testing.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from facts_damping_streams.c37118 import frame, system_pmus
+from facts_damping_streams.c37118.session import Instant, Receiver
 from facts_damping_streams.streaming import recorded
 from facts_damping_streams.streaming.pdc import Pdc, grid_pmus
+from facts_damping_testing.loopback.opening import opened
 from tests.commands import assert_one_line
 from tests.nodes.graphs import LOADED_S, quiet
 

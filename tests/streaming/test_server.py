@@ -17,11 +17,11 @@ import pytest
 collections.Sequence = collections.abc.Sequence  # type: ignore[attr-defined]
 from synchrophasor.pdc import Pdc  # noqa: E402 (it names what Python 3.9 still had)
 
+from facts_damping.errors import RunError  # noqa: E402
+from facts_damping.signals import CHANNELS  # noqa: E402
 from facts_damping_streams.c37118 import configuration, frame, session, system_pmus  # noqa: E402
 from facts_damping_streams.c37118.session import Instant, Receiver  # noqa: E402
 from facts_damping_streams.c37118.system_pmus import Pmu  # noqa: E402
-from facts_damping.errors import RunError  # noqa: E402
-from facts_damping.signals import CHANNELS  # noqa: E402
 from facts_damping_streams.streaming.server import Server  # noqa: E402
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from facts_damping.cli.main import main
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import shipped
+from facts_damping.terminal import Progress
 from facts_damping_studies.sweeps import sweep
 from facts_damping_studies.sweeps.batch import make
-from facts_damping.terminal import Progress
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

@@ -25,12 +25,12 @@ from facts_damping.parameters import files
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
+from facts_damping.terminal import Progress
 from facts_damping_studies.margins.criteria import fails
 from facts_damping_studies.sweeps import axes, batch, sweep
 from facts_damping_studies.sweeps.batch import RunRequest, make, names, one_run
 from facts_damping_studies.sweeps.journal import Journal
 from facts_damping_studies.sweeps.results import cell
-from facts_damping.terminal import Progress
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

@@ -17,9 +17,9 @@ from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES, cause_name
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import plant_residues
-from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from facts_damping.supervision.model import UNKNOWNS
 from facts_damping.supervision.probe import fit
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 
 QUIET = ["supervision=probed", "scenario=[]", "arm_at=13.2", "duration=13.5"]
 SMIB = [*QUIET, "system=smib", "arm_at=7.5", "duration=8"]

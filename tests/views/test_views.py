@@ -14,9 +14,9 @@ from facts_damping.cli.main import main
 from facts_damping.input_files import share_folder
 from facts_damping.monitor_table import MONITORS
 from facts_damping.nodes.launching import graph
-from facts_damping_testing.loopback.opening import opened
 from facts_damping.recording import RecordingWriter, load
 from facts_damping.recording.scan import scan
+from facts_damping_testing.loopback.opening import opened
 from facts_damping_views.layouts import layouts
 from tests.nodes.graphs import LOADED_S, assert_same, quiet
 from tests.views.bags import (

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping_streams.c37118.configuration import Configuration, PmuConfiguration
     from facts_damping.compiling.structs import Bool1, Float1, Int1
+    from facts_damping_streams.c37118.configuration import Configuration, PmuConfiguration
 
 MISSING = -32768  # 0x8000: no value; for a float NaN
 RADIAN, MILLIHERTZ, CENTIHERTZ = 1e-4, 1e-3, 1e-2  # per count of angle, frequency, rate of change of frequency

@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping_streams.c37118 import stat, system_pmus
 from facts_damping.errors import InputError
 from facts_damping.parameters.streams import UNITS, Channel, Channels
 from facts_damping.signals import CHANNELS
+from facts_damping_streams.c37118 import stat, system_pmus
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.compiling.structs import Bool1, Float2, Int1, Int2
     from facts_damping_streams.c37118.configuration import Configuration, PmuConfiguration
     from facts_damping_streams.c37118.data import Data
     from facts_damping_streams.c37118.system_pmus import Pmu
-    from facts_damping.compiling.structs import Bool1, Float2, Int1, Int2
 
 NAMES = dict(zip(UNITS, (*system_pmus.PHASORS, *system_pmus.ANALOGS), strict=True))  # channel names of our servers
 VOLTAGE, CURRENT, ACTIVE, REACTIVE, SPEED = range(len(UNITS))

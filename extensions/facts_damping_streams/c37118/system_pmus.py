@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from facts_damping.signals import CHANNELS
 from facts_damping_streams.c37118.configuration import UNIT, Analog, Configuration, Phasor, PmuConfiguration, Site
 from facts_damping_streams.c37118.data import Data
-from facts_damping.signals import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -13,11 +13,11 @@ from contextlib import suppress
 from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.errors import one_line
+from facts_damping.signals import NANOSECONDS
 from facts_damping_streams.c37118 import frame
 from facts_damping_streams.c37118.configuration import TIME_BASE, Configuration
 from facts_damping_streams.c37118.session import Instant, Receiver
-from facts_damping.errors import one_line
-from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

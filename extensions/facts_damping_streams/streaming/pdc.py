@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.measurement.pmu_model import UNSYNCHRONISED
+from facts_damping.signals import NANOSECONDS
 from facts_damping_streams.c37118 import stat, system_pmus
 from facts_damping_streams.c37118.configuration import TIME_BASE
 from facts_damping_streams.c37118.session import Instant
 from facts_damping_streams.c37118.system_pmus import Pmu
-from facts_damping.measurement.pmu_model import UNSYNCHRONISED
-from facts_damping.signals import NANOSECONDS
 from facts_damping_streams.streaming.stream_clock import Alignment, PmuReport
 
 if TYPE_CHECKING:

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping_streams.c37118 import system_pmus
-from facts_damping_streams.c37118.data import Data
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.measured_plant import entries
+from facts_damping_streams.c37118 import system_pmus
+from facts_damping_streams.c37118.data import Data
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from facts_damping_streams.c37118.session import Instant
     from facts_damping.signals import Record
+    from facts_damping_streams.c37118.session import Instant
     from facts_damping_streams.streaming.pdc import Pdc
     from facts_damping_streams.streaming.server import Server
 

@@ -11,9 +11,9 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.errors import RunError, one_line
 from facts_damping_streams.c37118 import frame, session
 from facts_damping_streams.c37118.frame import FrameError
-from facts_damping.errors import RunError, one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping_streams.c37118.configuration import Configuration
     from facts_damping.compiling.structs import Bool1, Float2, Int1
+    from facts_damping_streams.c37118.configuration import Configuration
 
 
 class PmuReport(NamedTuple):

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.api.cases import plain, short_traceback
 from facts_damping.parameters.files import new_folder
+from facts_damping.terminal import Progress
 from facts_damping_studies.score import card as cards
 from facts_damping_studies.score import pages
 from facts_damping_studies.score.controllers import candidates
 from facts_damping_studies.score.worst import with_worst
 from facts_damping_studies.sweeps.pool import refuse_within
-from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,11 +14,11 @@ from facts_damping.extras import library
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.terminal import Progress, table
 from facts_damping_studies.sweeps import sweep as studies
 from facts_damping_studies.sweeps import sweep_plots
 from facts_damping_studies.sweeps.pool import refuse_within
 from facts_damping_studies.sweeps.results import cell, sweep_tables
-from facts_damping.terminal import Progress, table
 
 if TYPE_CHECKING:
     from os import PathLike

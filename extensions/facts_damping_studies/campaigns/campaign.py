@@ -20,12 +20,12 @@ from facts_damping.parameters.files import find, new_folder, read_sets, read_tab
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
+from facts_damping.terminal import write_whole
+from facts_damping.version import __version__
 from facts_damping_studies.campaigns import actions, invariants
 from facts_damping_studies.campaigns.faults import FAULTS, NOTHING, ONLY_REAL, Chance
 from facts_damping_studies.sweeps.journal import Journal
 from facts_damping_studies.sweeps.pool import workers
-from facts_damping.terminal import write_whole
-from facts_damping.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.parameters.campaign import BaseRun
     from facts_damping.signals import Record
-    from facts_damping_studies.campaigns.faults import Source
     from facts_damping.terminal import Progress
+    from facts_damping_studies.campaigns.faults import Source
 
 JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
 GRAPH_AFTER_S = 3.0  # s, shortest time from a graph's fault to its end

@@ -10,11 +10,11 @@ import numpy as np
 
 from facts_damping.input_files import share_folder
 from facts_damping.monitor_table import MONITORS
+from facts_damping.terminal import as_csv, table, write_whole
 from facts_damping_studies.campaigns import campaign as study
 from facts_damping_studies.campaigns.faults import FAULTS, NOTHING
 from facts_damping_studies.campaigns.invariants import HARM, INVARIANTS
 from facts_damping_studies.margins.margins import failed_fraction
-from facts_damping.terminal import as_csv, table, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

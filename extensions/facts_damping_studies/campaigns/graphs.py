@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.nodes.launching.fault_injection import FaultedRun
     from facts_damping.signals import Record
-    from facts_damping_studies.campaigns.campaign import Draw, Plan
     from facts_damping.terminal import Progress
+    from facts_damping_studies.campaigns.campaign import Draw, Plan
 
 JOURNAL, FOLDER = "graphs.jsonl", "graphs"
 AT_ONCE = 2  # graphs at a time: each has five or more processes and may run in real time

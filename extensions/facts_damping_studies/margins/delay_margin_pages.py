@@ -12,8 +12,8 @@ from facts_damping.case.names import controller_names
 from facts_damping.parameters.study import DAMPING_RATIO
 from facts_damping.plant.grid import power_flow
 from facts_damping.small_signal.modal_analysis import figures
-from facts_damping_studies.margins.criteria import CRITERIA
 from facts_damping.terminal import save_picture
+from facts_damping_studies.margins.criteria import CRITERIA
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -173,7 +173,7 @@ def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
 
 def draw_loops(found: Margin, path: Path) -> Path:
     """The one-line diagram with the paths of the control loops, and the mode at the margin, as PNG."""
-    from facts_damping.small_signal import one_line  # noqa: PLC0415 (its library takes a while to be loaded)
+    from facts_damping.small_signal import one_line
 
     case = found.case
     loops = []

@@ -21,11 +21,11 @@ from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
 from facts_damping.parameters.profile import DEFAULT_PROFILE
+from facts_damping.terminal import note
 from facts_damping_studies.search.optimisers import METHODS
 from facts_damping_studies.search.scoring import REFERENCE, Draw, Score, draws, ensemble, score
 from facts_damping_studies.search.structures import Choice, Structure, started, structures
 from facts_damping_studies.sweeps.pool import run_all
-from facts_damping.terminal import note
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.terminal import table
 from facts_damping_studies.search.scoring import REFERENCE, trained_on
 from facts_damping_studies.sweeps.enumerated_axes import NONE, SCENARIO
-from facts_damping.terminal import table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

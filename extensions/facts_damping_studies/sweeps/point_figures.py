@@ -20,12 +20,12 @@ from facts_damping.control.bank import controller_network
 from facts_damping.errors import FactsDampingError
 from facts_damping.neurofuzzy.network import Network, forward, passes
 from facts_damping.simulation import loop
+from facts_damping.terminal import Progress
 from facts_damping_studies.pages import save
 from facts_damping_studies.sweeps.batch import Base, make, names
 from facts_damping_studies.sweeps.enumerated_axes import candidates
 from facts_damping_studies.sweeps.pool import run_all
 from facts_damping_studies.sweeps.true_jacobian import follow
-from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,9 +16,9 @@ from facts_damping import terminal
 from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.run_warnings import NEVER_ARMED
 from facts_damping.input_files import share_folder
-from facts_damping_studies.margins.margins import failed_fraction
 from facts_damping.terminal import replacing, write_whole
 from facts_damping.version import versions
+from facts_damping_studies.margins.margins import failed_fraction
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -16,6 +16,8 @@ from facts_damping.parameters.files import check_kind, find, read_sets, read_tab
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.simulation.user_code import source_hash
+from facts_damping.terminal import note, write_whole
+from facts_damping.version import __version__
 from facts_damping_studies.margins import margins
 from facts_damping_studies.margins.criteria import fails
 from facts_damping_studies.sweeps import axes, true_jacobian
@@ -23,8 +25,6 @@ from facts_damping_studies.sweeps.batch import IDENTITY, Base, RunRequest, figur
 from facts_damping_studies.sweeps.enumerated_axes import expand_axis
 from facts_damping_studies.sweeps.journal import Journal
 from facts_damping_studies.sweeps.pool import workers
-from facts_damping.terminal import note, write_whole
-from facts_damping.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.parameters.study import Margin
-    from facts_damping_studies.sweeps.axes import Point
     from facts_damping.terminal import Progress
+    from facts_damping_studies.sweeps.axes import Point
 
 JOURNAL = "rows.jsonl"
 COPY = "study.yaml"

@@ -22,8 +22,10 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
+from facts_damping.extensions import given
 from facts_damping.nodes import clock
 from facts_damping.nodes.base import run
+from facts_damping.nodes.executables import module_of
 from facts_damping.nodes.launching import forked, preload  # noqa: F401 (all nodes, so that all see it)
 from facts_damping_testing.loopback import implementation
 from facts_damping_testing.loopback.processes import FIRST_PID, Process, World, current, never, process
@@ -33,7 +35,9 @@ if TYPE_CHECKING:
 
     from rclpy.executors import Executor
 
-PATCHED = "rclpy", "facts_damping.nodes"  # packages whose modules use the loopback
+OTHERS = "facts_damping_testing.foreign", "facts_damping_testing.attacker"
+NODES = (row.value for row in given("nodes").values())  # of other packages
+PATCHED = "rclpy", "facts_damping.nodes", *OTHERS, *NODES  # packages whose modules use the loopback
 
 
 class StandIn:
@@ -128,12 +132,12 @@ def _simulated(real: Callable[..., Any], ours: Callable[..., Any]) -> Callable[.
 
 
 def _start(
-    here: World, module: str, arguments: Sequence[str], environment: Mapping[str, str], output: str, errors: str
+    here: World, node: str, arguments: Sequence[str], environment: Mapping[str, str], output: str, errors: str
 ) -> Process:
     """Start a node in place of `forked.start`."""
-    own = importlib.import_module(f"facts_damping.nodes.{module}")
+    own = importlib.import_module(module_of(node))
     streams = [open(name, "a", buffering=1) for name in (output, errors)]  # noqa: SIM115, PTH123 (closed at its end)
-    started = here.start(module, own.main, arguments, environment, *streams)
+    started = here.start(node, own.main, arguments, environment, *streams)
     started.at_end += [stream.close for stream in streams]
     return started
 

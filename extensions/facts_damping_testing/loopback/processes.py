@@ -18,8 +18,8 @@ from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.interruption import INTERRUPTIONS
-from facts_damping_testing.loopback.middleware import Middleware
 from facts_damping.signals import NEVER
+from facts_damping_testing.loopback.middleware import Middleware
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

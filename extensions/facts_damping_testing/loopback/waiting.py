@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as real
 
+from facts_damping.signals import NEVER
 from facts_damping_testing.loopback.domain import Destroyable
 from facts_damping_testing.loopback.processes import wall_ns, world
-from facts_damping.signals import NEVER
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,8 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.names import setpoint_topics
-from facts_damping_testing.loopback.middleware import Disturbance
 from facts_damping.signals import NEVER, to_ns
+from facts_damping_testing.loopback.middleware import Disturbance
 
 if TYPE_CHECKING:
     from collections.abc import Callable

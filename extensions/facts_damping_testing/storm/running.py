@@ -15,14 +15,14 @@ from facts_damping.case.names import controller_addresses
 from facts_damping.errors import FactsDampingError, RunError, check_known, one_line
 from facts_damping.nodes import clock
 from facts_damping.nodes.base import weights_file
-from facts_damping_testing.foreign import own_controller
 from facts_damping.nodes.launching import graph
-from facts_damping_testing.loopback.opening import opened
-from facts_damping_testing.loopback.processes import process
 from facts_damping.nodes.recorder import topics
 from facts_damping.parameters.security import add_key
 from facts_damping.recording import reader, writer
 from facts_damping.signals import to_ns
+from facts_damping_testing.foreign import own_controller
+from facts_damping_testing.loopback.opening import opened
+from facts_damping_testing.loopback.processes import process
 from facts_damping_testing.storm.choices import nodes
 from facts_damping_testing.storm.events import KINDS
 from facts_damping_testing.storm.stage import PATIENCE_S, Disk, Done, Stage, disk_error
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
-    from facts_damping_testing.loopback.processes import World
     from facts_damping.signals import Record
+    from facts_damping_testing.loopback.processes import World
     from facts_damping_testing.storm.model import Event, Storm
 
 TIMEOUT_S = 2.0  # of the nodes, for silent ones

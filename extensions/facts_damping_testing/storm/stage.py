@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.nodes import clock
+from facts_damping.nodes.launching import graph
+from facts_damping.signals import to_ns
 from facts_damping_testing.attacker import forgeries
 from facts_damping_testing.foreign.messages import foreign
 from facts_damping_testing.foreign.outsider import Outsider
-from facts_damping.nodes.launching import graph
 from facts_damping_testing.loopback.domain import domain
 from facts_damping_testing.loopback.processes import process
-from facts_damping.signals import to_ns
 from facts_damping_testing.storm.events import KINDS, words
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.case import names
-from facts_damping_views.cockpit.layout import PLANT
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, check_known
 from facts_damping.plant.grid.power_flow import solve
+from facts_damping_views.cockpit.layout import PLANT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping_views.cockpit.layout import Curve, Mode, Panel
     from facts_damping.signals import Record
+    from facts_damping_views.cockpit.layout import Curve, Mode, Panel
 
 RATE = 20  # values per second
 WINDOW_S = 12.0  # of the difference of frequencies in which modes are estimated

@@ -17,11 +17,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from facts_damping.errors import InputError, one_line
+from facts_damping.extras import library
 from facts_damping_views.cockpit import controls as of_controls
 from facts_damping_views.cockpit.access import EXTRA, POLICY, REPORT_POLICY, RequestFilter, new_token
 from facts_damping_views.cockpit.reports import Reports, while_there
-from facts_damping.errors import InputError, one_line
-from facts_damping.extras import library
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Mapping
@@ -338,7 +338,7 @@ class Server:
 
     def __init__(self, cockpit: Cockpit, host: str, port: int) -> None:
         uvicorn = library("uvicorn", EXTRA)
-        from facts_damping_views.cockpit import connections  # noqa: PLC0415 (it needs uvicorn)
+        from facts_damping_views.cockpit import connections
 
         try:
             self._socket = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)

@@ -20,7 +20,6 @@ from std_srvs.srv import Trigger
 
 from facts_damping.case import names
 from facts_damping.case.names import SUPERVISED, label
-from facts_damping_views.cockpit import controls, layout, samples, server, words
 from facts_damping.nodes import clock
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.log import NodeLog
@@ -33,12 +32,13 @@ from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_
 from facts_damping.nodes.recorder import topics
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.signals import NANOSECONDS
+from facts_damping_views.cockpit import controls, layout, samples, server, words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from facts_damping_views.cockpit.controls import Request
     from facts_damping.nodes.base.managed import ManagedNode
+    from facts_damping_views.cockpit.controls import Request
 
 PERIOD_S = 1.0 / samples.RATE
 STATUS_S = 1.0  # wall time between two states of the run, and between two estimates of modes

@@ -24,11 +24,11 @@ from facts_damping.signals import RunChange
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.twins import twin
-from facts_damping_studies.score.card import NONE, log_ratio
-from facts_damping_studies.sweeps.pool import workers
 from facts_damping.terminal import Progress, write_whole
 from facts_damping_reproduction.adaptation.arms import space
 from facts_damping_reproduction.adaptation.cases import BEGIN, evaluation, training
+from facts_damping_studies.score.card import NONE, log_ratio
+from facts_damping_studies.sweeps.pool import workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

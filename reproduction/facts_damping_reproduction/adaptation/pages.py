@@ -10,14 +10,14 @@ from matplotlib.figure import Figure
 from pyarrow import csv
 
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping_studies.score.card import NONE
-from facts_damping_studies.sweeps.results import table as arrow
 from facts_damping.terminal import save_picture, table, write_whole
 from facts_damping_reproduction.adaptation import decide
 from facts_damping_reproduction.adaptation.cases import KINDS
 from facts_damping_reproduction.adaptation.decide import BETTER, OPEN, WORSE, Ratio
 from facts_damping_reproduction.adaptation.experiment import plan
 from facts_damping_reproduction.templates import render
+from facts_damping_studies.score.card import NONE
+from facts_damping_studies.sweeps.results import table as arrow
 
 if TYPE_CHECKING:
     from pathlib import Path

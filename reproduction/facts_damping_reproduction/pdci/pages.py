@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from pyarrow import csv
 
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping_studies.campaigns.invariants import HARM
-from facts_damping_studies.score.card import NONE
 from facts_damping.terminal import as_csv, save_picture, table, write_whole
 from facts_damping_reproduction.adaptation.decide import Ratio
 from facts_damping_reproduction.pdci import study
 from facts_damping_reproduction.templates import render
+from facts_damping_studies.campaigns.invariants import HARM
+from facts_damping_studies.score.card import NONE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -16,13 +16,13 @@ import numpy as np
 
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.simulation import loop
-from facts_damping_studies.score.card import NONE, log_ratio
 from facts_damping.terminal import as_csv, write_whole
 from facts_damping_reproduction.adaptation import decide
 from facts_damping_reproduction.adaptation.arms import Space, space
 from facts_damping_reproduction.adaptation.experiment import evolve, index, kept, outcome
 from facts_damping_reproduction.pdci import study
 from facts_damping_reproduction.score_cases import number, scaled
+from facts_damping_studies.score.card import NONE, log_ratio
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
