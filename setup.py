@@ -10,7 +10,10 @@ from setuptools import Distribution, find_packages, setup
 
 ROOT = Path(__file__).parent
 NAME = "facts_damping"
-NODES = ("plant_sim", "wan_link", "controller", "identifier", "supervisor", "recorder")
+NODES = (
+    *("plant_sim", "wan_link", "controller"),
+    *("identifier", "supervisor", "recorder"),
+)
 NODES_OF = {"streams": ("c37118_server", "c37118_client"), "views": ("cockpit", "live_view")}  # of WINGS
 # Packages beside the core, which finds what they add by entry points, as it finds that of other distributions.
 WINGS = {wing: f"{NAME}_{wing}" for wing in ("grids", "gym", "streams", "studies", "testing", "validation", "views")}

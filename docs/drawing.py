@@ -62,10 +62,8 @@ def rows() -> list[Row]:
 
 def _layers(contract: str) -> list[list[str]]:
     """Layers of a contract, each with the full names of its modules; those of a checkout alone are left out."""
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
-        "contracts"
-    ]
-    (content,) = (one for one in contracts if one["name"].startswith(f"{contract}: "))
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    (content,) = (one for one in settings["contracts"] if one["name"].startswith(f"{contract}: "))
     of = f"{content['containers'][0]}." if "containers" in content else ""
     layers = [[of + name.strip() for name in layer.split("|")] for layer in content["layers"]]
     return [names for names in layers if not set(names) & NOT_DRAWN]

@@ -173,8 +173,8 @@ def test_a_row_of_the_table_leads_to_what_is_there() -> None:
     assert len(rows) == 12
     for _, places, tests, page in rows:
         for tables, file in re.findall(r"((?:`\w+`, )*)`([\w/]+\.py)`", places):
-            places = [place / file for place in (ROOT, ROOT / "facts_damping", ROOT / "extensions")]
-            text = next(place for place in places if place.is_file()).read_text(encoding="utf-8")
+            found = [top / file for top in (ROOT, ROOT / "facts_damping", ROOT / "extensions")]
+            text = next(path for path in found if path.is_file()).read_text(encoding="utf-8")
             for name in re.findall(r"\w+", tables):
                 assert re.search(rf"^(def )?{name}\b", text, re.MULTILINE), (file, name)
         for name, file in re.findall(r"(?:`([A-Z]\w+)`, )?`([\w/.]+)`", tests):
