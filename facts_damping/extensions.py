@@ -73,16 +73,16 @@ def every() -> list[EntryPoint]:
     return found
 
 
-def rows(group: str, row: type, own: Collection[str] = ()) -> dict[str, Any]:
+def rows(group: str, row: type, taken: Collection[str] = ()) -> dict[str, Any]:
     """Rows that packages add to a table, by name.
 
-    `row`: required type of each row, or base class; `own`: names already taken. Raises `InputError` if a row cannot be
-    loaded, has another type, or has a name that is taken.
+    `row`: required type of each row, or base class; `taken`: names already taken. Raises `InputError` if a row cannot
+    be loaded, has another type, or has a name that is taken.
     """
     found = {}
     for name, one in given(group).items():
-        if name in own:
-            raise InputError(f"{_named(one)}: the name is taken; allowed: another than {', '.join(own)}")
+        if name in taken:
+            raise InputError(f"{_named(one)}: the name is taken; allowed: another than {', '.join(taken)}")
         try:
             found[name] = one.load()
         except Exception as error:
@@ -93,6 +93,7 @@ def rows(group: str, row: type, own: Collection[str] = ()) -> dict[str, Any]:
     return found
 
 
-def _named(one: EntryPoint) -> str:
+def _named(entry_point: EntryPoint) -> str:
     """Text of an entry point for messages."""
-    return f"entry point {one.name} = {one.value} of {one.group} ({one.dist.name if one.dist else 'no package'})"
+    package = entry_point.dist.name if entry_point.dist else "no package"
+    return f"entry point {entry_point.name} = {entry_point.value} of {entry_point.group} ({package})"

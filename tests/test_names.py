@@ -7,10 +7,14 @@ import re
 import subprocess
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from facts_damping.errors import OLD_NAMES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 ROOT = Path(__file__).parents[1]
 ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
@@ -85,6 +89,24 @@ def test_a_frame_goes_through_files_and_functions_that_are_there() -> None:
         assert set(re.findall(r"`([\w.]+)`", functions)) <= defined(ROOT / "facts_damping" / file), file
     places = re.findall(r"`((?:[a-z_]+/)*[a-z_]+\.py)`", ARCHITECTURE)
     assert [place for place in places if not any((ROOT / top / place).exists() for top in ("facts_damping", "."))] == []
+
+
+VAGUE = {"found", "kept", "made", "one", "own", "told"}  # they say where a value came from, not what it is
+
+
+def parameters(path: Path) -> Iterator[tuple[str, str]]:
+    """Functions of a file and their parameters; without lambdas."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            for part in ast.walk(node.args):
+                if isinstance(part, ast.arg):
+                    yield node.name, part.arg
+
+
+def test_parameters_say_what_they_are() -> None:
+    paths = [path for top in (*TOPS, "reproduction") for path in sorted((ROOT / top).rglob("*.py"))]
+    vague = [(path.name, *pair) for path in paths for pair in parameters(path) if pair[1] in VAGUE]
+    assert vague == []
 
 
 def test_no_folder_has_more_than_twenty_modules() -> None:

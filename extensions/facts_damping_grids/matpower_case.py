@@ -117,9 +117,9 @@ def _generators(
     return rows, types, generation
 
 
-def _branch(one: Branch, numbers: dict[str, int]) -> tuple[list[float], tuple[complex, complex]]:
+def _branch(branch: Branch, numbers: dict[str, int]) -> tuple[list[float], tuple[complex, complex]]:
     """Row of a branch by its 2 x 2 admittance, and the shunt admittances at its ends that the row cannot hold."""
-    (y_ff, y_ft), (y_tf, y_tt) = one.admittance
+    (y_ff, y_ft), (y_tf, y_tt) = branch.admittance
     turn = y_ft / y_tf  # t / conj(t); t: ratio at the `from` end
     shift = float(0.5 * np.angle(turn))
     straight = abs(y_ft - y_tf) <= NOTHING * abs(y_ft) and abs(y_ff - y_tt) <= 1e-9 * abs(y_ff)
@@ -132,7 +132,21 @@ def _branch(one: Branch, numbers: dict[str, int]) -> tuple[list[float], tuple[co
     left = left[0] - 0.5j * charging, left[1] - 0.5j * charging
     angle = float(np.rad2deg(shift)) if abs(shift) > NOTHING else 0.0
     tap = 0.0 if straight else ratio
-    row = [numbers[one.from_bus], numbers[one.to_bus], z.real, z.imag, charging, 0, 0, 0, tap, angle, 1, -360, 360]
+    row = [
+        numbers[branch.from_bus],
+        numbers[branch.to_bus],
+        z.real,
+        z.imag,
+        charging,
+        0,
+        0,
+        0,
+        tap,
+        angle,
+        1,
+        -360,
+        360,
+    ]
     return [0.0 if abs(value) < NOTHING else float(value) for value in row], left
 
 

@@ -204,7 +204,7 @@ def campaign(arguments: argparse.Namespace) -> None:
         raise RunError(f"{len(errors)} draws failed, the first: {errors[0]['number']}: {errors[0]['error']}")
 
 
-def _hunt(arguments: argparse.Namespace, made: Campaign, folder: Path) -> None:
+def _hunt(arguments: argparse.Namespace, campaign: Campaign, folder: Path) -> None:
     """Search for the worst cases of a campaign; what was found is written after an interrupt, too."""
     from facts_damping_studies.campaigns import hunt, hunt_pages
 
@@ -212,12 +212,12 @@ def _hunt(arguments: argparse.Namespace, made: Campaign, folder: Path) -> None:
     if given is not None:
         raise InputError(f"--{given} {getattr(arguments, given)}: given with --hunt; allowed: without it")
     with Progress("hunt", "s") as progress:
-        found = hunt.run(made, folder, arguments.hunt, arguments.jobs, arguments.scheduler, progress)
+        found = hunt.run(campaign, folder, arguments.hunt, arguments.jobs, arguments.scheduler, progress)
     sets = [f"--set {change}" for change in arguments.set]
     command = ["facts-damping campaign", arguments.campaign, f"--hunt {arguments.hunt:g}", *sets]
-    write_json(arguments.json, hunt_pages.document(made, found))
+    write_json(arguments.json, hunt_pages.document(campaign, found))
     say(arguments, f"{hunt_pages.counts(found)}.", *hunt_pages.rules_table(hunt_pages.compared(found.rows)))
-    say(arguments, *(f"written: {path}" for path in hunt_pages.write(made, found, folder, " ".join(command))))
+    say(arguments, *(f"written: {path}" for path in hunt_pages.write(campaign, found, folder, " ".join(command))))
     if not found.complete:
         raise KeyboardInterrupt
     errors = [row for row in found.rows if row["error"] is not None]

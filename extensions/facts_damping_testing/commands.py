@@ -62,8 +62,8 @@ def _many(arguments: argparse.Namespace) -> None:
         began, whole = time.monotonic(), round(60 * arguments.minutes)
         told: set[str] = set()
 
-        def tell(found: Findings) -> None:
-            for mark in found.broken.keys() - told:
+        def tell(findings: Findings) -> None:
+            for mark in findings.broken.keys() - told:
                 note(f"found: {mark}")
                 told.add(mark)
             progress(min(int(time.monotonic() - began), whole), whole)
@@ -89,11 +89,11 @@ def _many(arguments: argparse.Namespace) -> None:
         raise RunError(f"{len(found.broken)} kinds of violations: {folder}")
 
 
-def _summary(found: Findings, minutes: float) -> list[str]:
-    rate = f"{found.storms / minutes:.0f} a minute" if minutes else ""
-    kinds = ", ".join(f"{count} {kind}" for kind, count in found.kinds.most_common())
+def _summary(findings: Findings, minutes: float) -> list[str]:
+    rate = f"{findings.storms / minutes:.0f} a minute" if minutes else ""
+    kinds = ", ".join(f"{count} {kind}" for kind, count in findings.kinds.most_common())
     return [
-        f"{found.storms} storms, {rate}: {found.world_s:.0f} s simulated, {found.plant_s:.0f} s of plants",
-        f"reached: {len(found.reached)} lines, logs and pairs of event and state; {len(found.kept)} storms kept",
+        f"{findings.storms} storms, {rate}: {findings.world_s:.0f} s simulated, {findings.plant_s:.0f} s of plants",
+        f"reached: {len(findings.reached)} lines, logs and pairs of event and state; {len(findings.kept)} storms kept",
         f"events: {kinds}",
     ]

@@ -146,14 +146,18 @@ def _disturbed(deviation: float, other: float) -> Signal:
     return signal
 
 
-def _differences(found: Reported, signal: Signal) -> tuple[NDArray[np.float64], ...]:
+def _differences(reported: Reported, signal: Signal) -> tuple[NDArray[np.float64], ...]:
     """The three errors of every frame; true frequencies by differences of the angle over 2 h."""
     h = 1e-4  # s
-    turns = np.array([[signal(t + d)[1] for d in (-h, 0.0, h)] for t in found.time]) / TWICE_PI
-    true = np.array([size * np.exp(1j * angle) for size, angle in map(signal, found.time.tolist())])
+    turns = np.array([[signal(t + d)[1] for d in (-h, 0.0, h)] for t in reported.time]) / TWICE_PI
+    true = np.array([size * np.exp(1j * angle) for size, angle in map(signal, reported.time.tolist())])
     frequency = NOMINAL + (turns[:, 2] - turns[:, 0]) / (2 * h)
     rate = (turns[:, 2] - 2 * turns[:, 1] + turns[:, 0]) / h**2
-    return np.abs(found.phasor - true) / np.abs(true), np.abs(found.frequency - frequency), np.abs(found.rocof - rate)
+    return (
+        np.abs(reported.phasor - true) / np.abs(true),
+        np.abs(reported.frequency - frequency),
+        np.abs(reported.rocof - rate),
+    )
 
 
 def _steady(name: str, limits: Limits) -> list[Row]:

@@ -283,9 +283,9 @@ def _call_address(_context: Any, _address: Any, _controller: Any, _now_ns: Any) 
     return types.int64(types.int64, types.int64, types.int64), generate
 
 
-def _reinterpreted(context: Any, builder: Any, found: Any, given: Any) -> Any:
+def _reinterpreted(context: Any, builder: Any, signature: Any, given: Any) -> Any:
     """The same 64 bits as a value of another type."""
-    return builder.bitcast(given[0], context.get_value_type(found.return_type))
+    return builder.bitcast(given[0], context.get_value_type(signature.return_type))
 
 
 def _bits_of(_context: Any, _number: Any) -> Any:

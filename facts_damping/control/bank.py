@@ -204,17 +204,17 @@ def pull(known: PlantPrior, s: NDArray[Any]) -> Float1:
 
 
 @entry_point
-def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
-    net, s = shape_of(made.shape[c]), made.settings[c]
-    own, kept, actuators = state.learner.each[c], state.memory.each[c], made.actuators.each[c]
+def _neuro_fuzzy(bank: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
+    net, s = shape_of(bank.shape[c]), bank.settings[c]
+    own, kept, actuators = state.learner.each[c], state.memory.each[c], bank.actuators.each[c]
     for i in range(net.inputs // 2):
         for d in range(net.outputs):
-            sign = made.sensitivity[c, i, d]
-            estimate = state.jacobian[c, i, d] * made.actuators.limit[c, d] / s[i].scale
+            sign = bank.sensitivity[c, i, d]
+            estimate = state.jacobian[c, i, d] * bank.actuators.limit[c, d] / s[i].scale
             if s[0].sign_guard > 0.0 and estimate * sign < 0.0:
                 estimate = 0.0
-            kept.jacobian[i, d] = sign if made.code[c] == table.DIRECT else estimate
-    frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
+            kept.jacobian[i, d] = sign if bank.code[c] == table.DIRECT else estimate
+    frames = 0 if since_ns == 0 else max(1, round(since_ns / bank.period_ns[c]))
     stale = s[0].stale > 0.0 and age_ns * 1e-9 > s[0].stale
     neuro_fuzzy.step(
         net, own, kept, s, state.compensated.signal[c], actuators, state.unlimited[c], since_ns * 1e-9, frames, stale
@@ -222,14 +222,14 @@ def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: in
 
 
 @compiled
-def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
-    frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
+def _optimal(bank: Bank, state: BankState, c: int, since_ns: int) -> None:
+    frames = 0 if since_ns == 0 else max(1, round(since_ns / bank.period_ns[c]))
     state_space.step(
-        made.optimal.each[c],
+        bank.optimal.each[c],
         state.estimate[c],
         state.compensated.signal[c],
-        made.inputs.signals[c],
-        made.actuators.each[c],
+        bank.inputs.signals[c],
+        bank.actuators.each[c],
         state.outputs[c],
         state.memory.applied[c],
         state.unlimited[c],
@@ -239,20 +239,20 @@ def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
 
 
 @compiled
-def _issue(made: Bank, state: BankState, c: int, tick: int, arrival: int, out: NDArray[Any], first: int) -> int:
+def _issue(bank: Bank, state: BankState, c: int, tick: int, arrival: int, out: NDArray[Any], first: int) -> int:
     """Write the setpoints of controller c to `out` from index `first` on; returns the index after the last.
 
     They are limited, with zero for a non-finite one; then the controller's faults apply.
     """
-    for d in range(made.device.shape[1]):
-        limit, value = made.actuators.limit[c, d], state.unlimited[c, d]
+    for d in range(bank.device.shape[1]):
+        limit, value = bank.actuators.limit[c, d], state.unlimited[c, d]
         value = min(max(value, -limit), limit) if math.isfinite(value) else 0.0
-        state.outputs[c, d] = misbehave(made.faults, c, tick, d, value, state.outputs[c, d], limit)
-        if made.device[c, d] != UNSET:
+        state.outputs[c, d] = misbehave(bank.faults, c, tick, d, value, state.outputs[c, d], limit)
+        if bank.device[c, d] != UNSET:
             row = out[first]
             row.tick = tick
             row.controller = c
-            row.device = made.device[c, d]
+            row.device = bank.device[c, d]
             row.measured_ns = state.held.newest_ns[c]
             row.issued_ns = arrival
             row.effective_ns = arrival
@@ -273,7 +273,7 @@ def set_estimate(state: BankState, c: int, jacobian: Float2, change: Float1, mea
 
 @entry_point
 def act(
-    made: Bank, state: BankState, c: int, tick: int, delivered: Deliveries, count: int, out: Setpoints, first: int
+    bank: Bank, state: BankState, c: int, tick: int, delivered: Deliveries, count: int, out: Setpoints, first: int
 ) -> int:
     """Run a tick of controller c: process `count` delivered entries, write setpoints to `out` from index `first` on.
 
@@ -282,44 +282,44 @@ def act(
     only at the last such arrival of a tick. A called controller that has failed issues no more setpoints. Returns the
     index after the last setpoint.
     """
-    if silent(made.faults, c, tick):
+    if silent(bank.faults, c, tick):
         return first
-    corrupt(made.faults, c, tick, state.learner.theta[c])
+    corrupt(bank.faults, c, tick, state.learner.theta[c])
     i, last = 0, UNSET
-    called = made.code[c] == table.CALLED
-    once = made.code[c] == table.GIVEN or (called and state.calls.once[c])
+    called = bank.code[c] == table.CALLED
+    once = bank.code[c] == table.GIVEN or (called and state.calls.once[c])
     while i < count:
         arrival = delivered[i].arrival_ns
-        i = ingest(made.inputs, state.held, c, delivered, i, count)
-        since = compute_signals(made.inputs, state.held, c)
+        i = ingest(bank.inputs, state.held, c, delivered, i, count)
+        since = compute_signals(bank.inputs, state.held, c)
         if since < 0:
             continue
         newest = state.held.newest_ns[c]
         age, signals = (arrival - newest) * 1e-9, state.held.signal[c]
-        compensate(made.compensators, state.compensated, c, made.settings[c, 0], signals, newest, age, since * 1e-9)
+        compensate(bank.compensators, state.compensated, c, bank.settings[c, 0], signals, newest, age, since * 1e-9)
         if once:
             last = arrival
             continue
-        if made.code[c] == table.LAW:
-            for d in range(made.device.shape[1]):
-                if made.device[c, d] != UNSET:
+        if bank.code[c] == table.LAW:
+            for d in range(bank.device.shape[1]):
+                if bank.device[c, d] != UNSET:
                     state.unlimited[c, d] = law_of(
-                        made.law[c],
-                        made.settings[c, d],
+                        bank.law[c],
+                        bank.settings[c, d],
                         state.internal[c, d],
                         state.compensated.signal[c, 0],
                         since * 1e-9,
                     )
-        elif made.code[c] == table.STATE_SPACE:
-            _optimal(made, state, c, since)
+        elif bank.code[c] == table.STATE_SPACE:
+            _optimal(bank, state, c, since)
         elif called:
-            if not call(made.inputs, state.held, state.calls, c, arrival):
+            if not call(bank.inputs, state.held, state.calls, c, arrival):
                 return first
         else:
-            _neuro_fuzzy(made, state, c, since, arrival - newest)
-        first = _issue(made, state, c, tick, arrival, out, first)
+            _neuro_fuzzy(bank, state, c, since, arrival - newest)
+        first = _issue(bank, state, c, tick, arrival, out, first)
     if last != UNSET:
-        if called and not call(made.inputs, state.held, state.calls, c, last):
+        if called and not call(bank.inputs, state.held, state.calls, c, last):
             return first
-        first = _issue(made, state, c, tick, last, out, first)
+        first = _issue(bank, state, c, tick, last, out, first)
     return first

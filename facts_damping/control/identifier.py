@@ -105,14 +105,14 @@ def identifiers(
 
 
 @compiled
-def _evaluate(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
+def _evaluate(net: Network, learner: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
     """Compute prediction and Jacobian at `own.x`."""
     first = ids.order[n] * net.outputs
-    infer(net, own)
-    by_inputs(net, own.theta, own.passed)
+    infer(net, learner)
+    by_inputs(net, learner.theta, learner.passed)
     for i in range(net.outputs):
         for d in range(net.inputs - first):
-            by_u = own.passed.by_input[i, first + d]
+            by_u = learner.passed.by_input[i, first + d]
             state.jacobian[n, i, d] = by_u * ids.settings[n, i].scale / ids.limit[n, d]
 
 

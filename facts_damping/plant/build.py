@@ -241,24 +241,24 @@ def limit_violations(system: System) -> list[block_controls.LimitViolation]:
 
 
 def _add_blocks(
-    made: _Rotating, g: int, data: Any, seen: dict[str, float], states: _States
+    rotating: _Rotating, g: int, data: Any, seen: dict[str, float], states: _States
 ) -> list[block_controls.LimitViolation]:
     """Add a block control at rest; return the limits that exclude this state."""
     role, control = MODELS[data.model].role, block_controls.control(data)
     wanted, reference = {"exciter": ("Ifd", "Vref"), "governor": ("Pm", "Pref")}.get(role, (None, None))
     sensed = {name: value for name, value in seen.items() if name in blocks.SENSED}
     rest = block_controls.at_rest(control, data, sensed, None if wanted is None else seen[wanted], reference)
-    first = sum(map(len, made.blocks))
+    first = sum(map(len, rotating.blocks))
     rows = control.rows.copy()
     rows["state"][rows["state"] >= 0] += states.offset
-    row = made.controls[g]
+    row = rotating.controls[g]
     row[f"{role}_first"], row[f"{role}_end"] = first, first + len(rows)
     row[f"{role}_gives"] = control.gives.index(block_controls.GIVES[role])
     if role == "exciter":
         row["Vref"] = rest.reference
     elif role == "governor":
         row["power_offset"] = rest.reference - seen["Pm"]
-    made.blocks.append(rows)
+    rotating.blocks.append(rows)
     states.add(data.machine, control.states, rest.states)
     return rest.violations
 

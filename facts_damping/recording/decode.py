@@ -76,11 +76,11 @@ def _store(message_type: str, schema: str) -> Typestore:
     return store
 
 
-def series(topic: str, found: Sequence[Block], several: bool, notes: list[str]) -> Series:
+def series(topic: str, blocks: Sequence[Block], several: bool, notes: list[str]) -> Series:
     """Messages sorted by tick; of one tick only the first is kept, or all if `several`. A note counts the others."""
-    count = sum(len(block.rows) for block in found)
+    count = sum(len(block.rows) for block in blocks)
     ticks = np.zeros(count, np.int64)
-    for block in found:
+    for block in blocks:
         ticks[block.rows] = block.message.tick
     sorted_ticks, first = np.unique(ticks, return_index=True)
     again = count - len(sorted_ticks)
@@ -92,7 +92,7 @@ def series(topic: str, found: Sequence[Block], several: bool, notes: list[str]) 
     if again:
         text = "all are kept" if several else "the first counts"
         notes.append(f"{topic}: {again} messages repeat a tick: {text}")
-    return Series(topic, sorted_ticks, _placed(found, place))
+    return Series(topic, sorted_ticks, _placed(blocks, place))
 
 
 def select(source: Series, ticks: NDArray[np.int64]) -> Series:
@@ -110,9 +110,9 @@ def _part(source: Series, keep: NDArray[np.bool_]) -> Series:
     return Series(source.topic, source.ticks[keep], _placed(source.blocks, place))
 
 
-def _placed(found: Sequence[Block], place: NDArray[np.int64]) -> list[Block]:
+def _placed(blocks: Sequence[Block], place: NDArray[np.int64]) -> list[Block]:
     """Blocks moved to new places, in order of first appearance; messages with a negative place are left out."""
-    moved = [kept(block, place[block.rows]) for block in found]
+    moved = [kept(block, place[block.rows]) for block in blocks]
     return sorted((block for block in moved if len(block.rows)), key=lambda block: int(block.rows.min()))
 
 
@@ -124,9 +124,9 @@ def column(source: Series, value: Callable[[Any], NDArray[Any]], kind: type) -> 
     return values
 
 
-def names_of(found: Iterable[Block], entries: str, name: str) -> list[str]:
+def names_of(blocks: Iterable[Block], entries: str, name: str) -> list[str]:
     """Values of the field `name` in the list `entries` of the messages, in order of appearance."""
-    return list(dict.fromkeys(getattr(entry, name) for block in found for entry in getattr(block.message, entries)))
+    return list(dict.fromkeys(getattr(entry, name) for block in blocks for entry in getattr(block.message, entries)))
 
 
 def time_ns(time: Any) -> NDArray[np.int64]:

@@ -254,7 +254,7 @@ def _silent(content: Content, frames: str, frame_rate: Any) -> set[str]:
 
 
 def _ticks(
-    found: dict[str, list[Series]], late: set[tuple[str, int, int]], complete: bool, silent: set[str]
+    series: dict[str, list[Series]], late: set[tuple[str, int, int]], complete: bool, silent: set[str]
 ) -> NDArray[np.int64]:
     """Ticks that the record keeps: those of both frames and state; of a cut recording, up to the last that all have.
 
@@ -262,7 +262,7 @@ def _ticks(
     because a recorder does not discover all topics at once. The tick that ends an unstable run stays: it needs no
     reply. `silent`: topics that do not count at the end. Raises RecordingError if none is left.
     """
-    plant, everything = [found[kind][0] for kind in REQUIRED], [one for parts in found.values() for one in parts]
+    plant, everything = [series[kind][0] for kind in REQUIRED], [one for parts in series.values() for one in parts]
     ticks: NDArray[np.int64] = reduce(np.intersect1d, [one.ticks for one in plant])
     needed = everything if len(ticks) or not complete else plant
     synchronous = decode.column(plant[1], attrgetter("in_synchronism"), np.bool_)
@@ -271,7 +271,7 @@ def _ticks(
         last = min(one.ticks[-1] if len(one.ticks) else -1 for one in everything if one.topic not in silent)
         ticks = ticks[ticks <= last]
     if len(ticks) and ticks[0] > 0:
-        ticks = ticks[ticks >= gaps.first_complete_tick(found, late)]
+        ticks = ticks[ticks >= gaps.first_complete_tick(series, late)]
     if not len(ticks):
         raise RecordingError(f"no tick is complete in the recording: {_apart(needed)}")
     return ticks
@@ -318,9 +318,9 @@ def _check_end(
     notes.append(f"{why}: the record ends with tick {ticks[-1]} at {end:.3f} s{of}")
 
 
-def _named(of: Expected, kind: str, found: Series, entries: str) -> list[str]:
+def _named(of: Expected, kind: str, series: Series, entries: str) -> list[str]:
     """PMUs, devices or machines in the run's order, silent ones included; else in order of appearance."""
-    return list(of.names.get(kind) or decode.names_of(found.blocks, entries, kind))
+    return list(of.names.get(kind) or decode.names_of(series.blocks, entries, kind))
 
 
 def _controllers(issued: Sequence[Series], applied: Sequence[Series]) -> tuple[list[str], list[Series]]:

@@ -194,15 +194,15 @@ def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Superv
     return made, state
 
 
-def _check_probes(case: Case, given: Supervision, made: Supervisors, plant: Residues | None) -> None:
+def _check_probes(case: Case, given: Supervision, supervisors: Supervisors, plant: Residues | None) -> None:
     """Raise `InputError` for a probe without a mode, or one that ends after the scheduled arming."""
     start = given.probe.start
-    if plant is None and made.settings.size and (given.arming.probe or start is not None):
+    if plant is None and supervisors.settings.size and (given.arming.probe or start is not None):
         field = "arming.probe: true" if given.arming.probe else f"probe.start: {start:g}"
         raise InputError(f"supervision.{field} given; allowed: no probe, as the plant has no electromechanical mode")
     if start is None or not given.arming.probe or case.run.arm_at is None:
         return
-    for own in made.settings:
+    for own in supervisors.settings:
         devices, rate = len(case.controllers[own["controller"]].devices), case.run.frame_rate
         over = math.ceil(start * rate) + devices * math.ceil(own["probe_s"] * rate - 1e-6)
         if math.ceil(case.run.arm_at * rate) < over:
@@ -293,16 +293,16 @@ def _no_smith(mode: complex | None) -> str:
     return f"a Smith predictor does not damp the plant's least damped mode {of} after disturbances"
 
 
-def _identified(case: Case, i: int, made: Bank, known: PlantPrior) -> Identified:
+def _identified(case: Case, i: int, bank: Bank, known: PlantPrior) -> Identified:
     c = case.controllers[i]
     places = [case.run.devices.index(device) for device in c.devices]
     return Identified(
         controller=i,
-        settings=made.settings[i],
+        settings=bank.settings[i],
         kind=str(c.parameters["identifier"]),
         signals=c.signals,
         devices=places,
-        limits=made.actuators.limit[i, : len(places)].tolist(),
+        limits=bank.actuators.limit[i, : len(places)].tolist(),
         known=known,
         weights=np.array(c.weights.identifier) if isinstance(c.weights, Weights) and c.weights.identifier else None,
         predicts=c.compensation == "prediction",

@@ -81,20 +81,20 @@ def with_links(case: Case, index: int, link: Link) -> Case:
     return replace(case, links=[link if i == index else one for i, one in enumerate(case.links)])
 
 
-def relinked(made: Links, case: Case, index: int) -> Links:
+def relinked(links: Links, case: Case, index: int) -> Links:
     """Running links with the stages of link `index` taken from the case."""
     up, down = (
-        replaced(getattr(made, way), index, [getattr(link, way) for link in case.links], spec)
+        replaced(getattr(links, way), index, [getattr(link, way) for link in case.links], spec)
         for way, spec in ways(case).items()
     )
-    return made._replace(up=up, down=down)
+    return links._replace(up=up, down=down)
 
 
-def renumbered(made: Links, case: Case, index: int, path: str, value: float) -> tuple[Links, Case]:
+def renumbered(links: Links, case: Case, index: int, path: str, value: float) -> tuple[Links, Case]:
     """Running links with a number of a stage changed, such as `up.0.delay`, and the changed case."""
     way, place, link = with_number(case.links[index], path, value)
-    own = changed(getattr(made, way), index, place, getattr(link, way)[place], ways(case)[way])
-    return made._replace(up=own) if way == "up" else made._replace(down=own), with_links(case, index, link)
+    own = changed(getattr(links, way), index, place, getattr(link, way)[place], ways(case)[way])
+    return links._replace(up=own) if way == "up" else links._replace(down=own), with_links(case, index, link)
 
 
 def measured_otherwise(case: Case, path: str, value: float, before: Pmus) -> tuple[Pmus, Case]:

@@ -109,15 +109,15 @@ def draw(
     return save_picture(figure, path, dpi=130)
 
 
-def _branches(axes: Axes, at: Places, found: list[tuple[str, str, float]], taken: list[Float1]) -> None:
+def _branches(axes: Axes, at: Places, flows: list[tuple[str, str, float]], taken: list[Float1]) -> None:
     """Draw branches with a width by power and an arrow in its direction; the largest are labelled where there is room.
 
     `taken`: places of machines.
     """
-    maximum = max((power for *_, power in found), default=1.0) or 1.0
+    maximum = max((power for *_, power in flows), default=1.0) or 1.0
     room, crowded = LABELS, len(at) > NAMED
     near = APART * np.ptp(np.array(list(at.values())), axis=0).max()
-    for a, b, power in sorted(found, key=lambda one: -one[2]):
+    for a, b, power in sorted(flows, key=lambda one: -one[2]):
         start, end = at[a], at[b]
         width = THINNEST + (WIDEST - THINNEST) * power / maximum
         axes.plot(*np.transpose([start, end]), color="0.75", lw=width, zorder=1, solid_capstyle="round")

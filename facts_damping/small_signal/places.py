@@ -171,10 +171,10 @@ def _measured_flows(system: System) -> set[str]:
     return {alone[pmu] for one in flows for pmu in one.weights if pmu in alone}
 
 
-def only(system: System, signals: Sequence[str], own: System) -> System:
-    """The system with only these signals, without PMUs needed only by others, except those of `own`."""
+def only(system: System, signals: Sequence[str], original: System) -> System:
+    """The system with only these signals, without PMUs needed only by others, except those of `original`."""
     kept = {name: system.signals[name] for name in signals}
-    used = {pmu for one in kept.values() for pmu in one.weights} | {s.name for s in own.pmus}
+    used = {pmu for one in kept.values() for pmu in one.weights} | {s.name for s in original.pmus}
     pmus = [s for s in system.pmus if s.name in used]
     return system.model_copy(update={"signals": kept, "pmus": pmus})
 

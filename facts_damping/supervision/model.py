@@ -257,19 +257,19 @@ def begin(given: Inputs, state: SupervisorState, s: int) -> None:
         device.added = 0j
 
 
-def _set(row: Any, one: Watched, given: Supervision, frame_rate: int, nominal: float) -> None:
+def _set(row: Any, watched: Watched, given: Supervision, frame_rate: int, nominal: float) -> None:
     arming, probe = given.arming, given.probe
-    omega = one.eigenvalue.imag
-    row["controller"], row["reserve"], row["link"] = one.controller, one.reserve, one.link
+    omega = watched.eigenvalue.imag
+    row["controller"], row["reserve"], row["link"] = watched.controller, watched.reserve, watched.link
     row["frame_rate"], row["nominal"] = frame_rate, nominal
-    row["arm_ns"] = NEVER if one.arm_at is None else to_ns(one.arm_at)
+    row["arm_ns"] = NEVER if watched.arm_at is None else to_ns(watched.arm_at)
     row["probe_ns"] = NEVER if probe.start is None else to_ns(probe.start)
     row["needs_probe"] = arming.probe
     row["ramp"], row["trip_ramp"], row["fall_back_ramp"] = arming.ramp, arming.trip_ramp, arming.fall_back_ramp
     row["recovery"] = arming.recovery
     row["rate"] = math.inf if given.authority.rate is None else given.authority.rate
     row["energy"] = math.inf if given.authority.energy is None else given.authority.energy / 2.0
-    row["sigma"], row["omega"] = one.eigenvalue.real, omega
+    row["sigma"], row["omega"] = watched.eigenvalue.real, omega
     row["cycle"] = frame_rate if omega == 0.0 else max(2, round(TURN / omega * frame_rate))
     row["amplitude"], row["apart"] = probe.amplitude, probe.apart
     row["probe_s"] = row["cycle"] * probe.cycles / frame_rate

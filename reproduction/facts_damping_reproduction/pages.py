@@ -71,10 +71,10 @@ def _lists(results: Results, findings: Findings) -> dict[str, Sequence[Any]]:
     }
 
 
-def _row(one: Any) -> dict[str, Any]:
+def _row(row: Any) -> dict[str, Any]:
     """A named tuple as scalars: an interval as three of them, names as one text."""
     found: dict[str, Any] = {}
-    for field, value in one._asdict().items():
+    for field, value in row._asdict().items():
         if isinstance(value, Interval):
             found |= {f"{field}_{end}": number for end, number in value._asdict().items()}
         elif hasattr(value, "_asdict"):

@@ -96,57 +96,59 @@ def _turned(angle: Float1, turn: Float1) -> Float1:
     return np.where(turn == 0.0, angle, np.remainder(angle + turn + np.pi, 2.0 * np.pi) - np.pi)
 
 
-def encode(made: Layout, data: Data) -> bytes:
+def encode(layout: Layout, data: Data) -> bytes:
     """The body of a data frame."""
-    magnitude, angle = data.phasors[:, 0], _turned(data.phasors[:, 1], made.turn)
-    values = np.zeros(len(made.at))
+    magnitude, angle = data.phasors[:, 0], _turned(data.phasors[:, 1], layout.turn)
+    values = np.zeros(len(layout.at))
     columns = {
         STATUS: data.status,
-        FIRST: np.where(made.polar, magnitude, magnitude * np.cos(angle)),
-        SECOND: np.where(made.polar, angle, magnitude * np.sin(angle)),
+        FIRST: np.where(layout.polar, magnitude, magnitude * np.cos(angle)),
+        SECOND: np.where(layout.polar, angle, magnitude * np.sin(angle)),
         FREQUENCY: data.frequency,
         ROCOF: data.rocof,
         ANALOG: data.analogs,
         DIGITAL: data.digitals,
     }
     for field, column in columns.items():
-        values[made.field == field] = column
-    body, narrow = np.zeros(made.size, np.uint8), ~made.wide
+        values[layout.field == field] = column
+    body, narrow = np.zeros(layout.size, np.uint8), ~layout.wide
     with np.errstate(over="ignore"):  # values beyond 32-bit floats become infinite
-        floats = values[made.wide].astype(">f4").view(np.uint8).reshape(-1, 4)
-    body[made.at[made.wide, None] + np.arange(4)] = floats
-    minimum, maximum = np.where(made.signed[narrow], -32767, 0), np.where(made.signed[narrow], 32767, 65535)
-    counts = (values[narrow] - made.offset[narrow]) / made.scale[narrow]
+        floats = values[layout.wide].astype(">f4").view(np.uint8).reshape(-1, 4)
+    body[layout.at[layout.wide, None] + np.arange(4)] = floats
+    minimum, maximum = np.where(layout.signed[narrow], -32767, 0), np.where(layout.signed[narrow], 32767, 65535)
+    counts = (values[narrow] - layout.offset[narrow]) / layout.scale[narrow]
     whole = np.where(np.isnan(counts), MISSING, np.clip(np.rint(np.nan_to_num(counts)), minimum, maximum)).astype(
         np.int64
     )
-    body[made.at[narrow, None] + np.arange(2)] = (whole & 0xFFFF).astype(">u2").view(np.uint8).reshape(-1, 2)
+    body[layout.at[narrow, None] + np.arange(2)] = (whole & 0xFFFF).astype(">u2").view(np.uint8).reshape(-1, 2)
     return body.tobytes()
 
 
-def decode(made: Layout, body: bytes) -> Data:
+def decode(layout: Layout, body: bytes) -> Data:
     """The values of a data frame; an infinite one is no value. Raises `FrameError` for a wrong length."""
-    if len(body) != made.size:
-        raise FrameError(f"FRAMESIZE: {len(body) + MINIMUM} bytes; allowed by the configuration: {made.size + MINIMUM}")
-    raw, narrow = np.frombuffer(body, np.uint8), ~made.wide
-    values = np.zeros(len(made.at))
+    if len(body) != layout.size:
+        raise FrameError(
+            f"FRAMESIZE: {len(body) + MINIMUM} bytes; allowed by the configuration: {layout.size + MINIMUM}"
+        )
+    raw, narrow = np.frombuffer(body, np.uint8), ~layout.wide
+    values = np.zeros(len(layout.at))
     with np.errstate(invalid="ignore"):  # signalling NaN
-        values[made.wide] = raw[made.at[made.wide, None] + np.arange(4)].view(">f4").ravel()
+        values[layout.wide] = raw[layout.at[layout.wide, None] + np.arange(4)].view(">f4").ravel()
     values[np.isinf(values)] = np.nan
-    counts = raw[made.at[narrow, None] + np.arange(2)].view(">u2").ravel().astype(np.int64)
-    signed = made.signed[narrow]
+    counts = raw[layout.at[narrow, None] + np.arange(2)].view(">u2").ravel().astype(np.int64)
+    signed = layout.signed[narrow]
     counts = np.where(signed & (counts > 32767), counts - 65536, counts)
     missing = signed & (counts == MISSING)
-    values[narrow] = np.where(missing, np.nan, counts * made.scale[narrow] + made.offset[narrow])
-    first, second = values[made.field == FIRST], values[made.field == SECOND]
+    values[narrow] = np.where(missing, np.nan, counts * layout.scale[narrow] + layout.offset[narrow])
+    first, second = values[layout.field == FIRST], values[layout.field == SECOND]
     first = np.where(np.isnan(second), np.nan, first)  # the magnitude of polar integers has no code for a missing value
-    magnitude = np.where(made.polar, first, np.hypot(first, second))
-    angle = _turned(np.where(made.polar, second, np.arctan2(second, first)), -made.turn)
+    magnitude = np.where(layout.polar, first, np.hypot(first, second))
+    angle = _turned(np.where(layout.polar, second, np.arctan2(second, first)), -layout.turn)
     return Data(
-        values[made.field == STATUS].astype(np.int64),
+        values[layout.field == STATUS].astype(np.int64),
         np.column_stack([magnitude, angle]),
-        values[made.field == FREQUENCY],
-        values[made.field == ROCOF],
-        values[made.field == ANALOG],
-        values[made.field == DIGITAL].astype(np.int64),
+        values[layout.field == FREQUENCY],
+        values[layout.field == ROCOF],
+        values[layout.field == ANALOG],
+        values[layout.field == DIGITAL].astype(np.int64),
     )

@@ -82,21 +82,21 @@ def _channel(pmu: Pmu, quantity: str, asked: Channels, configured: PmuConfigurat
     return names.index(channel.channel), (-unit if channel.reverse else unit) / pmu.one(quantity)
 
 
-def values_of(found: Places, data: Data) -> tuple[Float2, Int1, Bool1]:
+def values_of(places: Places, data: Data) -> tuple[Float2, Int1, Bool1]:
     """Values of the PMUs in a frame (PMUs, CHANNELS), status bits, and whether a PMU is absent.
 
     Powers that are not sent are computed from the phasors: P + jQ = V I*.
     """
     phasors, analogs = np.vstack([data.phasors, [np.nan, np.nan]]), np.append(data.analogs, np.nan)
-    volts, amperes = phasors[found.channels[:, VOLTAGE]], phasors[found.channels[:, CURRENT]]
-    values = np.full((len(found.pmus), len(CHANNELS)), np.nan)
+    volts, amperes = phasors[places.channels[:, VOLTAGE]], phasors[places.channels[:, CURRENT]]
+    values = np.full((len(places.pmus), len(CHANNELS)), np.nan)
     for magnitude, angle, sent, of in (
         (system_pmus.MAGNITUDE, system_pmus.ANGLE, volts, VOLTAGE),
         (system_pmus.CURRENT, system_pmus.CURRENT_ANGLE, amperes, CURRENT),
     ):
-        values[:, magnitude] = sent[:, 0] * np.abs(found.scale[:, of])
+        values[:, magnitude] = sent[:, 0] * np.abs(places.scale[:, of])
         opposite = np.where(sent[:, 1] > 0.0, sent[:, 1] - np.pi, sent[:, 1] + np.pi)
-        values[:, angle] = np.where(found.scale[:, of] < 0.0, opposite, sent[:, 1])
+        values[:, angle] = np.where(places.scale[:, of] < 0.0, opposite, sent[:, 1])
     power = values[:, system_pmus.MAGNITUDE] * values[:, system_pmus.CURRENT]
     between = values[:, system_pmus.ANGLE] - values[:, system_pmus.CURRENT_ANGLE]
     for column, of, own in (
@@ -104,9 +104,9 @@ def values_of(found: Places, data: Data) -> tuple[Float2, Int1, Bool1]:
         (system_pmus.REACTIVE, REACTIVE, power * np.sin(between)),
         (system_pmus.SPEED, SPEED, np.nan),
     ):
-        there = found.channels[:, of]
-        values[:, column] = np.where(there < 0, own, analogs[there] * found.scale[:, of])
-    values[:, system_pmus.FREQUENCY] = data.frequency[found.blocks]
-    values[:, system_pmus.ROCOF] = data.rocof[found.blocks]
-    words = data.status[found.blocks]
+        there = places.channels[:, of]
+        values[:, column] = np.where(there < 0, own, analogs[there] * places.scale[:, of])
+    values[:, system_pmus.FREQUENCY] = data.frequency[places.blocks]
+    values[:, system_pmus.ROCOF] = data.rocof[places.blocks]
+    words = data.status[places.blocks]
     return values, stat.status(words), stat.absent(words, values)

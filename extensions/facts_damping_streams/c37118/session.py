@@ -38,37 +38,37 @@ class Instant(NamedTuple):
     data: Data
 
 
-def stream(idcode: int, made: Configuration, header: str = "") -> Stream:
+def stream(idcode: int, configuration: Configuration, header: str = "") -> Stream:
     """A stream of a configuration. Raises `FrameError` if a name or a frame is too long."""
-    one = Stream(idcode, made, data.layout(made), header)
+    one = Stream(idcode, configuration, data.layout(configuration), header)
     for name in ANSWERS:
         answers(one, name, 0, 0)
     return one
 
 
-def data_frame(one: Stream, instant: Instant) -> bytes:
+def data_frame(stream: Stream, instant: Instant) -> bytes:
     """A data frame."""
-    body = data.encode(one.layout, instant.data)
-    return frame.encode(Frame("data", one.idcode, instant.soc, instant.fraction, body, instant.quality))
+    body = data.encode(stream.layout, instant.data)
+    return frame.encode(Frame("data", stream.idcode, instant.soc, instant.fraction, body, instant.quality))
 
 
-def commanded(one: Stream, raw: bytes) -> str:
+def commanded(stream: Stream, raw: bytes) -> str:
     """The name of the command in bytes for a stream. Raises `FrameError` if there is none."""
     found = frame.decode(raw)
     if found.kind != "command":
         raise FrameError(f"SYNC: a {found.kind} frame; allowed: commands (6.6)")
-    if found.idcode != one.idcode:
-        raise FrameError(f"IDCODE: {found.idcode} given; allowed: {one.idcode} (6.2)")
+    if found.idcode != stream.idcode:
+        raise FrameError(f"IDCODE: {found.idcode} given; allowed: {stream.idcode} (6.2)")
     return frame.command_of(found)
 
 
-def answers(one: Stream, name: str, soc: int, fraction: int) -> list[bytes]:
+def answers(stream: Stream, name: str, soc: int, fraction: int) -> list[bytes]:
     """A server's answer to a command; empty for commands that start and stop data."""
     if name == "send_header":
-        return [frame.encode(Frame("header", one.idcode, soc, fraction, one.header.encode()))]
+        return [frame.encode(Frame("header", stream.idcode, soc, fraction, stream.header.encode()))]
     kind = ANSWERS.get(name)
-    bodies = [] if kind is None else configuration.encode(one.configuration, kind)
-    return [frame.encode(Frame(kind or "", one.idcode, soc, fraction, body)) for body in bodies]
+    bodies = [] if kind is None else configuration.encode(stream.configuration, kind)
+    return [frame.encode(Frame(kind or "", stream.idcode, soc, fraction, body)) for body in bodies]
 
 
 class Receiver:
@@ -105,23 +105,23 @@ class Receiver:
                 found += [] if made is None else [made]
         return found
 
-    def _read(self, one: Frame) -> Configuration | Instant | str | None:
-        if self._idcode not in (None, one.idcode):
-            raise FrameError(f"IDCODE: {one.idcode} given; allowed: {self._idcode} (6.2)")
-        if one.kind == "header":
-            return one.body.decode(errors="replace")
-        if one.kind == "data":
-            return self._instant(one)
-        if one.kind == "command":
+    def _read(self, frame: Frame) -> Configuration | Instant | str | None:
+        if self._idcode not in (None, frame.idcode):
+            raise FrameError(f"IDCODE: {frame.idcode} given; allowed: {self._idcode} (6.2)")
+        if frame.kind == "header":
+            return frame.body.decode(errors="replace")
+        if frame.kind == "data":
+            return self._instant(frame)
+        if frame.kind == "command":
             raise FrameError("CMD: a command from a server; allowed: data, headers, configurations (6.6)")
-        bodies = [one.body]
-        if one.kind == "configuration_3":
-            self.parts = bodies = self._part(one.body)
+        bodies = [frame.body]
+        if frame.kind == "configuration_3":
+            self.parts = bodies = self._part(frame.body)
             if not configuration.whole(bodies):
                 return None
             self.parts = []
-        made = configuration.decode(bodies, one.kind)
-        if one.kind == "configuration_1":  # it has the available channels, not those sent
+        made = configuration.decode(bodies, frame.kind)
+        if frame.kind == "configuration_1":  # it has the available channels, not those sent
             return None
         self.layout, self.changed = data.layout(made), False
         self._announced, self._known = self._announced and made == self._known, made
@@ -137,12 +137,12 @@ class Receiver:
             raise FrameError(f"CONT_IDX: {index} given; allowed: {len(before) + 1} to {MAX_PARTS}, or the last (6.4)")
         return [*before, body]
 
-    def _instant(self, one: Frame) -> Instant | None:
+    def _instant(self, frame: Frame) -> Instant | None:
         """The content of a data frame; None while the configuration is unknown or outdated."""
         if self.layout is None or self._known is None:
             return None
         try:
-            found = data.decode(self.layout, one.body)
+            found = data.decode(self.layout, frame.body)
         except FrameError:
             self.changed = True
             raise
@@ -152,4 +152,4 @@ class Receiver:
         if over:
             self.layout = None  # the configuration is another one from this frame on
             return None
-        return Instant(one.soc, one.fraction * TIME_BASE // self._known.time_base, one.quality, found)
+        return Instant(frame.soc, frame.fraction * TIME_BASE // self._known.time_base, frame.quality, found)

@@ -225,9 +225,9 @@ async def _open(server: Server) -> _Tcp | _Udp:
     return (await asyncio.get_running_loop().create_datagram_endpoint(_Udp, **way))[1]
 
 
-def _join(made: socket.socket, group: str, interface: str) -> None:
+def _join(receiver: socket.socket, group: str, interface: str) -> None:
     member = socket.inet_aton(group) + socket.inet_aton(interface)
-    made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+    receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
 
 
 def _listening(server: Server) -> socket.socket:

@@ -64,13 +64,18 @@ class Pdc:
         """Instants that still wait for other PMUs."""
         return [self._instant(one) for one in self.alignment.take(sys.maxsize)]
 
-    def _instant(self, one: AlignedFrame) -> Instant:
-        second, number = divmod(self._first + one.instant, self._rate)
-        unsynchronised = one.there & ((one.status & UNSYNCHRONISED) > 0)
-        for_s = np.where(unsynchronised, one.instant / self._rate - self._lost_ns / NANOSECONDS, 0.0).clip(0.0)
+    def _instant(self, aligned_frame: AlignedFrame) -> Instant:
+        second, number = divmod(self._first + aligned_frame.instant, self._rate)
+        unsynchronised = aligned_frame.there & ((aligned_frame.status & UNSYNCHRONISED) > 0)
+        for_s = np.where(unsynchronised, aligned_frame.instant / self._rate - self._lost_ns / NANOSECONDS, 0.0).clip(
+            0.0
+        )
         error_s = self._drift * for_s
-        words = stat.word(one.status, one.there, error_s, for_s)
-        data, quality = system_pmus.to_data(self.grid, one.values, words), stat.message_quality(error_s[unsynchronised])
+        words = stat.word(aligned_frame.status, aligned_frame.there, error_s, for_s)
+        data, quality = (
+            system_pmus.to_data(self.grid, aligned_frame.values, words),
+            stat.message_quality(error_s[unsynchronised]),
+        )
         return Instant(second, number * TIME_BASE // self._rate, quality, data)
 
 

@@ -61,10 +61,10 @@ def _formats(text: str | None) -> dict[str, bool]:
     return {name: name in names for name in FORMATS}
 
 
-async def begin(made: Sequence[Server], asked: Serving) -> list[str]:
+async def begin(servers: Sequence[Server], asked: Serving) -> list[str]:
     """Open the servers' ports; returns a line per stream with its address. Raises `InputError`, `RunError`."""
     targets, lines = [await _address(text, asked.host) for text in asked.to], []
-    for i, server in enumerate(made):
+    for i, server in enumerate(servers):
         at = (asked.host, asked.port + i if asked.port else 0)
         await server.begin(at, at, targets)
         stream = server.stream
@@ -73,8 +73,8 @@ async def begin(made: Sequence[Server], asked: Serving) -> list[str]:
     return lines
 
 
-async def _address(text: str, own: str) -> Address:
-    """Address of a receiver, resolved; `own`: address of this computer to send from."""
+async def _address(text: str, source: str) -> Address:
+    """Address of a receiver, resolved; `source`: address of this computer to send from."""
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise InputError(f"to: '{text}' given; allowed: HOST:PORT")
@@ -84,14 +84,14 @@ async def _address(text: str, own: str) -> Address:
     except (OSError, UnicodeError) as error:
         raise InputError(f"to: '{text}' given: {one_line(error)}; allowed: HOST:PORT of a host that is known") from None
     there = ip_address(found[0])
-    if own.startswith("127.") and not (there.is_loopback or there.is_multicast):
-        raise InputError(f"to: '{text}' given with host {own}; allowed: this computer, groups; or another host")
+    if source.startswith("127.") and not (there.is_loopback or there.is_multicast):
+        raise InputError(f"to: '{text}' given with host {source}; allowed: this computer, groups; or another host")
     return str(found[0]), int(port)
 
 
-def counted(made: Sequence[Server]) -> list[dict[str, Any]]:
+def counted(servers: Sequence[Server]) -> list[dict[str, Any]]:
     """Counters of sent and refused frames, one row per stream."""
-    rows = [{"idcode": one.stream.idcode, **vars(one.counts)} for one in made]
+    rows = [{"idcode": one.stream.idcode, **vars(one.counts)} for one in servers]
     return [{**row, "refused": dict(row["refused"])} for row in rows]
 
 

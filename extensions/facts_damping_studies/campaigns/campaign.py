@@ -117,19 +117,19 @@ def _without_lists(campaign: Campaign, changed: dict[str, Any]) -> Campaign:
     return campaign.model_copy(update={"base_runs": kept})
 
 
-def _check(made: Plan, base_run: str) -> None:
+def _check(plan: Plan, base_run: str) -> None:
     """Raise `InputError` if a base run is impossible with any single choice, with the first of all other lists."""
-    lists = made.campaign.base_runs[base_run].choose
+    lists = plan.campaign.base_runs[base_run].choose
     first = {name: next(iter(choices)) for name, choices in lists.items()}
     for labels in [first, *(first | {name: label} for name, choices in lists.items() for label in choices)]:
-        changes = {**made.set, **_chosen(made.campaign.base_runs[base_run], labels)}
-        if _case(made, base_run, changes).supervision is None:
+        changes = {**plan.set, **_chosen(plan.campaign.base_runs[base_run], labels)}
+        if _case(plan, base_run, changes).supervision is None:
             raise InputError(f"base_runs.{base_run}: a run without supervision given; allowed: one with `supervision`")
 
 
-def _case(made: Plan, base_run: str, changes: dict[str, Any]) -> Case:
-    content, source = made.contents[base_run]
-    return changed_case(deepcopy(content), source, {**made.campaign.base_runs[base_run].set, **changes})
+def _case(plan: Plan, base_run: str, changes: dict[str, Any]) -> Case:
+    content, source = plan.contents[base_run]
+    return changed_case(deepcopy(content), source, {**plan.campaign.base_runs[base_run].set, **changes})
 
 
 def _chosen(base_run: BaseRun, labels: dict[str, str]) -> dict[str, Any]:
@@ -159,15 +159,15 @@ def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
     return {NOTHING: healthy, **({} if campaign.healthy == 1.0 else found)} if campaign.healthy else found
 
 
-def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
+def draw(plan: Plan, number: int, *, real: bool = False) -> Draw:
     """A draw of a campaign by its number; always the same for the same number."""
-    random = np.random.default_rng((made.campaign.seed, number))
-    return drawn(made, number, choose(made, random, real=real), random, real=real)
+    random = np.random.default_rng((plan.campaign.seed, number))
+    return drawn(plan, number, choose(plan, random, real=real), random, real=real)
 
 
-def choose(made: Plan, random: Source, *, real: bool = False) -> Choice:
+def choose(plan: Plan, random: Source, *, real: bool = False) -> Choice:
     """Choose base run, labels, fault, its time, and the seed."""
-    campaign = made.campaign
+    campaign = plan.campaign
     base_run = list(campaign.base_runs)[int(random.integers(len(campaign.base_runs)))]
     lists = campaign.base_runs[base_run].choose
     chosen = {name: list(choices)[int(random.integers(len(choices)))] for name, choices in lists.items()}
@@ -180,50 +180,50 @@ def choose(made: Plan, random: Source, *, real: bool = False) -> Choice:
     return Choice(base_run, chosen, fault, start, duration, int(random.integers(2**31)))
 
 
-def drawn(made: Plan, number: int, choice: Choice, random: Source, *, real: bool = False) -> Draw:
+def drawn(plan: Plan, number: int, choice: Choice, random: Source, *, real: bool = False) -> Draw:
     """The draw of a choice; `random` gives the sizes of its fault."""
     base_run, chosen, fault, start, duration, seed = choice
-    changes = {**made.set, **_chosen(made.campaign.base_runs[base_run], chosen)}
+    changes = {**plan.set, **_chosen(plan.campaign.base_runs[base_run], chosen)}
     changes |= {} if seed is None else {"seed": seed}
     if real:
-        changes["duration"] = made.campaign.graph_duration
-    case = _case(made, base_run, changes)
+        changes["duration"] = plan.campaign.graph_duration
+    case = _case(plan, base_run, changes)
     changes |= FAULTS[fault].draw(Chance(random, start, duration, case))
     lasts = {"lasts": "" if duration is None else f"{duration:g}"}
     return Draw(number, base_run, changes, fault, start, chosen | lasts)
 
 
-def healthy(made: Plan, drawn: Draw) -> Draw:
+def healthy(plan: Plan, drawn: Draw) -> Draw:
     """A draw without its fault, which is applied to the nodes of a graph instead."""
     kept: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
-    chosen = _chosen(made.campaign.base_runs[drawn.base_run], drawn.chosen)
-    return drawn._replace(changes={**made.set, **chosen, **kept})
+    chosen = _chosen(plan.campaign.base_runs[drawn.base_run], drawn.chosen)
+    return drawn._replace(changes={**plan.set, **chosen, **kept})
 
 
-def case_of(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:
+def case_of(plan: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:
     """The case of a draw, with optional further changes."""
-    return _case(made, drawn.base_run, {**drawn.changes, **(more or {})})
+    return _case(plan, drawn.base_run, {**drawn.changes, **(more or {})})
 
 
-def run_file(made: Plan, drawn: Draw, what: str = "Draw") -> str:
+def run_file(plan: Plan, drawn: Draw, what: str = "Draw") -> str:
     """A draw as a run file: everything inline. `what`: how the number is called."""
-    document = case_of(made, drawn).document()
+    document = case_of(plan, drawn).document()
     kept = {name: value for name, value in document.items() if value is not None and name != "asked"}
-    return f"# {what} {drawn.number} of the campaign {made.name}: {drawn.fault} at {drawn.start:g} s.\n" + dump(kept)
+    return f"# {what} {drawn.number} of the campaign {plan.name}: {drawn.fault} at {drawn.start:g} s.\n" + dump(kept)
 
 
-def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
+def one_draw(plan: Plan, number: int) -> tuple[str, dict[str, Any]]:
     """Key and row of a draw; a failed draw has a row too, with the reason in `error`."""
     row: dict[str, Any] = {"number": number, "error": None}
     try:
-        drawn = draw(made, number)
+        drawn = draw(plan, number)
         row |= identity(drawn)
-        case = case_of(made, drawn)
+        case = case_of(plan, drawn)
         row |= {"controller": case.controllers[0].name, "scheme": case.controllers[0].scheme}
         row |= {"horizon_s": case.duration}
-        reference = uncontrolled(made, drawn)
+        reference = uncontrolled(plan, drawn)
         row |= judged(case, loop.run(case), reference, drawn)
-        if made.campaign.unsupervised:
+        if plan.campaign.unsupervised:
             figures = invariants.beside(loop.run(unsupervised(case)), reference)
             row |= {f"unsupervised_{name}": figures[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
     except FactsDampingError as error:
@@ -251,37 +251,37 @@ def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int
     return row | invariants.alone(case, record, late)
 
 
-def uncontrolled(made: Plan, drawn: Draw) -> Record:
+def uncontrolled(plan: Plan, drawn: Draw) -> Record:
     """The same run without control: only the plant and its events matter."""
     plain = {path: value for path, value in drawn.changes.items() if path.partition(".")[0] in OF_PLANT}
-    key = json.dumps([made.fingerprint, drawn.base_run, plain], default=str, sort_keys=True)
-    content, source = made.contents[drawn.base_run]
+    key = json.dumps([plan.fingerprint, drawn.base_run, plain], default=str, sort_keys=True)
+    content, source = plan.contents[drawn.base_run]
     whole = {"link": "ideal", "measurement": "ideal", **UNCONTROLLED}
-    usual = made.campaign.base_runs[drawn.base_run].set
+    usual = plan.campaign.base_runs[drawn.base_run].set
     kept = {path: value for path, value in usual.items() if path.partition(".")[0] not in whole}
     changes = {**kept, **whole, **plain}
     return shared(_uncontrolled, key, lambda: loop.run(changed_case(deepcopy(content), source, changes)))
 
 
-def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:
+def run(plan: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:
     """The rows of all draws; only those missing in the folder are made.
 
     Draws that violate an invariant are written as run files. Raises `InputError` if the folder belongs to another
     campaign, `RunError` if the draws cannot continue.
     """
-    campaign = made.campaign
-    with workers(jobs, scheduler) as each, Journal(new_folder(folder) / JOURNAL, made.fingerprint) as journal:
-        write_whole(folder / COPY, made.text)
+    campaign = plan.campaign
+    with workers(jobs, scheduler) as each, Journal(new_folder(folder) / JOURNAL, plan.fingerprint) as journal:
+        write_whole(folder / COPY, plan.text)
         todo = [number for number in range(campaign.draws) if str(number) not in journal.rows]
         progress.resume(len(journal.rows))
         progress(campaign.draws - len(todo), campaign.draws)
-        for done, (key, row) in enumerate(each(partial(one_draw, made), todo), campaign.draws - len(todo) + 1):
+        for done, (key, row) in enumerate(each(partial(one_draw, plan), todo), campaign.draws - len(todo) + 1):
             journal.append(key, row)
             progress(done, campaign.draws)
         rows = [journal.rows[str(number)] for number in range(campaign.draws)]
     for row in rows:
         if not holds(row):
-            text = run_file(made, draw(made, row["number"]))
+            text = run_file(plan, draw(plan, row["number"]))
             write_whole(new_folder(folder / FAILED) / f"{row['number']}.yaml", text)
     return rows
 

@@ -288,12 +288,12 @@ def controller_table(rows: Rows) -> Table:
     return Table(heads, sorted(lines))
 
 
-def page(made: Plan, rows: Rows, graphs: Rows, command: str) -> str:
+def page(plan: Plan, rows: Rows, graphs: Rows, command: str) -> str:
     """The page of a campaign: the text beside its file, or a default one, with the tables inserted."""
     folder = share_folder() / "config" / "campaigns"
-    own = folder / f"{made.name}.md"
+    own = folder / f"{plan.name}.md"
     text = (own if own.is_file() else folder / "any.md").read_text(encoding="utf-8")
-    about = {"name": [made.name], "description": [made.campaign.description], "command": [f"    {command}"]}
+    about = {"name": [plan.name], "description": [plan.campaign.description], "command": [f"    {command}"]}
     tables = {key: found.markdown() for key, found in sections(rows, graphs).items()}
     for key, lines in {**about, **tables, "counts": [f"{counts(rows)}."]}.items():
         text = text.replace(f"{{{{{key}}}}}", "\n".join(lines) or "None was made.")
@@ -368,8 +368,8 @@ def percent(part: int, of: int) -> str:
     return f"{100.0 * part / of:.2f}" if of else "-"
 
 
-def _times(found: Sequence[float]) -> list[str]:
-    return [f"{median(found):.2f}", f"{np.percentile(found, 99):.2f}"] if found else ["-", "-"]
+def _times(times: Sequence[float]) -> list[str]:
+    return [f"{median(times):.2f}", f"{np.percentile(times, 99):.2f}"] if times else ["-", "-"]
 
 
 def _ratios(rows: Rows, which: str) -> list[str]:

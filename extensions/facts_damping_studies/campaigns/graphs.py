@@ -34,7 +34,7 @@ _computing = Lock()  # runs in process share what they compile
 SAME = ("time_ns", "delivered", "issued", "supervised", "supervision", "applied", "machines", "devices")
 
 
-def graphs(made: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict[str, Any]]:
+def graphs(plan: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict[str, Any]]:
     """Rows of the draws that run as graphs, the first ones of the campaign; only missing ones are run.
 
     Graphs that violate a condition are kept below `folder`, with their runs as files. Raises `InputError` if the folder
@@ -44,12 +44,12 @@ def graphs(made: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict
     from facts_damping_studies.sweeps.journal import Journal
 
     clean_up_first()
-    count, place, ended = made.campaign.graphs, new_folder(folder), Event()
-    with Journal(place / JOURNAL, made.fingerprint) as journal, ThreadPoolExecutor(min(jobs, AT_ONCE)) as each:
+    count, place, ended = plan.campaign.graphs, new_folder(folder), Event()
+    with Journal(place / JOURNAL, plan.fingerprint) as journal, ThreadPoolExecutor(min(jobs, AT_ONCE)) as each:
         todo = [number for number in range(count) if str(number) not in journal.rows]
         progress.resume(count - len(todo))
         progress(count - len(todo), max(1, count))
-        under_way = [each.submit(one_graph, made, place, number, lambda: not ended.is_set()) for number in todo]
+        under_way = [each.submit(one_graph, plan, place, number, lambda: not ended.is_set()) for number in todo]
         try:
             for done, one in enumerate(as_completed(under_way), count - len(todo) + 1):
                 journal.append(*one.result())
@@ -60,12 +60,12 @@ def graphs(made: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict
         rows = [journal.rows[str(number)] for number in range(count)]
     for row in rows:
         if not campaign_pages.holds(row):
-            text = campaign.run_file(made, campaign.draw(made, row["number"], real=True))
+            text = campaign.run_file(plan, campaign.draw(plan, row["number"], real=True))
             write_whole(new_folder(folder / campaign.FAILED) / f"graph-{row['number']}.yaml", text)
     return rows
 
 
-def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool]) -> tuple[str, dict[str, Any]]:
+def one_graph(plan: Plan, folder: Path, number: int, wanted: Callable[[], bool]) -> tuple[str, dict[str, Any]]:
     """Key and row of a draw run as a graph; if it fails, the row has the reason in `error`.
 
     Runs in a thread of its own: graphs run in processes and share the one that nodes are forked from.
@@ -76,9 +76,9 @@ def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool])
     place = folder / FOLDER / str(number)
     shutil.rmtree(place, ignore_errors=True)  # left by an interrupted run
     try:
-        draw = campaign.draw(made, number, real=True)
+        draw = campaign.draw(plan, number, real=True)
         row |= campaign.identity(draw)
-        row |= _run(made, draw, place, wanted)
+        row |= _run(plan, draw, place, wanted)
     except FactsDampingError as error:
         row["error"] = one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a graph dies of, the others go on)
@@ -88,7 +88,7 @@ def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool])
     return str(number), row
 
 
-def _run(made: Plan, draw: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
+def _run(plan: Plan, draw: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
     """Run a draw as a graph in its own domain, and also in process and without control."""
     from facts_damping.nodes.launching import fault_injection
     from facts_damping.simulation import loop
@@ -103,10 +103,10 @@ def _run(made: Plan, draw: Draw, folder: Path, wanted: Callable[[], bool]) -> di
     if real.endswith("signed"):
         add_key(new_folder(folder) / KEYS)
         more["security"] = {"keys": str(folder / KEYS)}
-    case = campaign.case_of(made, campaign.healthy(made, draw) if real else draw, more)
+    case = campaign.case_of(plan, campaign.healthy(plan, draw) if real else draw, more)
     with _computing:
         computed = loop.run(case)  # also compiles the kernels that the nodes need
-        reference = campaign.uncontrolled(made, draw)
+        reference = campaign.uncontrolled(plan, draw)
     with fault_injection.own_domain() as domain:
         faulted = fault_injection.run_with_fault(case, mode, folder, fault, domain, wanted)
     first = case.controllers[0]

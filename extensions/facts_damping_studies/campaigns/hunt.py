@@ -54,39 +54,39 @@ class Hunt(NamedTuple):
     complete: bool
 
 
-def amounts(made: Plan) -> NDArray[np.bool_]:
+def amounts(plan: Plan) -> NDArray[np.bool_]:
     """Which coordinates are amounts: start, duration and sizes of a fault; the others choose."""
-    lists = max(len(one.choose) for one in made.campaign.base_runs.values())
+    lists = max(len(one.choose) for one in plan.campaign.base_runs.values())
     return np.array([*[False] * (lists + 2), True, True, False, False, *[True] * SIZES])
 
 
-def case_of(made: Plan, numbers: Sequence[float]) -> tuple[Choice, list[float]]:
+def case_of(plan: Plan, numbers: Sequence[float]) -> tuple[Choice, list[float]]:
     """What a point chooses, and its coordinates for the size of the fault."""
     source = Numbers(numbers)
-    choice = study.choose(made, source)
+    choice = study.choose(plan, source)
     sizes = Numbers(numbers[source.taken :])
-    study.drawn(made, 0, choice, sizes)
+    study.drawn(plan, 0, choice, sizes)
     return choice, list(sizes.values[: sizes.taken])
 
 
-def margins_of(made: Plan, drawn: Draw) -> dict[str, float | None]:
+def margins_of(plan: Plan, drawn: Draw) -> dict[str, float | None]:
     """Run a case; its margins by rule."""
-    case = study.case_of(made, drawn)
-    return invariants.margins(case, loop.run(case), study.uncontrolled(made, drawn))
+    case = study.case_of(plan, drawn)
+    return invariants.margins(case, loop.run(case), study.uncontrolled(plan, drawn))
 
 
-def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, Any]]:
+def evaluate(plan: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, Any]]:
     """Key and row of a point; a case that fails has a row too, with the reason in `error`."""
     key, numbers = task
     began = time.process_time()
     arm, number = key.split()
     row: dict[str, Any] = {"arm": arm, "number": int(number), "numbers": numbers, "error": None, "margins": {}}
-    row["content"] = content(made, numbers)
+    row["content"] = content(plan, numbers)
     try:
         source = Numbers(numbers)
-        drawn = study.drawn(made, int(number), study.choose(made, source), source)
+        drawn = study.drawn(plan, int(number), study.choose(plan, source), source)
         row |= study.identity(drawn) | drawn.chosen
-        row["margins"] = margins_of(made, drawn)
+        row["margins"] = margins_of(plan, drawn)
     except FactsDampingError as error:
         row["error"] = one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a case dies of, the others go on)
@@ -94,36 +94,36 @@ def evaluate(made: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, 
     return key, row | {"took_s": time.process_time() - began}
 
 
-def search(made: Plan, rule: str, cases: int) -> list[dict[str, Any]]:
+def search(plan: Plan, rule: str, cases: int) -> list[dict[str, Any]]:
     """Rows of so many cases, one after the other, hunted for the smallest margin of a rule."""
     rows: dict[str, dict[str, Any]] = {}
     for i in range(cases):
-        key, row = evaluate(made, points_of(made, rows, i, 1, [rule], cases // 4)[0])
+        key, row = evaluate(plan, points_of(plan, rows, i, 1, [rule], cases // 4)[0])
         rows[key] = row
     return list(rows.values())
 
 
-def _another(made: Plan, seen: set[str], propose: Callable[[], NDArray[np.float64]]) -> list[float]:
+def _another(plan: Plan, seen: set[str], propose: Callable[[], NDArray[np.float64]]) -> list[float]:
     """The first point proposed, of a few, whose case differs from those seen by more than its seed; notes it."""
     for _ in range(TRIES):
         numbers: list[float] = propose().tolist()
-        case = content(made, numbers)
+        case = content(plan, numbers)
         if case not in seen:
             break
     seen.add(case)
     return numbers
 
 
-def content(made: Plan, numbers: Sequence[float]) -> str:
+def content(plan: Plan, numbers: Sequence[float]) -> str:
     """What distinguishes a case, without its seed: many coordinates are used by some faults only."""
     try:
-        choice, sizes = case_of(made, numbers)
+        choice, sizes = case_of(plan, numbers)
     except FactsDampingError as error:
         return str(error)
     return str((choice._replace(seed=None), sizes))
 
 
-def mildest(made: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[str, Any]]:
+def mildest(plan: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[str, Any]]:
     """Key and row of the mildest form of a point that violates a rule; the task: key, rule and point."""
     key, rule, numbers = task
     asked = 0
@@ -132,25 +132,25 @@ def mildest(made: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[s
         nonlocal asked
         asked += 1
         try:
-            return margin({"margins": margins_of(made, _drawn(made, 0, choice, sizes))}, rule)
+            return margin({"margins": margins_of(plan, _drawn(plan, 0, choice, sizes))}, rule)
         except Exception:  # noqa: BLE001 (a milder case that cannot be run is none)
             return math.inf
 
-    (choice, sizes), reached = shrunk(*case_of(made, numbers), margin_of)
+    (choice, sizes), reached = shrunk(*case_of(plan, numbers), margin_of)
     found = {"choice": choice._asdict(), "sizes": sizes, "margin": reached, "cases": asked}
     return key, {"arm": SHRUNK, "number": int(key.split()[-1]), **found}
 
 
-def _drawn(made: Plan, number: int, choice: Choice, sizes: list[float]) -> Draw:
+def _drawn(plan: Plan, number: int, choice: Choice, sizes: list[float]) -> Draw:
     """The draw of a choice; another stage of a fault may take more numbers, which are those of the smallest sizes."""
-    return study.drawn(made, number, choice, Numbers([*sizes, *([0.0] * SIZES)]))
+    return study.drawn(plan, number, choice, Numbers([*sizes, *([0.0] * SIZES)]))
 
 
-def draw_of(made: Plan, row: dict[str, Any]) -> Draw:
+def draw_of(plan: Plan, row: dict[str, Any]) -> Draw:
     """The draw of a row."""
     if row["arm"] == SHRUNK:
-        return _drawn(made, row["number"], study.Choice(**row["choice"]), row["sizes"])
-    return _drawn(made, row["number"], *case_of(made, row["numbers"]))
+        return _drawn(plan, row["number"], study.Choice(**row["choice"]), row["sizes"])
+    return _drawn(plan, row["number"], *case_of(plan, row["numbers"]))
 
 
 def margin(row: dict[str, Any], rule: str) -> float:
@@ -160,7 +160,7 @@ def margin(row: dict[str, Any], rule: str) -> float:
 
 
 def run(
-    made: Plan, folder: Path, minutes: float, jobs: int, scheduler: str | None, progress: Callable[[int, int], None]
+    plan: Plan, folder: Path, minutes: float, jobs: int, scheduler: str | None, progress: Callable[[int, int], None]
 ) -> Hunt:
     """Hunt for so many minutes, those of earlier starts included; a journal keeps all cases.
 
@@ -168,19 +168,19 @@ def run(
     campaign.
     """
     whole, complete = max(1, round(60.0 * minutes)), False
-    with workers(jobs, scheduler) as each, Journal(new_folder(folder) / JOURNAL, made.fingerprint) as journal:
+    with workers(jobs, scheduler) as each, Journal(new_folder(folder) / JOURNAL, plan.fingerprint) as journal:
         rows = journal.rows
         began = time.monotonic() - max((row.get("at_s", 0.0) for row in rows.values()), default=0.0)
         try:
             for first in itertools.count(0, BATCH):
                 if time.monotonic() - began >= 60.0 * minutes:
                     break
-                tasks = [task for task in points_of(made, rows, first, BATCH) if task[0] not in rows]
-                for key, row in each(partial(evaluate, made), tasks):
+                tasks = [task for task in points_of(plan, rows, first, BATCH) if task[0] not in rows]
+                for key, row in each(partial(evaluate, plan), tasks):
                     journal.append(key, {**row, "at_s": time.monotonic() - began})
                     progress(min(round(time.monotonic() - began), whole), whole)
             worst = [task for task in violating(rows) if task[0] not in rows]
-            for key, row in each(partial(mildest, made), worst):
+            for key, row in each(partial(mildest, plan), worst):
                 journal.append(key, row)
             complete = True
         except KeyboardInterrupt:
@@ -213,7 +213,7 @@ def violating(rows: dict[str, dict[str, Any]]) -> list[tuple[str, str, list[floa
 
 
 def points_of(
-    made: Plan,
+    plan: Plan,
     rows: dict[str, dict[str, Any]],
     first: int,
     many: int,
@@ -226,12 +226,12 @@ def points_of(
     """
     known = [rows[f"{HUNTED} {i}"] for i in range(first)]
     kinds = [(row.get("base_run"), row.get("fault")) for row in known]  # neither if a case cannot be made
-    seen, which, seed = {row["content"] for row in known}, amounts(made), made.campaign.seed
+    seen, which, seed = {row["content"] for row in known}, amounts(plan), plan.campaign.seed
     points = np.array([row["numbers"] for row in known]).reshape(-1, len(which))
     margins = np.array([[margin(row, rule) for rule in rules] for row in known]).reshape(-1, len(rules))
     random, anywhere = (np.random.default_rng((seed, first // many, arm)) for arm in (1, 2))
     hunted = spread(max(1, explored), which, np.random.default_rng(seed))[first : first + many].tolist()
     for i in turns(np.minimum.accumulate(margins)[many - 1 :: many], many)[len(hunted) :]:
-        hunted.append(_another(made, seen, partial(proposal, points, kinds, margins[:, i], which, random)))
+        hunted.append(_another(plan, seen, partial(proposal, points, kinds, margins[:, i], which, random)))
     both = zip(hunted, anywhere.random((many, len(which))).tolist(), strict=True)
     return [(f"{arm} {i}", at) for i, pair in enumerate(both, first) for arm, at in zip(ARMS, pair, strict=True)]

@@ -59,11 +59,11 @@ def _found(rule: str, hunted: Rows, drawn: Rows) -> Found:
     return Found(rule, units[rule], kept[0], kept[1], counts[0], counts[1], ratio)
 
 
-def rules_table(found: Sequence[Found], *, markdown: bool = False) -> list[str]:
+def rules_table(findings: Sequence[Found], *, markdown: bool = False) -> list[str]:
     """A row for each rule: smallest margins and violations, hunted and random, and their ratio."""
     heads = ["what must hold", "unit", "smallest margin", "random draws", "violated", "random draws", "times as severe"]
     lines = []
-    for one in found:
+    for one in findings:
         margins = [NONE if row is None else f"{margin(row, one.rule):.3g}" for row in (one.hunted, one.random)]
         counts = [str(one.violated), str(one.random_violated)]
         lines.append([WORDS[one.rule], one.unit, *margins, *counts, NONE if one.ratio is None else f"{one.ratio:.2g}"])
@@ -79,41 +79,41 @@ def counts(hunt: Hunt) -> str:
     return f"Cases hunted: {hunted} of computing; drawn: {drawn}{rate}"
 
 
-def words(made: Plan, drawn: Draw) -> str:
+def words(plan: Plan, drawn: Draw) -> str:
     """A case in words: base run, what was chosen, the fault, when, and its sizes."""
     labels = [f"{name} {label}" for name, label in drawn.chosen.items() if name != "lasts"]
     where = ", ".join([drawn.base_run, *labels])
     if drawn.fault == NOTHING:
         return f"{where}: nothing fails"
     until = f"for {drawn.chosen['lasts']} s" if drawn.chosen["lasts"] else "to the end"
-    sizes = [f"{name} {value}" for name, value in _sizes(made, drawn).items()]
+    sizes = [f"{name} {value}" for name, value in _sizes(plan, drawn).items()]
     what = ", ".join(sizes) or FAULTS[drawn.fault].description
     return f"{where}: `{drawn.fault}` from {drawn.start:g} s {until} ({what})"
 
 
-def _sizes(made: Plan, drawn: Draw) -> dict[str, Any]:
+def _sizes(plan: Plan, drawn: Draw) -> dict[str, Any]:
     """What the fault sets, without its time; of a link, in the stages that it adds."""
-    sound = study.healthy(made, drawn)
+    sound = study.healthy(plan, drawn)
     changes = [value for path, value in drawn.changes.items() if sound.changes.get(path) != value and path != "link"]
     link = drawn.changes.get("link")
     if isinstance(link, dict):
-        usual = study.case_of(made, sound).link.model_dump()
+        usual = study.case_of(plan, sound).link.model_dump()
         changes += [stages[len(usual[way]) :] for way, stages in link.items() if way in ("up", "down")]
     parts = [part for change in changes for part in (change if isinstance(change, list) else [change])]
     parts = [inner for part in parts for inner in (part, part.get("clock")) if isinstance(inner, dict)]
     return {name: value for part in parts for name, value in part.items() if name not in (*SPAN, "clock")}
 
 
-def document(made: Plan, hunt: Hunt) -> dict[str, Any]:
+def document(plan: Plan, hunt: Hunt) -> dict[str, Any]:
     """The result for JSON."""
     found = [one._asdict() | {"shrunk": hunt.shrunk.get(one.rule)} for one in compared(hunt.rows)]
-    return {"campaign": made.name, "seed": made.campaign.seed, "cases": len(hunt.rows), "rules": found}
+    return {"campaign": plan.name, "seed": plan.campaign.seed, "cases": len(hunt.rows), "rules": found}
 
 
-def write(made: Plan, hunt: Hunt, folder: Path, command: str) -> list[Path]:
+def write(plan: Plan, hunt: Hunt, folder: Path, command: str) -> list[Path]:
     """Write the page and the run files; return their paths."""
     found, written = compared(hunt.rows), [folder / PAGE]
-    lines = [f"# {made.name}: the worst cases", "", made.campaign.description, "", f"    {command}", ""]
+    lines = [f"# {plan.name}: the worst cases", "", plan.campaign.description, "", f"    {command}", ""]
     lines += [f"{counts(hunt)}.", "", *rules_table(found, markdown=True), ""]
     lines += ["A margin is the distance to a violation, below zero beyond it. Each case is a run file, for"]
     lines += ["`facts-damping simulate`. The mildest form has what can be left out, shortened or made smaller.", ""]
@@ -121,11 +121,11 @@ def write(made: Plan, hunt: Hunt, folder: Path, command: str) -> list[Path]:
         worst = min(hunt.rows, key=lambda row: margin(row, rule))
         lines += [f"## {WORDS[rule][0].upper()}{WORDS[rule][1:]}", ""]
         for what, row, value in (("worst", worst, margin(worst, rule)), ("mildest", shrunk, shrunk["margin"])):
-            drawn = draw_of(made, row)
+            drawn = draw_of(plan, row)
             path = new_folder(folder / FOLDER) / f"{rule}_{what}.yaml"
-            write_whole(path, study.run_file(made, drawn, f"Hunted, {what}: case"))
+            write_whole(path, study.run_file(plan, drawn, f"Hunted, {what}: case"))
             written.append(path)
-            case = f"margin {value:.3g}: {words(made, drawn)}."
+            case = f"margin {value:.3g}: {words(plan, drawn)}."
             lines.append(f"- **{what.capitalize()}** ([run file]({FOLDER}/{path.name})), {case}")
         lines.append("")
     write_whole(folder / PAGE, "\n".join(lines))

@@ -202,11 +202,11 @@ def _pair(
 
 
 def _written(
-    task: Task, system: System, own: System, tried: Tried, chosen: Pair
+    task: Task, system: System, original: System, tried: Tried, chosen: Pair
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Content of the system's file with the device and the signal, and content of the run's file."""
     device = tried.place.device.name
-    wide = places.only(system, list(dict.fromkeys([*own.signals, chosen.signal])), own)
+    wide = places.only(system, list(dict.fromkeys([*original.signals, chosen.signal])), original)
     content = places.with_place(wide, tried.place).model_dump(by_alias=True, exclude_defaults=True)
     half = {"stage": "network", "model": "constant", "delay": task.delay / 2}
     run = {

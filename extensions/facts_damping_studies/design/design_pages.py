@@ -34,52 +34,52 @@ def mode_name(mode: Eigenmode) -> str:
     return f"{mode.frequency_hz:.3f} Hz"
 
 
-def strongest(found: Design, mode: int) -> list[tuple[str, float]]:
+def strongest(design: Design, mode: int) -> list[tuple[str, float]]:
     """Places sorted by how far their device moves a mode with its full setpoint, 1/s, the strongest first."""
-    own = [(one.place.label, float(one.strength[mode])) for one in found.tried if np.isfinite(one.strength[mode])]
+    own = [(one.place.label, float(one.strength[mode])) for one in design.tried if np.isfinite(one.strength[mode])]
     return sorted(own, key=lambda one: -one[1])[:PLACES]
 
 
-def clearest(found: Design, mode: int, channel: str) -> list[tuple[str, float]]:
+def clearest(design: Design, mode: int, channel: str) -> list[tuple[str, float]]:
     """Signals of a channel sorted by their amplitude in a mode, the largest first."""
-    names, values = list(found.system.signals), np.abs(found.observability[mode])
+    names, values = list(design.system.signals), np.abs(design.observability[mode])
     by_name = dict(zip(names, values.tolist(), strict=True))
-    return [(name, by_name[name]) for name in maximum(names, values, channel, found.system)[:SIGNALS]]
+    return [(name, by_name[name]) for name in maximum(names, values, channel, design.system)[:SIGNALS]]
 
 
-def text(found: Design) -> Iterator[str]:
+def text(design: Design) -> Iterator[str]:
     """Lines for the terminal."""
-    yield f"{found.system.name}: electromechanical modes without damping control, the least damped first"
+    yield f"{design.system.name}: electromechanical modes without damping control, the least damped first"
     rows = [
         [f"{m.frequency_hz:.3f}", f"{m.damping_ratio:.4f}", m.label, _machines(m, 1.0), _machines(m, -1.0)]
-        for m in found.modes
+        for m in design.modes
     ]
     yield from _indented(table(["Hz", "damping ratio", "kind", "machines", "against"], rows, rule=False))
-    for title, rows in _rankings(found):
+    for title, rows in _rankings(design):
         yield f"\n{title}"
-        yield from _indented(table([mode_name(m) for m in found.modes], rows, left=len(found.modes), rule=False))
+        yield from _indented(table([mode_name(m) for m in design.modes], rows, left=len(design.modes), rule=False))
     left_out: dict[str, list[str]] = {}
-    for one in found.tried:
+    for one in design.tried:
         if one.why_not:
             left_out.setdefault(one.why_not, []).append(one.place.label)
     yield from (f"  left out: {', '.join(labels)} ({reason})" for reason, labels in left_out.items())
-    target = found.modes[found.target]
-    yield f"\nfor the mode of {mode_name(target)}, with {1e3 * found.task.delay:.0f} ms of delay"
-    others = [f"at {mode_name(m)}" for i, m in enumerate(found.modes) if i != found.target]
+    target = design.modes[design.target]
+    yield f"\nfor the mode of {mode_name(target)}, with {1e3 * design.task.delay:.0f} ms of delay"
+    others = [f"at {mode_name(m)}" for i, m in enumerate(design.modes) if i != design.target]
     titles = ["device", "signal", "residue 1/s", "x limit", "angle deg", "u = K y: sign", "lead deg", *others]
-    yield from _indented(table(titles, [_pair(found, pair) for pair in found.pairs], left=2, rule=False))
+    yield from _indented(table(titles, [_pair(design, pair) for pair in design.pairs], left=2, rule=False))
     if others:
         yield "  last columns: what other modes gain or lose in damping ratio, of what this one gains"
-    yield from _chosen(found)
+    yield from _chosen(design)
 
 
-def _rankings(found: Design) -> Iterator[tuple[str, list[list[str]]]]:
-    modes = range(len(found.modes))
-    places = _side([strongest(found, m) for m in modes], ".4f")
+def _rankings(design: Design) -> Iterator[tuple[str, list[list[str]]]]:
+    modes = range(len(design.modes))
+    places = _side([strongest(design, m) for m in modes], ".4f")
     yield "places: controllability times the setpoint's limit, 1/s", places
     unit = "swing in the mode (observability), p.u. per p.u. of the fastest machine's speed"
     for channel, what in ((SPEED, "speeds"), (FLOW, "flows")):
-        columns = [clearest(found, m, channel) for m in modes]
+        columns = [clearest(design, m, channel) for m in modes]
         if any(columns):
             yield f"signals, {what}: {unit}", _side(columns, ".3g")
 
@@ -103,20 +103,20 @@ def _machines(mode: Eigenmode, side: float) -> str:
     return ", ".join(f"{name} {own[name]:.2f}" for name in ranked[:SHOWN_MACHINES])
 
 
-def _pair(found: Design, pair: Pair) -> list[str]:
+def _pair(design: Design, pair: Pair) -> list[str]:
     angle = float(np.rad2deg(np.angle(pair.residue)))
     others = [f"{100 * value:+.0f} %" if np.isfinite(value) else "-" for value in pair.others]
-    del others[found.target]
+    del others[design.target]
     sign = "+" if pair.law.sign > 0.0 else "-"
-    place, size = found.tried[pair.tried].place, abs(pair.residue)
+    place, size = design.tried[pair.tried].place, abs(pair.residue)
     cells = f"{size:.4g}", f"{size * place.device.setpoint_max:.3g}", f"{angle:.1f}", sign, f"{pair.law.lead_deg:.1f}"
     return [place.label, pair.signal, *cells, *others]
 
 
-def _chosen(found: Design) -> Iterator[str]:
-    chosen, tuned, task = found.chosen, found.tuned, found.task
-    where = found.tried[chosen.tried].place.label
-    yield f"\ntaken: {where}, {chosen.signal}{_why(found)}"
+def _chosen(design: Design) -> Iterator[str]:
+    chosen, tuned, task = design.chosen, design.tuned, design.task
+    where = design.tried[chosen.tried].place.label
+    yield f"\ntaken: {where}, {chosen.signal}{_why(design)}"
     yield f"lead-lag: {', '.join(f'{name} {value:g}' for name, value in chosen.law.parameters(tuned.gain).items())}"
     ratio = tuned.after[tuned.target]
     got = "lost" if ratio is None else f"{ratio.damping_ratio:.4f}"
@@ -138,11 +138,11 @@ def _chosen(found: Design) -> Iterator[str]:
     ]
     yield "electromechanical modes that change, with the device without control, and with it:"
     yield from _indented(table(["Hz", "damping ratio", "Hz", "damping ratio"], rows, left=0, rule=False))
-    yield f"stable, linear, sampled and held: {_stable(found.stable)}"
+    yield f"stable, linear, sampled and held: {_stable(design.stable)}"
     if tuned.growing is not None:
         rate = f"{tuned.growing.eigenvalue.real:.4f} 1/s"
         yield f"without control a mode of {mode_name(tuned.growing)} grows ({rate}): the grid itself is unstable"
-    for name, scenario in found.scenarios.items():
+    for name, scenario in design.scenarios.items():
         yield f"scenario {name}: {scenario['description']}"
 
 
@@ -155,61 +155,61 @@ def _stable(around: Around | None) -> str:
     return f"{low} to {1e3 * around.high:.1f} ms, where a mode of {mode_name(around.critical)} grows"
 
 
-def _why(found: Design) -> str:
-    if found.chosen.conflicts():
+def _why(design: Design) -> str:
+    if design.chosen.conflicts():
         return ", though it takes damping from another mode, as every pair of the table does"
-    passed = found.pairs.index(found.chosen)
+    passed = design.pairs.index(design.chosen)
     return f"; {passed} before it would take damping from another mode" if passed else ""
 
 
-def document(found: Design) -> dict[str, Any]:
+def document(design: Design) -> dict[str, Any]:
     """The JSON of `design` (docs/results_json.md)."""
-    tuned = found.tuned
+    tuned = design.tuned
     return {
         "modes": [
             {
                 **figures(mode),
-                "places": [{"place": name, "controllability": value} for name, value in strongest(found, i)],
+                "places": [{"place": name, "controllability": value} for name, value in strongest(design, i)],
                 "signals": [
                     {"signal": name, "observability": value}
                     for channel in (SPEED, FLOW)
-                    for name, value in clearest(found, i, channel)
+                    for name, value in clearest(design, i, channel)
                 ],
             }
-            for i, mode in enumerate(found.modes)
+            for i, mode in enumerate(design.modes)
         ],
-        "target": found.target,
+        "target": design.target,
         "pairs": [
             {
-                "place": found.tried[pair.tried].place.label,
+                "place": design.tried[pair.tried].place.label,
                 "signal": pair.signal,
                 "residue": [pair.residue.real, pair.residue.imag],
                 "lead_deg": pair.law.lead_deg,
                 "others": pair.others,
             }
-            for pair in found.pairs
+            for pair in design.pairs
         ],
-        "taken": found.pairs.index(found.chosen),
-        "parameters": found.chosen.law.parameters(tuned.gain),
+        "taken": design.pairs.index(design.chosen),
+        "parameters": design.chosen.law.parameters(tuned.gain),
         "reached": tuned.reached,
         "swings": [
             {"before": figures(a), "after": None if b is None else figures(b)}
             for a, b in zip(tuned.before, tuned.after, strict=True)
         ],
-        "stable_s": None if found.stable is None else [found.stable.low, found.stable.high],
-        "scenarios": list(found.scenarios),
+        "stable_s": None if design.stable is None else [design.stable.low, design.stable.high],
+        "scenarios": list(design.scenarios),
     }
 
 
-def draw(found: Design, path: Path) -> Path:
+def draw(design: Design, path: Path) -> Path:
     """A picture with a column per mode: the strongest places and the clearest speed signals."""
-    modes = len(found.modes)
+    modes = len(design.modes)
     figure = Figure(figsize=(1.0 + 3.2 * modes, 5.0), layout="constrained")
     axes: Any = figure.subplots(2, modes, squeeze=False)
-    for m, mode in enumerate(found.modes):
-        for axis, ranked in ((axes[0, m], strongest(found, m)), (axes[1, m], clearest(found, m, SPEED))):
+    for m, mode in enumerate(design.modes):
+        for axis, ranked in ((axes[0, m], strongest(design, m)), (axes[1, m], clearest(design, m, SPEED))):
             names, values = [name for name, _ in ranked][::-1], [value for _, value in ranked][::-1]
-            axis.barh(range(len(names)), values, color="C0" if m == found.target else "0.6")
+            axis.barh(range(len(names)), values, color="C0" if m == design.target else "0.6")
             axis.set_yticks(range(len(names)), names, fontsize=8)
             axis.tick_params(axis="x", labelsize=8)
         axes[0, m].set_title(
@@ -219,20 +219,20 @@ def draw(found: Design, path: Path) -> Path:
             axis.locator_params(axis="x", nbins=3)
         axes[0, m].set_xlabel("controllability [1/s]", fontsize=8)
         axes[1, m].set_xlabel("observability [-]", fontsize=8)
-    figure.suptitle(f"{found.system.name}: places of devices, and speeds, by mode", fontsize=10)
+    figure.suptitle(f"{design.system.name}: places of devices, and speeds, by mode", fontsize=10)
     return save_picture(figure, path, dpi=130)
 
 
-def write(found: Design, folder: Path) -> list[Path]:
+def write(design: Design, folder: Path) -> list[Path]:
     """Write the files of system, scenarios, run and training cases; delete scenario files left by an earlier design."""
-    where = {name: folder / f"{name}.yaml" for name in ("system", *found.scenarios, "run", "training_cases")}
-    head = f"# {found.system.name} with {found.tried[found.chosen.tried].place.label}, by facts-damping design\n"
-    first = next(iter(found.scenarios), None)
-    run = {"system": where["system"].name, "scenario": where[first].name if first else [], **found.run}
-    texts = {"system": head + rows_text(found.content), **{name: dump(one) for name, one in found.scenarios.items()}}
+    where = {name: folder / f"{name}.yaml" for name in ("system", *design.scenarios, "run", "training_cases")}
+    head = f"# {design.system.name} with {design.tried[design.chosen.tried].place.label}, by facts-damping design\n"
+    first = next(iter(design.scenarios), None)
+    run = {"system": where["system"].name, "scenario": where[first].name if first else [], **design.run}
+    texts = {"system": head + rows_text(design.content), **{name: dump(one) for name, one in design.scenarios.items()}}
     texts["run"] = dump({"description": run.pop("description"), **run})
     if first == TRAINING:
-        texts["training_cases"] = dump(_training_cases(found, run))
+        texts["training_cases"] = dump(_training_cases(design, run))
     for name in FILES:
         if name not in texts:
             (folder / f"{name}.yaml").unlink(missing_ok=True)  # left by an earlier design
@@ -241,18 +241,18 @@ def write(found: Design, folder: Path) -> list[Path]:
     return [where[name] for name in texts]
 
 
-def _training_cases(found: Design, run: dict[str, Any]) -> dict[str, Any]:
+def _training_cases(design: Design, run: dict[str, Any]) -> dict[str, Any]:
     """A study that `search` trains on: the fault, starting half a cycle late or later, at other loads."""
-    rows = enumerate(found.content.get("loads", []))
+    rows = enumerate(design.content.get("loads", []))
     loads = {f"system.loads.{i}.{part}": load[part] for i, load in rows for part in ("P", "Q") if load.get(part)}
-    events, frequency = found.scenarios[TRAINING]["events"], found.content.get("frequency", 60.0)
+    events, frequency = design.scenarios[TRAINING]["events"], design.content.get("frequency", 60.0)
     cycles = {"name": "cycles", "fields": {"scenario.0.duration": 1.0 / frequency}, "distribution": "loguniform"}
     variables = [{**cycles, "low": 0.5, "high": events[0]["duration"] * frequency}]
     variables += [{"name": "load_level", "fields": loads, **LOAD_LEVEL}] if loads else []
     return {
         "description": f"training cases of `facts-damping search {run['system']}`",
         "run": {"system": run["system"], "scenario": events, "devices": run["devices"], "controllers": []},
-        "set": {"duration": found.scenarios[TRAINING]["duration"]},
+        "set": {"duration": design.scenarios[TRAINING]["duration"]},
         "seed": 3,
         "modes": False,
         "sweep": [{"draws": {"number": 40, "method": "latin_hypercube", "variables": variables}}],

@@ -26,22 +26,22 @@ TRIED = 6  # candidates of each kind
 
 
 def training_cases(
-    run: dict[str, Any], tried: Sequence[Tried], own: Place, mode: int, progress: Callable[[int, int], None]
+    run: dict[str, Any], tried: Sequence[Tried], place: Place, mode: int, progress: Callable[[int, int], None]
 ) -> dict[str, dict[str, Any]]:
     """The content of scenario files by name: `fault` and `line_out`, as far as they were found.
 
-    `run`: content of a run of the system. `own`: place of its device, whose line does not trip. `mode`: index of the
+    `run`: content of a run of the system. `place`: place of its device, whose line does not trip. `mode`: index of the
     mode in the places' strengths.
     """
     order = np.argsort([-t.strength[mode] for t in tried])  # NaN last
     places = [tried[i].place for i in order.tolist() if not tried[i].why_not]
     buses = [p.at for p in places if isinstance(p.device, Parallel)][:TRIED]
-    lines = [p.at for p in places if isinstance(p.device, Series) and p.device.line is not None and p.at != own.at]
+    lines = [p.at for p in places if isinstance(p.device, Series) and p.device.line is not None and p.at != place.at]
     if not buses or not lines:  # all candidates are of other kinds: the grid's places in their order
         own_buses = {machine["bus"] for machine in run["system"]["machines"]}
         names = [bus["name"] for bus in run["system"]["buses"]]
         buses = buses or [name for name in names if name not in own_buses][:TRIED]
-        lines = lines or [line["name"] for line in run["system"].get("lines", ()) if line["name"] != own.at]
+        lines = lines or [line["name"] for line in run["system"].get("lines", ()) if line["name"] != place.at]
     kinds = {"fault": [fault(bus) for bus in buses], "line_out": [trip(line) for line in lines[:TRIED]]}
     found, done = dict[str, dict[str, Any]](), 0
     for name, scenarios in kinds.items():

@@ -79,10 +79,10 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
     return Margin(case, link_delays(case), delays, worst, follow(listed), stable, damped, limit, critical, by_pade)
 
 
-def _lacking(found: Eigen, modes: Sequence[linearisation.Eigenmode]) -> float:
+def _lacking(eigen: Eigen, modes: Sequence[linearisation.Eigenmode]) -> float:
     """Above zero where the loop grows or a mode has less than DAMPING_RATIO."""
     lowest = min((mode.damping_ratio for mode in modes if mode.swings), default=1.0)
-    return max(found.growth, DAMPING_RATIO - lowest)
+    return max(eigen.growth, DAMPING_RATIO - lowest)
 
 
 class Around(NamedTuple):
@@ -126,12 +126,12 @@ def looks(longest: float, frame_rate: int) -> NDArray[np.float64]:
     return np.unique(np.round([*steps, *frames, longest], 9))
 
 
-def oscillations(loop: DelayedLoop, found: Eigen, case: Case) -> list[linearisation.Eigenmode]:
+def oscillations(loop: DelayedLoop, eigen: Eigen, case: Case) -> list[linearisation.Eigenmode]:
     """The modes up to 10 Hz that oscillate or grow."""
-    shown = (found.values.imag > 0.0) | ((found.values.imag == 0.0) & (found.values.real > STILL))
+    shown = (eigen.values.imag > 0.0) | ((eigen.values.imag == 0.0) & (eigen.values.real > STILL))
     return [
-        linearisation.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)
-        for i in np.flatnonzero(shown & (np.abs(found.values) < FASTEST))
+        linearisation.mode(complex(eigen.values[i]), eigen.right[:, i], eigen.left[:, i], loop.names, case.system)
+        for i in np.flatnonzero(shown & (np.abs(eigen.values) < FASTEST))
     ]
 
 

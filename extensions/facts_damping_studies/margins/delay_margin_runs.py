@@ -136,7 +136,7 @@ def holding(case: Case, longest: float, looked: Callable[[], None]) -> list[Hold
     return [Holds(*pair, margins.holding([failed(pair)])) for pair in pairs]
 
 
-def beside(found: LinearMargin, progress: Callable[[int, int], None]) -> Beside:
+def beside(linear_margin: LinearMargin, progress: Callable[[int, int], None]) -> Beside:
     """Simulations to compare with a linear margin: ringdowns at some delays, margins of a pulse and of the scenario."""
     done = 0
 
@@ -145,11 +145,11 @@ def beside(found: LinearMargin, progress: Callable[[int, int], None]) -> Beside:
         done += 1
         progress(min(done, RUNS), RUNS)
 
-    case, longest = found.case, float(found.delays[-1])
-    end = min(longest, 1.25 * (longest if not found.margin else found.margin))
+    case, longest = linear_margin.case, float(linear_margin.delays[-1])
+    end = min(longest, 1.25 * (longest if not linear_margin.margin else linear_margin.margin))
     rung = []
     for delay in np.unique(np.round(np.linspace(0.0, end, LOOKS), 2)).tolist():
         rung.append((delay, ringdown(case, delay)))
         looked()
-    pulse = pulse_margin(case, found.margin, looked) if found.margin else None
+    pulse = pulse_margin(case, linear_margin.margin, looked) if linear_margin.margin else None
     return Beside(rung, pulse, holding(case, longest, looked) if case.scenario.events else [])

@@ -146,12 +146,12 @@ def with_delay(case: Case, delay: float) -> Case:
     return replace(case, links=links)
 
 
-def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
+def _difference_equations(bank: Bank, state: BankState, c: int) -> Matrices:
     """A, B, C, D of controller c, from the bank's own step with unit states and a unit signal, before limits."""
-    inputs, held = made.inputs, state.held
+    inputs, held = bank.inputs, state.held
     base = inputs.offset[c, 0] / inputs.weight[c, 0].sum() if inputs.offset[c, 0] else 0.0
-    devices = int(np.sum(made.device[c] >= 0))
-    pmus, period = held.entry_ns.shape[1], int(made.period_ns[c])
+    devices = int(np.sum(bank.device[c] >= 0))
+    pmus, period = held.entry_ns.shape[1], int(bank.period_ns[c])
     washed = [held.washed[c, 0]] if inputs.washout[c, 0] > 0.0 else []
     memory = [*washed, *state.internal[c, :devices]]
     sizes = np.cumsum([part.size for part in memory])
@@ -166,7 +166,7 @@ def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
             part[:] = values
         frame["values"] = 0.0
         frame["values"][:, inputs.channel[c, 0]] = base + y * weight / (weight @ weight)
-        act(made, state, c, 0, frame, pmus, out, 0)
+        act(bank, state, c, 0, frame, pmus, out, 0)
         return np.concatenate([*memory, state.unlimited[c, :devices]])
 
     n = int(sizes[-1])
@@ -178,16 +178,16 @@ def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
     return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
 
 
-def _observer(made: Bank, c: int) -> Matrices:
+def _observer(bank: Bank, c: int) -> Matrices:
     """A, B, C, D of an observer with state feedback, including washouts, while no setpoint is limited.
 
     z is the estimate x(k|k); the next prediction is A x - B K x.
     """
-    signals, devices = int(made.inputs.signals[c]), int(np.sum(made.device[c] >= 0))
-    p = made.optimal
+    signals, devices = int(bank.inputs.signals[c]), int(np.sum(bank.device[c] >= 0))
+    p = bank.optimal
     C, M, K = p.C[c, :signals], p.M[c, :, :signals], p.K[c, :devices]
     onward = (np.eye(len(M)) - M @ C) @ (p.A[c] - p.B[c, :, :devices] @ K)
-    through, pole, pick = washouts(made.inputs.washout[c, :signals], made.period_ns[c] / NANOSECONDS)
+    through, pole, pick = washouts(bank.inputs.washout[c, :signals], bank.period_ns[c] / NANOSECONDS)
     before = pole, (np.eye(len(pole)) - pole) @ pick, -through @ pick.T, through
     return _in_series(before, (onward, M, -K @ onward, -K @ M))
 

@@ -110,25 +110,25 @@ def max_runs(margin: Margin) -> int:
     )
 
 
-def over_seeds(found: Sequence[Bracket], margin: Margin, seed: int) -> dict[str, Any]:
+def over_seeds(brackets: Sequence[Bracket], margin: Margin, seed: int) -> dict[str, Any]:
     """The median margin over seeds with an interval; None where it lies beyond the values that were run.
 
     The median is of the middles of the brackets; `low_s` and `high_s` are the ends of the bootstrap 95 % intervals of
     the medians of the lower and upper ends. For one seed they equal its bracket.
     """
-    lows = np.array([-np.inf if one.low is None else one.low for one in found])
-    highs = np.array([np.inf if one.high is None else one.high for one in found])
+    lows = np.array([-np.inf if one.low is None else one.low for one in brackets])
+    highs = np.array([np.inf if one.high is None else one.high for one in brackets])
     with np.errstate(invalid="ignore"):
         middles = (lows + highs) / 2.0  # not a number where nothing was run
     return {
         "margin_s": _finite(np.median(middles)),
         "low_s": _finite(_end(lows, 0, seed)),
         "high_s": _finite(_end(highs, 1, seed)),
-        "seeds": len(found),
-        "monotonic": not any(one.again for one in found),
-        "holds_again": sorted({value for one in found for value in one.again}),
+        "seeds": len(brackets),
+        "monotonic": not any(one.again for one in brackets),
+        "holds_again": sorted({value for one in brackets for value in one.again}),
         "beyond": "low" if np.median(middles) == -np.inf else "high" if np.median(middles) == np.inf else None,
-        "per_seed": [_finite(value) for value in middles] if len(found) > 1 else None,
+        "per_seed": [_finite(value) for value in middles] if len(brackets) > 1 else None,
         "field": margin.column,
     }
 

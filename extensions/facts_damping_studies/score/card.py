@@ -115,16 +115,16 @@ def run_of(case_set: Set, rows: Controllers) -> dict[str, Any]:
     return run
 
 
-def log_ratio(own: float | None, reference: float | None) -> float:
+def log_ratio(index: float | None, reference: float | None) -> float:
     """The logarithm of a measure relative to a reference in the same case; None: synchronism is lost."""
-    if own is None or reference is None:
-        return LOST * ((own is None) - float(reference is None))
-    return min(LOST, float(np.log(own / reference)))
+    if index is None or reference is None:
+        return LOST * ((index is None) - float(reference is None))
+    return min(LOST, float(np.log(index / reference)))
 
 
-def logs(own: Sequence[Measured], reference: Sequence[Measured]) -> NDArray[np.float64]:
+def logs(measured_runs: Sequence[Measured], reference: Sequence[Measured]) -> NDArray[np.float64]:
     """Log ratio of the measure in each case, (cases,)."""
-    return np.array([log_ratio(a.measure, b.measure) for a, b in zip(own, reference, strict=True)])
+    return np.array([log_ratio(a.measure, b.measure) for a, b in zip(measured_runs, reference, strict=True)])
 
 
 def estimate(values: NDArray[np.float64], kinds: Sequence[str]) -> Estimate:
@@ -139,18 +139,20 @@ def estimate(values: NDArray[np.float64], kinds: Sequence[str]) -> Estimate:
     return Estimate(*(_rounded(100.0 * (np.exp(x) - 1.0)) for x in (middle, low, high)))
 
 
-def _plain(one: Measured) -> dict[str, Any]:
-    return {key: _rounded(value) if isinstance(value, float) else value for key, value in one._asdict().items()}
+def _plain(measured_run: Measured) -> dict[str, Any]:
+    return {
+        key: _rounded(value) if isinstance(value, float) else value for key, value in measured_run._asdict().items()
+    }
 
 
 def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}") + 0.0  # no negative zero
 
 
-def card(case_set: Set, name: str, found: Mapping[str, Sequence[Measured]]) -> dict[str, Any]:
+def card(case_set: Set, name: str, measured_runs: Mapping[str, Sequence[Measured]]) -> dict[str, Any]:
     """The card of a controller for JSON, from what `run_set` found."""
     kinds = [case.kind for case in case_set.content.cases]
-    own, none = found[name], found[NONE]
+    own, none = measured_runs[name], measured_runs[NONE]
     ratios = logs(own, none)
     by_kind: dict[str, Any] = {}
     for kind in case_set.content.kinds:
@@ -172,7 +174,7 @@ def card(case_set: Set, name: str, found: Mapping[str, Sequence[Measured]]) -> d
         "kinds": by_kind,
         "against": {
             other: estimate(logs(own, rows), kinds)._asdict()
-            for other, rows in found.items()
+            for other, rows in measured_runs.items()
             if other not in (name, NONE)
         },
         "effort": _rounded(float(np.mean([one.effort for one in own]))),

@@ -47,10 +47,10 @@ def run_file(task: SearchTask, command: str, entry: Entry) -> str:
     return "\n".join([*head, dump(kept)])
 
 
-def tuned(task: SearchTask, command: str, found: Sequence[Entry]) -> Tuned:
+def tuned(task: SearchTask, command: str, entries: Sequence[Entry]) -> Tuned:
     """All structures searched to the end, the best first, as a parameter file; all command the same devices."""
-    maximum = max(len(entry.scores) for entry in found)
-    last = [(e.structure, e.controller, e.scores[-1]) for e in found if e.controller and len(e.scores) == maximum]
+    maximum = max(len(entry.scores) for entry in entries)
+    last = [(e.structure, e.controller, e.scores[-1]) for e in entries if e.controller and len(e.scores) == maximum]
     signals = max((structure.signals for structure, _, _ in last), key=len)
     return Tuned(
         system=task.system,
@@ -76,7 +76,7 @@ def _percent(score: Score) -> str:
     return ", ".join(f"{name} {100 * (r - 1):+.1f} %" for name, r in score.ratios.items()) or "synchronism lost"
 
 
-def rows(found: Sequence[Entry]) -> list[dict[str, Any]]:
+def rows(entries: Sequence[Entry]) -> list[dict[str, Any]]:
     """The ranking for JSON, the best first."""
     return [
         {
@@ -91,16 +91,16 @@ def rows(found: Sequence[Entry]) -> list[dict[str, Any]]:
             "undamped": [one.undamped for one in entry.scores],
             "parameters": entry.controller.parameters if entry.controller else {},
         }
-        for i, entry in enumerate(found, 1)
+        for i, entry in enumerate(entries, 1)
     ]
 
 
-def search_table(found: Sequence[Entry]) -> list[str]:
+def search_table(entries: Sequence[Entry]) -> list[str]:
     """The ranking in Markdown; the last column is the score on fresh draws."""
-    maximum = max(len(entry.scores) for entry in found)
+    maximum = max(len(entry.scores) for entry in entries)
     titles = ["controller", "scheme", "devices", "compensation", *(f"rung {i}" for i in range(maximum - 1)), "fresh"]
     cells = []
-    for row in rows(found):
+    for row in rows(entries):
         scores = [f"{value:.3f}" for value in row["scores"]] + [""] * (maximum - len(row["scores"]))
         cells.append([row["controller"], row["scheme"] or "-", "+".join(row["devices"]), row["compensation"], *scores])
     return table(titles, cells, left=4, markdown=True)

@@ -118,17 +118,17 @@ class Space(NamedTuple):
         return {"gain": (1.0 if abs(plant.angle_deg(self.signals[0], self.devices[0])) >= 90.0 else -1.0) / by}
 
     def _multiples(
-        self, found: Mapping[str, list[float]], plant: Residues, limit: float, rate: str
+        self, numbers: Mapping[str, list[float]], plant: Residues, limit: float, rate: str
     ) -> dict[str, float]:
         """Factors of learning rate and penalties in the indirect scheme, relative to a Jacobian of 1.
 
         The Jacobian is the effect of the first device's limit on the first signal over the identifier's horizon.
         """
-        horizon = int(found.get("identifier_horizon", [1.0])[0])
+        horizon = int(numbers.get("identifier_horizon", [1.0])[0])
         answer = plant.jacobian(self.signals[:1], self.devices[:1], horizon)[0, 0]
-        jacobian = abs(float(answer)) * limit / found["scale"][0]
+        jacobian = abs(float(answer)) * limit / numbers["scale"][0]
         return {"hbar": jacobian**2} if rate == "lyapunov" else {"hbar": jacobian, "eta": 1.0 / jacobian}
 
 
-def _numbers_of_lists(found: dict[str, list[float]]) -> dict[str, Value]:
-    return {name: values[0] if len(values) == 1 else values for name, values in found.items()}
+def _numbers_of_lists(numbers: dict[str, list[float]]) -> dict[str, Value]:
+    return {name: values[0] if len(values) == 1 else values for name, values in numbers.items()}

@@ -120,48 +120,48 @@ def _check_tables(study: Study, first: Point, case: Case) -> None:
         check_known("tables.figures", name, [*figure_names(modes=study.modes, check_step=study.check_step), *compared])
 
 
-def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
+def run(plan: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
     """The rows of a study's points; only runs missing in the folder are made.
 
     Raises `InputError` if the folder belongs to another study, `RunError` if the runs cannot continue.
     """
-    maximum = len(made.points) * (margins.max_runs(made.study.margin) if made.study.margin else 1)
-    with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, made.fingerprint) as journal:
-        write_whole(folder / COPY, made.text)
+    maximum = len(plan.points) * (margins.max_runs(plan.study.margin) if plan.study.margin else 1)
+    with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, plan.fingerprint) as journal:
+        write_whole(folder / COPY, plan.text)
         if journal.damaged:
             lines = f"{journal.damaged} damaged line{'s' if journal.damaged > 1 else ''}"
             note(f"{folder / JOURNAL}: {lines}; those runs are repeated")
         progress.resume(len(journal.rows))
         progress(len(journal.rows), maximum)
-        while todo := _tasks(made, journal.rows):
-            for key, row in each(partial(one_run, made.base), todo):
+        while todo := _tasks(plan, journal.rows):
+            for key, row in each(partial(one_run, plan.base), todo):
                 journal.append(key, row)
                 progress(len(journal.rows), maximum)
-        return _seen(made, journal.rows)
+        return _seen(plan, journal.rows)
 
 
-def rows(found: Sequence[PointState]) -> list[dict[str, Any]]:
+def rows(point_states: Sequence[PointState]) -> list[dict[str, Any]]:
     """All rows, by point, then by the value of the margin's field."""
-    return [seen[value] for seen in found for value in sorted(seen, key=lambda value: value or 0.0)]
+    return [seen[value] for seen in point_states for value in sorted(seen, key=lambda value: value or 0.0)]
 
 
-def _seen(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
-    found: list[PointState] = [{} for _ in made.points]
+def _seen(plan: Plan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
+    found: list[PointState] = [{} for _ in plan.points]
     for key, row in rows.items():
         point, _, value = key.partition(" ")
         found[int(point)][float(value) if value else None] = row
     return found
 
 
-def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
+def _tasks(plan: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
     """The next runs; empty when the study is complete. Runs with the same network are adjacent, to share it."""
     found = [
-        _task(made, i, value)
-        for i, seen in enumerate(_seen(made, rows))
-        for value in (_wanted(made.study.margin, seen) if made.study.margin else [None] if not seen else [])
+        _task(plan, i, value)
+        for i, seen in enumerate(_seen(plan, rows))
+        for value in (_wanted(plan.study.margin, seen) if plan.study.margin else [None] if not seen else [])
     ]
-    if made.study.check_step:
-        found = [task._replace(check_step=made.study.margin is None) for task in found] or _ends(made, rows)
+    if plan.study.check_step:
+        found = [task._replace(check_step=plan.study.margin is None) for task in found] or _ends(plan, rows)
     networks: dict[str, list[RunRequest]] = {}
     for task in found:
         fields = {path: value for path, value in task.changes.items() if path.partition(".")[0] in NETWORK}
@@ -169,13 +169,13 @@ def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
     return [task for tasks in networks.values() for task in tasks]
 
 
-def _ends(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
-    margin = made.study.margin
+def _ends(plan: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
+    margin = plan.study.margin
     if margin is None:
         return []
     return [
-        _task(made, i, value)._replace(check_step=True)
-        for i, seen in enumerate(_seen(made, rows))
+        _task(plan, i, value)._replace(check_step=True)
+        for i, seen in enumerate(_seen(plan, rows))
         for value in {end: None for one in margin.criteria for end in _bracket_ends(_failed(margin, seen, one))}
         if "converged" not in seen[value]
     ]
@@ -186,11 +186,11 @@ def _bracket_ends(failed: Mapping[float, bool | None]) -> list[float]:
     return [value for value in (one.low, one.high) if value is not None]
 
 
-def _task(made: Plan, i: int, value: float | None) -> RunRequest:
-    point = made.points[i]
-    if made.study.margin is None or value is None:
+def _task(plan: Plan, i: int, value: float | None) -> RunRequest:
+    point = plan.points[i]
+    if plan.study.margin is None or value is None:
         return RunRequest(str(i), point.changes, point.columns)
-    both = axes.joined([point, axes.placed(made.study.margin, value)])
+    both = axes.joined([point, axes.placed(plan.study.margin, value)])
     return RunRequest(f"{i} {value!r}", both.changes, both.columns)
 
 
@@ -209,21 +209,21 @@ def _failed(margin: Margin, seen: PointState, criterion: str) -> dict[float, boo
     }
 
 
-def found_margins(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
+def found_margins(plan: Plan, point_states: Sequence[PointState]) -> list[dict[str, Any]]:
     """A margin for each point and criterion, combining points that differ only by seed or draw."""
-    margin = made.study.margin
+    margin = plan.study.margin
     if margin is None:
         return []
     groups: dict[str, list[PointState]] = {}
-    for seen in found:
+    for seen in point_states:
         one = next((row for row in seen.values() if not row["error"]), next(iter(seen.values())))
-        groups.setdefault(json.dumps({name: one.get(name) for name in _place(made)}), []).append(seen)
+        groups.setdefault(json.dumps({name: one.get(name) for name in _place(plan)}), []).append(seen)
     rows = []
     for place, group in groups.items():
         for criterion in margin.criteria:
             searches = [_failed(margin, seen, criterion) for seen in group]
             ends = [seen[v] for seen, one in zip(group, searches, strict=True) for v in _bracket_ends(one)]
-            over = margins.over_seeds([margins.bracket(one) for one in searches], margin, made.study.seed)
+            over = margins.over_seeds([margins.bracket(one) for one in searches], margin, plan.study.seed)
             held = {"holds": margins.held(margin, searches), "holds_s": margins.holding(searches)}
             changed = differ(ends, criterion)
             sure = {"converged": not any(changed)} if changed else {}
@@ -239,30 +239,30 @@ def differ(rows: Sequence[dict[str, Any]], criterion: str) -> list[bool] | None:
     return [fails(criterion, row) != fails(criterion, {"verdict": half}) for row, half in zip(rows, finer, strict=True)]
 
 
-def swept(made: Plan) -> list[str]:
+def swept(plan: Plan) -> list[str]:
     """Columns that were swept, including the margin's."""
-    return [*made.points[0].columns, *([made.study.margin.column] if made.study.margin else [])]
+    return [*plan.points[0].columns, *([plan.study.margin.column] if plan.study.margin else [])]
 
 
-def across(made: Plan) -> str:
+def across(plan: Plan) -> str:
     """Column whose values are side by side in tables of margins."""
-    return made.study.margin.across if made.study.margin else "scenario"
+    return plan.study.margin.across if plan.study.margin else "scenario"
 
 
-def _place(made: Plan) -> list[str]:
+def _place(plan: Plan) -> list[str]:
     """Columns that identify a run, without its seed and random values."""
-    random = {"seed", *(name for axis in made.study.sweep for name in axes.drawn_columns(axis))}
-    return [name for name in dict.fromkeys([*IDENTITY, *made.points[0].columns, "horizon_s"]) if name not in random]
+    random = {"seed", *(name for axis in plan.study.sweep for name in axes.drawn_columns(axis))}
+    return [name for name in dict.fromkeys([*IDENTITY, *plan.points[0].columns, "horizon_s"]) if name not in random]
 
 
-def found_fractions(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
+def found_fractions(plan: Plan, point_states: Sequence[PointState]) -> list[dict[str, Any]]:
     """The fraction of failed runs over seeds and random values, with Wilson's interval.
 
     A row for each place and criterion; empty if no two runs share a place.
     """
-    columns = _place(made) + ([made.study.margin.column] if made.study.margin else [])
+    columns = _place(plan) + ([plan.study.margin.column] if plan.study.margin else [])
     groups: dict[str, Rows] = {}
-    for row in rows(found):
+    for row in rows(point_states):
         if not row["error"]:
             groups.setdefault(json.dumps({name: row.get(name) for name in columns}), []).append(row)
     if all(len(one) == 1 for one in groups.values()):

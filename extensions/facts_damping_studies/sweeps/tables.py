@@ -82,9 +82,9 @@ def _row_id(row: dict[str, Any], asked: Tables) -> RowId:
     return tuple("" if row.get(name) is None else cell(row[name]) for name in asked.rows)
 
 
-def _table(asked: Tables, columns: Sequence[str], found: Mapping[tuple[RowId, str], str]) -> list[str]:
+def _table(asked: Tables, columns: Sequence[str], texts: Mapping[tuple[RowId, str], str]) -> list[str]:
     titles = [name.rpartition(".")[2] for name in asked.rows]
-    cells = [[*who, *(found.get((who, one), "") for one in columns)] for who in dict.fromkeys(who for who, _ in found)]
+    cells = [[*who, *(texts.get((who, one), "") for one in columns)] for who in dict.fromkeys(who for who, _ in texts)]
     return [*terminal.table([*titles, *columns], cells, len(titles), markdown=True), ""]
 
 

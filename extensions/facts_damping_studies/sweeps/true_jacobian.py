@@ -142,24 +142,24 @@ def names(case: Case) -> list[str]:
     return [f"{figure}.{name}" for figure in FIGURES for name in derivatives(case)]
 
 
-def figures(case: Case, found: Followed) -> dict[str, float]:
+def figures(case: Case, followed: Followed) -> dict[str, float]:
     """The result of `compared` as a flat dictionary."""
-    by_name = compared(found)
+    by_name = compared(followed)
     return dict(zip(names(case), np.ravel([by_name[figure] for figure in FIGURES]).tolist(), strict=True))
 
 
-def compared(found: Followed) -> dict[str, NDArray[np.float64]]:
+def compared(followed: Followed) -> dict[str, NDArray[np.float64]]:
     """For each derivative, (signals, devices): fraction of right signs, median error, and fraction with a response.
 
     The error is relative to the root mean square of the true derivative over the run. A sign counts only if the device
     responds: the true derivative is at least a hundredth of that (a device at its limit does not respond).
     """
-    size = np.sqrt(np.mean(found.true**2, axis=0))
+    size = np.sqrt(np.mean(followed.true**2, axis=0))
     return {
-        "right_sign": _right(found.estimate, found.true),
-        "right_sign_stated": _right(found.estimate, found.stated),
-        "error": np.median(np.abs(found.estimate - found.true), axis=0) / np.maximum(size, ROUND),
-        "answering": np.mean(_answers(found.true), axis=0),
+        "right_sign": _right(followed.estimate, followed.true),
+        "right_sign_stated": _right(followed.estimate, followed.stated),
+        "error": np.median(np.abs(followed.estimate - followed.true), axis=0) / np.maximum(size, ROUND),
+        "answering": np.mean(_answers(followed.true), axis=0),
     }
 
 

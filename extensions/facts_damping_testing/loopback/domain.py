@@ -86,9 +86,9 @@ class Domain:
         """Its lists."""
         return [self.nodes, self.publishers, self.subscriptions, self.services, self.clients]
 
-    def add(self, ends: list[Any], one: Any) -> None:
+    def add(self, ends: list[Any], added: Any) -> None:
         """Add a node or an endpoint to one of the lists."""
-        ends.append(one)
+        ends.append(added)
         self.version += 1
 
     def remove(self, gone: Callable[[Any], bool]) -> None:

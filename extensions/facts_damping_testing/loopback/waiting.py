@@ -117,9 +117,9 @@ class Timer(Destroyable):
 
 
 def _adder(kind: str) -> Callable[[WaitSet, Any], int]:
-    def add(wait_set: WaitSet, one: Any) -> int:
+    def add(wait_set: WaitSet, entity: Any) -> int:
         added = wait_set.added[kind]
-        added.append(one)
+        added.append(entity)
         return len(added) - 1
 
     return add

@@ -100,16 +100,16 @@ class Stage:
         """Do something after a time."""
         self.world.at(self.world.now_ns + to_ns(after_s), act)
 
-    def launched(self, name: str, made: graph.Process) -> graph.Process:
+    def launched(self, name: str, process: graph.Process) -> graph.Process:
         """Take note of a node that is started, and let it start late if an event says so."""
-        own: Any = made.process
-        self.running[name] = made
-        files = [os.fdopen(os.dup(file.fileno()), "rb") for file in (made.output, made.errors)]
+        own: Any = process.process
+        self.running[name] = process
+        files = [os.fdopen(os.dup(file.fileno()), "rb") for file in (process.output, process.errors)]
         self.ever.append((name, own, files[0], files[1]))
         own.busy_until_ns = self.world.now_ns + to_ns(self.late_s.pop(name, 0.0))
         if line := self.at_line.pop(name, 0):
             own.at_begin = lambda: sys.settrace(_at_line(own, line))
-        return made
+        return process
 
     def look(self, _tick: int, members: dict[str, graph.Process]) -> None:
         """Start nodes that events ask for, as the program that runs the graph does: while it does not end it."""
@@ -183,7 +183,7 @@ class Stage:
         return foreign(what, self.outsider.kinds[topic], self.outsider.kept.get(topic, ()), *how)
 
 
-def _at_line(own: Process, line: int) -> Callable[..., Any]:
+def _at_line(process: Process, line: int) -> Callable[..., Any]:
     """A trace function that sends SIGTERM at a line of the recorder's files, counted as they are executed."""
     left = [line]
 
@@ -194,7 +194,7 @@ def _at_line(own: Process, line: int) -> Callable[..., Any]:
             left[0] -= 1
             if left[0] == 0:
                 sys.settrace(None)
-                own.world.signal(own.pid, signal.SIGTERM)
+                process.world.signal(process.pid, signal.SIGTERM)
         return trace
 
     return trace

@@ -165,12 +165,12 @@ def _near(panel: Panel) -> bool:
     return maximum > NEAR * max(map(abs, panel.limits), default=0.0)
 
 
-def _name_regions(axes: Axes, found: Regions | None) -> None:
+def _name_regions(axes: Axes, regions: Regions | None) -> None:
     """Write the names of the three regions of figure 4.4 beside the curve, where there is room."""
-    if found is None:
+    if regions is None:
         return
     low, high = axes.get_xlim()
-    ends = (low, found.cliff_from_s, found.cliff_to_s, high)
+    ends = (low, regions.cliff_from_s, regions.cliff_to_s, high)
     for (name, height), left, right in zip(REGIONS.items(), ends, ends[1:], strict=False):
         if right - left > NARROW * (high - low):
             middle, where = (left + right) / 2, axes.get_xaxis_transform()

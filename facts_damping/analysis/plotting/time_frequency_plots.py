@@ -134,11 +134,16 @@ class _Scale:
         self.unit = unit if exponent == 0 else f"$10^{{{exponent}}}$ {unit}"
 
 
-def _colour(figure: FigureBase, axes: Axes, side: Axes, made: Distribution, density: _Scale) -> None:
+def _colour(figure: FigureBase, axes: Axes, side: Axes, distribution: Distribution, density: _Scale) -> None:
     """Draw the distribution in colours, and a colour bar limited to the range of the values."""
-    half_t, half_f = (made.time_s[1] - made.time_s[0]) / 2, made.frequency_hz[1] / 2
-    extent = (made.time_s[0] - half_t, made.time_s[-1] + half_t, -half_f, made.frequency_hz[-1] + half_f)
-    values = made.values.T / density.factor
+    half_t, half_f = (distribution.time_s[1] - distribution.time_s[0]) / 2, distribution.frequency_hz[1] / 2
+    extent = (
+        distribution.time_s[0] - half_t,
+        distribution.time_s[-1] + half_t,
+        -half_f,
+        distribution.frequency_hz[-1] + half_f,
+    )
+    values = distribution.values.T / density.factor
     largest = float(np.abs(values).max()) or 1.0
     image = axes.imshow(values, cmap=MAP, vmin=-largest, vmax=largest, origin="lower", aspect="auto", extent=extent)
     bar = figure.colorbar(image, ax=side, location="right", pad=0.1)

@@ -206,16 +206,16 @@ def read(plan: Plan, stream: Stream, size: int, head: Int1, rows: Int2, epoch_ns
 
 
 @entry_point
-def take(data: Bytes, kept: Bytes, shape: Int1, names: Bytes) -> bool:
-    """Copy the first `len(kept)` bytes of `data` to `kept` if the bytes at `shape` equal `names`; return whether so.
+def take(data: Bytes, content: Bytes, shape: Int1, names: Bytes) -> bool:
+    """Copy the first `len(kept)` bytes of `data` to `content` if the bytes at `shape` equal `names`; return whether so.
 
     Padding may follow (rclpy leaves room for the alignment of an empty sequence's numbers).
     """
-    if not kept.shape[0] <= data.shape[0] <= kept.shape[0] + PADDING:
+    if not content.shape[0] <= data.shape[0] <= content.shape[0] + PADDING:
         return False
     for i in range(shape.shape[0]):
         if data[shape[i]] != names[i]:
             return False
-    for i in range(kept.shape[0]):
-        kept[i] = data[i]
+    for i in range(content.shape[0]):
+        content[i] = data[i]
     return True

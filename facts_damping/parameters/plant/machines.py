@@ -232,9 +232,9 @@ if TYPE_CHECKING:
     Governor = Hygov
 else:
 
-    def _one_of(role: str, usual: str, *own: type) -> Any:
+    def _one_of(role: str, usual: str, *models: type) -> Any:
         """A control by its model; one that names none is the usual one."""
-        choices = (*own, *(made for name, made in BLOCK_CONTROLS.items() if MODELS[name].role == role))
+        choices = (*models, *(made for name, made in BLOCK_CONTROLS.items() if MODELS[name].role == role))
 
         def named(content: Any) -> Any:
             return {"model": usual, **content} if isinstance(content, dict) else content

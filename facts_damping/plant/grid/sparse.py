@@ -125,14 +125,14 @@ def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
     return substitute(factors(a, complex if np.result_type(a.dtype, b, float) == np.complex128 else float), b)
 
 
-def substitute(found: Factors, b: NDArray[Any]) -> NDArray[Any]:
+def substitute(factors: Factors, b: NDArray[Any]) -> NDArray[Any]:
     """Solve L U x = b for a vector or matrix b, in the numbers of the factors."""
-    kind, n = found.lower.value.dtype, len(found.order)
+    kind, n = factors.lower.value.dtype, len(factors.order)
     x = np.zeros((n, b.size // n if n else 0), kind)
-    x[found.place] = b.reshape(x.shape)
-    (_substitute_complex if kind == np.complex128 else _substitute_real)(found.lower, found.upper, x)
+    x[factors.place] = b.reshape(x.shape)
+    (_substitute_complex if kind == np.complex128 else _substitute_real)(factors.lower, factors.upper, x)
     solution = np.zeros_like(x)
-    solution[found.order] = x
+    solution[factors.order] = x
     return solution.reshape(b.shape)
 
 

@@ -177,13 +177,13 @@ def tuned_values(rows: Rows) -> dict[str, Any]:
     return {"tuned": told}
 
 
-def page(found: dict[str, Rows]) -> str:
+def page(tables: dict[str, Rows]) -> str:
     """The page, from the tables by their names; without the table `tuned` that part is left out."""
-    none = at(found["events"], event="brake", gain=0)["ITAE"]
-    numbers = values(found["linear"], found["events"], found["failures"])
-    numbers |= {"small": f"{SMALL}", "apart": f"{100 * apart(found['linear'], found['ringdown']):.1f}"}
-    numbers |= tuned_values(found.get("tuned", []))
-    return render("pdci/pdci.md", failures="\n".join(failure_table(found["failures"], none)), **numbers)
+    none = at(tables["events"], event="brake", gain=0)["ITAE"]
+    numbers = values(tables["linear"], tables["events"], tables["failures"])
+    numbers |= {"small": f"{SMALL}", "apart": f"{100 * apart(tables['linear'], tables['ringdown']):.1f}"}
+    numbers |= tuned_values(tables.get("tuned", []))
+    return render("pdci/pdci.md", failures="\n".join(failure_table(tables["failures"], none)), **numbers)
 
 
 def write(folder: Path) -> list[Path]:

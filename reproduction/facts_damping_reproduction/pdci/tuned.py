@@ -148,20 +148,20 @@ def results(folder: Path) -> dict[str, Any]:
     return {"searches": {(name, seed): one for name, seed, one in found}, "rows": rows, "kinds": kinds}
 
 
-def ratios(found: dict[str, Any]) -> Rows:
+def ratios(experiment: dict[str, Any]) -> Rows:
     """Each arm against no control and against the law."""
-    ratio = partial(decide.ratio, [found], kinds=list(plan()["held_out"]), margin=plan()["margin"])
+    ratio = partial(decide.ratio, [experiment], kinds=list(plan()["held_out"]), margin=plan()["margin"])
     pairs = [(arm, against) for arm in plan()["arms"] for against in (NONE, plan()["law"]) if arm != against]
     made = [ratio(arm, against)._asdict() for arm, against in pairs]
-    return [{**one, "cases": len(found["kinds"]), **_counted(found, one["arm"])} for one in made]
+    return [{**one, "cases": len(experiment["kinds"]), **_counted(experiment, one["arm"])} for one in made]
 
 
-def _counted(found: dict[str, Any], arm: str) -> dict[str, Any]:
+def _counted(experiment: dict[str, Any], arm: str) -> dict[str, Any]:
     """Of an arm: runs that lose synchronism, mean effort, loops of its searches, and their mean in training."""
-    runs = [one for (name, _), some in found["rows"].items() if name == arm for one in some]
+    runs = [one for (name, _), some in experiment["rows"].items() if name == arm for one in some]
     effort = float(np.mean([one["effort"] for one in runs if not one["lost"]]))
     lost = sum(one["lost"] for one in runs)
-    own = [one for (name, _), one in found["searches"].items() if name == arm]
+    own = [one for (name, _), one in experiment["searches"].items() if name == arm]
     value = float(np.mean([one["value"] for one in own])) if own else None
     return {"lost": lost, "effort": effort, "loops": sum(one["loops"] for one in own), "training": value}
 
