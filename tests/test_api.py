@@ -53,7 +53,7 @@ def test_fields_may_be_nested_and_numpys(gain: Any) -> None:
     assert ours.issued.tobytes() == theirs.issued.tobytes()
 
 
-def test_a_class_is_given_as_it_is() -> None:
+def test_class_is_given_as_it_is() -> None:
     rows = [{"name": "mine", "policy": Gain, "parameters": {"gain": 5.0}}]
     ours = fd.simulate("two_area_large", duration=1, controllers=rows)
     assert ours.controller_names == ["controller_0_mine"]
@@ -78,7 +78,7 @@ class Failing(Gain):
         return np.asarray(y[np.array([True, False])])
 
 
-def test_a_result_has_tables_and_pictures(tmp_path: Path) -> None:
+def test_result_has_tables_and_pictures(tmp_path: Path) -> None:
     result = fd.simulate("two_area_large", duration=2)
     table = result.to_pandas()
     assert list(table.index) == result.time_s.tolist()
@@ -146,7 +146,7 @@ def test_setpoints_of_ones_own_stand_in_for_the_controllers() -> None:
         simulation.step([0.0, 0.0])
 
 
-def test_a_fallback_speaks_for_itself_beside_setpoints_of_ones_own() -> None:
+def test_fallback_speaks_for_itself_beside_setpoints_of_ones_own() -> None:
     """Frames that stop at 1 s: the supervisor takes the fallback's setpoints, which nobody has set."""
     link = {"up": [{"model": "bernoulli", "loss": 1.0, "start": 1.0}]}
     rows = [{"link": link}, {"fallback_of": 0, "signals": ["power"]}]
@@ -180,7 +180,7 @@ STUDY = {
 }
 
 
-def test_a_sweep_is_a_table(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_sweep_is_a_table(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     found = fd.sweep(STUDY, jobs=1)
     table = found.to_pandas()
     assert capfd.readouterr() == ("", "")
@@ -218,7 +218,7 @@ AS_PROGRAMS = "import runpy, sys; [runpy.run_path(name, run_name='__main__') for
 WITHIN = "<Sweep study: 2 runs, 2 failed> controllers.0.policy: bare.py:10: RunError: a sweep within a sweep given"
 
 
-def test_a_script_with_a_sweep_is_run_once(tmp_path: Path) -> None:
+def test_script_with_a_sweep_is_run_once(tmp_path: Path) -> None:
     """Or, where its processes look for its class in it and find the sweep, it is said what to do."""
     scripts = {"bare.py": "if True:", "guarded.py": 'if __name__ == "__main__":'}
     for name, begin in scripts.items():

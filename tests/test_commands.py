@@ -183,7 +183,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     "page", [pytest.param(page, marks=pytest.mark.xdist_group(f"commands {page}")) for page in STEPS]
 )
-def test_the_commands_of_a_page_run_in_their_order(
+def test_commands_of_a_page_run_in_their_order(
     page: str, folder: Path, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if page in ON_DDS:

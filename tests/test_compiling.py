@@ -104,7 +104,7 @@ def test_arrays_may_be_replaced_between_any_two_ticks(ticks: list[int]) -> None:
         assert found.tobytes() == value.tobytes()
 
 
-def test_a_struct_takes_its_types_alone() -> None:
+def test_struct_takes_its_types_alone() -> None:
     point = Point(np.zeros(2), 1, 2)
     for wrong, said in (
         (np.zeros(2, np.float32), "float32, 1 axes given; allowed: an array of float64, 1 axes"),
@@ -191,7 +191,7 @@ def test_of_an_entry_point_that_is_called_types_count_alone() -> None:
         ("facts_damping.supervision.monitors", {"_process_frames", "_judge"}),
     ],
 )
-def test_a_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]) -> None:
+def test_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]) -> None:
     """Entry points that a function of a module is compiled into."""
     found = set()
     for symbol, entry in ENTRY_POINTS.items():

@@ -62,7 +62,7 @@ def controller(law: Path) -> str:
     return "controllers.0=" + json.dumps({"name": "robust", "linear": str(law)})
 
 
-def test_the_robust_designs_margin_is_the_pages_linear_and_in_time(damper: Path) -> None:
+def test_robust_designs_margin_is_the_pages_linear_and_in_time(damper: Path) -> None:
     case = load_case("two_area_small", [controller(damper)])
     found = margin(case, 0.5, 6, lambda _done, _of: None)
     assert found.margin == pytest.approx(0.3486, abs=2e-4)
@@ -113,7 +113,7 @@ def test_matrices_are_it_within_rounding_where_all_frames_are_as_long() -> None:
     assert np.abs(setpoints("link=pdci", "duration=5", name="mine", linear=bilinear())["value"] - differs).max() < 1e-9
 
 
-def test_the_environment_is_it_bit_for_bit() -> None:
+def test_environment_is_it_bit_for_bit() -> None:
     """Where there is one arrival a tick: an agent answers once."""
     env: Any = gymnasium.make(NAME, link="delay_100ms", duration=5, scale=1.0).unwrapped
     law = example("lead_lag").LeadLag(SimpleNamespace(parameters={}))

@@ -69,7 +69,7 @@ def test_two_packages_with_the_same_row_are_told(tmp_path: Path, monkeypatch: py
         extensions.every()
 
 
-def test_a_command_ends_with_that_line(tmp_path: Path) -> None:
+def test_command_ends_with_that_line(tmp_path: Path) -> None:
     install(tmp_path, {"one.py": ""}, {"facts_damping.controllers": POINTS})
     command = [sys.executable, "-m", "facts_damping", "simulate", "two_area_small"]
     environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"}

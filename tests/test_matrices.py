@@ -126,7 +126,7 @@ def test_singular_values_that_are_zero() -> None:
 
 
 @pytest.mark.parametrize("digits", [4, 5, 12])
-def test_an_eigenvalue_comes_to_all_its_digits_from_a_few(digits: int) -> None:
+def test_eigenvalue_comes_to_all_its_digits_from_a_few(digits: int) -> None:
     """Of a matrix that is symmetric in its two halves, too: there half of all eigenvectors are antisymmetric."""
     part = drawn(6, 6)
     for a in (drawn(12, 12), np.block([[part, 0.1 * part.T], [0.1 * part.T, part]])):

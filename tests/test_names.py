@@ -60,13 +60,13 @@ def texts() -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("old", sorted(set(OLD) - ENGLISH))
-def test_a_word_that_was_given_up_stays_out(old: str) -> None:
+def test_word_that_was_given_up_stays_out(old: str) -> None:
     word = re.compile(rf"(?<![\w.]){re.escape(old)}" + ("" if old.endswith("(") else r"\b"))
     places = [f"{name}: {OLD[old]}, not {old}" for name, text in texts() if word.search(text)]
     assert places == []
 
 
-def test_the_glossary_leads_to_files_that_are_there() -> None:
+def test_glossary_leads_to_files_that_are_there() -> None:
     places = re.findall(r"`([a-z_]+(?:/[a-z_]+)*(?:/|\.py))`", GLOSSARY)
     assert len(places) > 20
     assert [place for place in places if not any((ROOT / top / place).exists() for top in TOPS)] == []
@@ -82,7 +82,7 @@ def defined(path: Path) -> set[str]:
     }
 
 
-def test_a_frame_goes_through_files_and_functions_that_are_there() -> None:
+def test_frame_goes_through_files_and_functions_that_are_there() -> None:
     table = re.findall(r"^\| \d+ \|.*\| (.+) \|$", ARCHITECTURE, re.MULTILINE)
     assert len(table) == 10
     for file, functions in re.findall(r"`([\w/]+\.py)`: (`[\w.]+`(?:, `[\w.]+`)*)", "\n".join(table)):

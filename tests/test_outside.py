@@ -165,7 +165,7 @@ def test_what_is_no_file_is_refused_at_once(
     assert not (odd / "out").exists()
 
 
-def test_a_socket_and_a_file_that_is_too_large_are_named(odd: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_socket_and_a_file_that_is_too_large_are_named(odd: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert_one_line(2, ["simulate", "socket.yaml"], "socket.yaml", capsys)
     with (odd / "large.yaml").open("wb") as file:
         file.truncate(input_files.TEXT + 1)  # which takes no room
@@ -199,7 +199,7 @@ def test_what_unpacks_to_too_much_is_refused_before_it_is_unpacked(
         assert_one_line(2, ["simulate", "--set", row], f"{file}: more than {20 << 20} bytes unpacked", capsys)
 
 
-def test_an_archive_does_not_leave_its_folder(tmp_path: Path) -> None:
+def test_archive_does_not_leave_its_folder(tmp_path: Path) -> None:
     file = tmp_path / "escape.fmu"
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("../../escaped", "out")
@@ -241,7 +241,7 @@ PLACES: dict[str, Callable[[str], dict[str, Any]]] = {
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("kind", ["yaml", "pipe", "csv", "npz", "absent"])
 @pytest.mark.parametrize("place", PLACES)
-def test_a_recording_names_no_file(secret: dict[str, str], place: str, kind: str) -> None:
+def test_recording_names_no_file(secret: dict[str, str], place: str, kind: str) -> None:
     file = secret.get(kind, "/nowhere/at_all.yaml")
     content = load_case("two_area_small").document() | PLACES[place](file)
     with pytest.raises(InputError) as refused:
@@ -253,7 +253,7 @@ def test_a_recording_names_no_file(secret: dict[str, str], place: str, kind: str
 
 
 @pytest.mark.timeout(60)
-def test_a_change_of_a_run_names_no_file(secret: dict[str, str]) -> None:
+def test_change_of_a_run_names_no_file(secret: dict[str, str]) -> None:
     case = load_case(None, [])
     for text in (secret["yaml"], secret["pipe"], f"{{up: [{{model: trace, file: {secret['csv']}}}]}}"):
         with pytest.raises(InputError, match="named by a change of a run"):
@@ -356,7 +356,7 @@ def test_code_of_ones_own_that_fails_is_one_line(
     assert said in told.splitlines()[-1]
 
 
-def test_a_system_that_is_none_is_refused_with_a_profile(capsys: pytest.CaptureFixture[str]) -> None:
+def test_system_that_is_none_is_refused_with_a_profile(capsys: pytest.CaptureFixture[str]) -> None:
     for value in ("5", "[1]", "true", "{name: [1]}"):
         command = ["simulate", "two_area_small", "--set", f"system={value}", "--set", "profile=deployment"]
         assert_one_line(2, command, "system", capsys)
@@ -381,7 +381,7 @@ def test_files_are_opened_by_the_door_alone() -> None:
     assert outside(opens, FILES) == []
 
 
-def test_the_terminal_is_written_to_by_the_door_alone() -> None:
+def test_terminal_is_written_to_by_the_door_alone() -> None:
     assert outside(speaks, SPEAKERS) == []
 
 
@@ -394,7 +394,7 @@ def hang():
 """
 
 
-def test_a_library_that_hangs_does_not_hold_the_command(tmp_path: Path) -> None:
+def test_library_that_hangs_does_not_hold_the_command(tmp_path: Path) -> None:
     """In C: no signal reaches Python until it comes back."""
     file = tmp_path / "own.py"
     file.write_text(OWN.format(made="0", once="", step="hang()") + HANG)

@@ -117,7 +117,7 @@ def test_packages_python_and_programs_count(project: Path, what: str, monkeypatc
     passed._environment.cache_clear()
 
 
-def test_the_folder_is_bounded(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_folder_is_bounded(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = project / "cache" / "facts_damping" / "passed"
     folder.mkdir(parents=True)
     for number in range(passed.KEPT + 20):

@@ -83,7 +83,7 @@ def test_noise_of_measurement_does_not_matter() -> None:
     assert (np.abs(one[0, :2] - other[0, :2]) < 1.5 * other[0, 2:]).all()
 
 
-def test_the_unit_and_a_signal_at_rest_do_not_matter() -> None:
+def test_unit_and_a_signal_at_rest_do_not_matter() -> None:
     x = ambient(same_noise())
     still = np.zeros((len(x), 1))
     assert figures(fitted(1e-6 * x)) == pytest.approx(figures(fitted(x)), rel=1e-6)
@@ -115,7 +115,7 @@ def interarea(case: Case) -> complex:
 AMBIENT = load_case("two_area_ambient", ["duration=300"])
 
 
-def test_a_run_tells_the_modes_of_the_linear_loop() -> None:
+def test_run_tells_the_modes_of_the_linear_loop() -> None:
     """Five minutes of two areas with a controller; the open loop's mode grows."""
     record = loop.run(AMBIENT)
     told = summarise(record)
@@ -134,7 +134,7 @@ def test_a_run_tells_the_modes_of_the_linear_loop() -> None:
     assert asked["modes_method"] in ("matrix_pencil", None)
 
 
-def test_a_run_with_an_event_is_a_ringdown_unless_asked_for() -> None:
+def test_run_with_an_event_is_a_ringdown_unless_asked_for() -> None:
     record = loop.run(load_case(None, ["load_noise.std=0.001", "duration=70"]))
     assert summarise(record)["modes_method"] == "matrix_pencil"
     asked = summarise(record, method="ssi")

@@ -55,7 +55,7 @@ def checked(sets: list[str]) -> dict[str, Any]:
     return {**told, **convergence.compare(told, finer)}
 
 
-def test_a_lead_lag_converges_and_a_network_that_chatters_does_not() -> None:
+def test_lead_lag_converges_and_a_network_that_chatters_does_not() -> None:
     smooth, rough = checked(["scenario=multiple"]), checked([*CHATTERS, "duration=40"])
     assert smooth["converged"]
     assert max(smooth["step_change"].values()) < 1e-3

@@ -68,6 +68,6 @@ def test_text(swing_record: Callable[..., Record]) -> None:
     assert "improvement" not in text
 
 
-def test_the_command_line_offers_every_method() -> None:
+def test_command_line_offers_every_method() -> None:
     for method in (AUTO, *METHODS, ambient.METHOD):
         assert parser().parse_args(["analyze", "recording", "--modes-method", method]).modes_method == method

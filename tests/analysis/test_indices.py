@@ -62,7 +62,7 @@ def test_curves_grow_to_the_totals(amplitude: float, since: float, seed: int) ->
         assert curve[-1] == pytest.approx(totals[name])
 
 
-def test_a_curve_at_any_instant_is_the_index_up_to_it() -> None:
+def test_curve_at_any_instant_is_the_index_up_to_it() -> None:
     t = np.linspace(0, 20, 20_001)
     _, curves = index_curves(t, np.exp(-0.3 * t))
     for name, (r, s, _) in INDICES.items():

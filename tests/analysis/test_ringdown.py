@@ -156,7 +156,7 @@ def test_roots_that_cancel_each_other_are_not_taken_for_modes(method: str) -> No
     assert fast.frequency_hz == pytest.approx(1.1, rel=0.005)
 
 
-def test_an_unknown_method_is_refused() -> None:
+def test_unknown_method_is_refused() -> None:
     with pytest.raises(InputError, match=r"method: 'music' given; allowed: matrix_pencil, prony, era"):
         fit_ringdown(T, wave(0.6, 0.05), method="music")
 

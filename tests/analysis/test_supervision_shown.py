@@ -49,7 +49,7 @@ def items(found: Report) -> dict[str, Any]:
     return {item.key: item for section in found.sections for item in section.items}
 
 
-def test_a_report_shows_states_monitors_and_changes(tripped: Record, tmp_path: Path) -> None:
+def test_report_shows_states_monitors_and_changes(tripped: Record, tmp_path: Path) -> None:
     found = said(it=tripped)
     assert (5.433, "controller_0_LLC tripped by harm") in found.events
     named = items(found)
@@ -74,7 +74,7 @@ def test_a_report_shows_states_monitors_and_changes(tripped: Record, tmp_path: P
     assert "major_label_overrides" in page
 
 
-def test_a_run_without_a_supervisor_beside_one_with(tripped: Record, alone: Record) -> None:
+def test_run_without_a_supervisor_beside_one_with(tripped: Record, alone: Record) -> None:
     named = items(said(alone=alone, it=tripped))
     assert {curve.run for panel in named["supervision"].panels for curve in panel.curves} == {1}
     assert (5.433, "it: controller_0_LLC tripped by harm") in said(alone=alone, it=tripped).events

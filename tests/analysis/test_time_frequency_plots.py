@@ -99,7 +99,7 @@ def test_what_a_picture_says(swing_record: Callable[..., Record]) -> None:
         assert [text.get_text() for text in labels["x [$10^{-3}$ p.u.]"].texts] == ["load step"]
 
 
-def test_the_bar_is_the_distribution(swing_record: Callable[..., Record]) -> None:
+def test_bar_is_the_distribution(swing_record: Callable[..., Record]) -> None:
     """Colours show W in the bar's unit, and the marginals' axes theirs."""
     record = swing_record()
     analysed = analyse(record.time_s, recorded(record, "w12")[0])
@@ -118,7 +118,7 @@ def test_missing_ticks_are_noted(swing_record: Callable[..., Record]) -> None:
     assert notes == ["run: w12: 3 ticks are missing and were filled by straight lines"]
 
 
-def test_a_signal_at_rest(swing_record: Callable[..., Record], tmp_path: Path) -> None:
+def test_signal_at_rest(swing_record: Callable[..., Record], tmp_path: Path) -> None:
     record = swing_record(events=[GridEvent(5 * NANOSECONDS, "fault", "L", 0.0)])
     record.frames[:, 2, 3] = 4.0
     figures, _ = distribution_figures([("run", record, [])], ["pmu.TIE.active_power_pu"], Settings())

@@ -178,7 +178,7 @@ def test_beyond_the_integers_are_their_ends() -> None:
     assert found.frequency[0] == pytest.approx(60.0 + 32.767)
 
 
-def test_a_frame_by_hand() -> None:
+def test_frame_by_hand() -> None:
     """A data frame of one PMU, byte by byte as in table 5: STAT, a phasor, FREQ, DFREQ, one analog, CHK."""
     c = Configuration(
         (PmuConfiguration("X", 60, (Phasor("V", scale=0.5),), (Analog("A", scale=2.0),), polar=False),), 30
@@ -198,7 +198,7 @@ def test_a_frame_by_hand() -> None:
     assert found == body + struct.pack(">H", crc_hqx(body, 0xFFFF))
 
 
-def test_the_check_word_is_that_of_annex_b() -> None:
+def test_check_word_is_that_of_annex_b() -> None:
     """Bit by bit: x^16 + x^12 + x^5 + 1, from all ones on."""
     for text in (b"", b"Arnold", bytes(range(256))):
         register = 0xFFFF
@@ -216,7 +216,7 @@ def test_commands_there_and_back() -> None:
         frame.command_of(Frame("command", 3, 5, 0, b"\0\7"))
 
 
-def test_a_long_configuration_3_is_sent_in_parts() -> None:
+def test_long_configuration_3_is_sent_in_parts() -> None:
     names = tuple(f"bit {i} " + "x" * 200 for i in range(16))
     wide = PmuConfiguration("W", 1, (), (), tuple(Digital(names) for _ in range(15)), site=Site(latitude=47.5))
     c = Configuration((wide, wide._replace(idcode=2)), 60)

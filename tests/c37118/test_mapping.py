@@ -77,7 +77,7 @@ def test_powers_that_are_not_sent_are_those_of_the_phasors() -> None:
     assert values[0, system_pmus.REACTIVE] == pytest.approx(turned.imag)
 
 
-def test_a_voltage_and_a_current_of_the_same_name_are_two() -> None:
+def test_voltage_and_a_current_of_the_same_name_are_two() -> None:
     c = Configuration((floats("A", 7, (Phasor("P1"), Phasor("P1", current=True))),), 60)
     asked = Channels.model_validate({"voltage": "P1", "current": "P1"})
     assert mapping.places(c, GRID[:1], {"A": asked}).channels[0, :2].tolist() == [0, 1]
@@ -97,6 +97,6 @@ def test_a_voltage_and_a_current_of_the_same_name_are_two() -> None:
         ({"pmu": 9, "speed": "RPM"}, "PMU A: speed: 'RPM' given; allowed: what PMU NORTH 2 sends: MW, dw"),
     ],
 )
-def test_a_channel_that_is_not_sent_is_named(asked: dict[str, object], message: str) -> None:
+def test_channel_that_is_not_sent_is_named(asked: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         mapping.places(THEIRS, GRID, {"A": Channels.model_validate(asked)})

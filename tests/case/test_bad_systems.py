@@ -351,7 +351,7 @@ def test_dispatch_of_what_is_not_scheduled_is_refused(
 
 
 @pytest.mark.parametrize("devices", ["[sssc, sssc]", "[sssc, statcom, sssc]"])
-def test_a_device_installed_twice_is_refused(devices: str) -> None:
+def test_device_installed_twice_is_refused(devices: str) -> None:
     with pytest.raises(InputError, match=r"devices\.\d: 'sssc' given twice; allowed: each once"):
         load_case(None, [f"devices={devices}"])
     with pytest.raises(
@@ -360,7 +360,7 @@ def test_a_device_installed_twice_is_refused(devices: str) -> None:
         installed(load_system("two_area"), devices.strip("[]").replace(" ", ""))
 
 
-def test_a_device_that_the_system_does_not_have_is_refused() -> None:
+def test_device_that_the_system_does_not_have_is_refused() -> None:
     with pytest.raises(InputError, match=r"devices\.1: 'statcom' given; allowed: sssc"):
         load_case(None, ["system=smib", "scenario=nominal", "devices=[sssc, statcom]"])
     with pytest.raises(InputError, match="--devices: 'statcom' given; allowed: sssc"):

@@ -290,7 +290,7 @@ def test_set_below_a_name_changes_the_named_files_content() -> None:
 
 
 @pytest.mark.parametrize("link", ["ideal", "delay_100ms", "pdci"])
-def test_a_row_is_put_behind_a_list_of_any_length_and_reached_there(link: str) -> None:
+def test_row_is_put_behind_a_list_of_any_length_and_reached_there(link: str) -> None:
     noise = "link.up.+={model: noise, std: 0}"
     before = load_case(None, [f"link={link}"]).link
     after = load_case(None, ["link.up.-1.std=0.5", noise, f"link={link}"]).link
@@ -316,9 +316,7 @@ SENSITIVITY = [
 
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
 @pytest.mark.parametrize(("sets", "said"), SENSITIVITY, ids=["wrong sign", "no sign"])
-def test_a_sensitivity_that_is_not_the_plants_is_refused_with_the_reason(
-    scheme: str, sets: list[str], said: str
-) -> None:
+def test_sensitivity_that_is_not_the_plants_is_refused_with_the_reason(scheme: str, sets: list[str], said: str) -> None:
     own = ["scenario=large", "controllers.0.name=ANFTSC", f"controllers.0.scheme={scheme}"]
     with pytest.raises(InputError) as caught:
         loop.build_loop(load_case(None, [*own, *sets]))
@@ -373,7 +371,7 @@ def test_without_controllers_the_runs_link_is_there() -> None:
     assert (case.links, case.used_links) == ([case.link], [])
 
 
-def test_the_lag_of_an_identifier_is_that_of_its_controllers_own_link() -> None:
+def test_lag_of_an_identifier_is_that_of_its_controllers_own_link() -> None:
     own = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "link.up.0.delay=0.3"]
     assert load_case(None, own).controllers[0].parameters["loop_delay"] == 0.3
     assert load_case(None, [*own, "controllers.0.link=delay_100ms"]).controllers[0].parameters["loop_delay"] == 0.1
@@ -422,7 +420,7 @@ def test_paths_in_a_file_begin_in_its_folder(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("field", ["link", "controllers.0.link"])
-def test_a_delay_that_the_filter_of_the_run_s_pmus_takes_the_place_of_is_refused(field: str) -> None:
+def test_delay_that_the_filter_of_the_run_s_pmus_takes_the_place_of_is_refused(field: str) -> None:
     """The stage `pmu` of a link stands for PMUs without a model of their own."""
     with pytest.raises(InputError, match=rf"^--set {field}.up.0.delay=0.05: the stage models PMUs.* \(p_class\)"):
         load_case("two_area_deployment", [f"{field}.up.0.delay=0.05"])

@@ -47,7 +47,7 @@ def test_that_of_the_thesis_changes_nothing() -> None:
     assert plain == thesis
 
 
-def test_the_deployment_has_what_its_page_says() -> None:
+def test_deployment_has_what_its_page_says() -> None:
     case = load_case("two_area_small", [DEPLOYMENT])
     assert (case.run.measurement, case.measurement.filter) == ("p_class", "p_class")
     assert (case.run.link, case.run.supervision, case.run.arm_at) == ("pdci", "standard", 0.5)
@@ -60,7 +60,7 @@ def test_the_deployment_has_what_its_page_says() -> None:
     assert case.controllers[0].signals == ["frequency"]
 
 
-def test_a_system_without_governors_may_have_it() -> None:
+def test_system_without_governors_may_have_it() -> None:
     assert load_case(None, [DEPLOYMENT, "system=smib", "scenario=nominal"]).system.governors == []
 
 
@@ -83,7 +83,7 @@ def test_what_a_run_says_itself_goes_before_its_profile(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("run", ["two_area_deployment", "{profile: deployment, duration: 1}"])
-def test_the_run_of_a_study_has_its_profile(tmp_path: Path, run: str) -> None:
+def test_run_of_a_study_has_its_profile(tmp_path: Path, run: str) -> None:
     path = tmp_path / "study.yaml"
     path.write_text(f"run: {run}\nsweep: [{{field: seed, values: [1, 2]}}]\n")
     plan = sweep.plan(str(path), [])
@@ -93,7 +93,7 @@ def test_the_run_of_a_study_has_its_profile(tmp_path: Path, run: str) -> None:
         assert case.model == case.system
 
 
-def test_a_stored_run_stays_what_it_was(tmp_path: Path) -> None:
+def test_stored_run_stays_what_it_was(tmp_path: Path) -> None:
     case = load_case("two_area_small", [DEPLOYMENT, "system.governors.0.enabled=false", "system.loads.0.P=900"])
     path = tmp_path / "run.yaml"
     path.write_text(dump(case.document()))
@@ -111,7 +111,7 @@ def test_without_supervision_nothing_is_to_be_armed() -> None:
 
 
 @pytest.mark.parametrize("name", ["LQG", "Hinf"])
-def test_a_design_does_not_know_what_is_changed_after_the_profile(name: str) -> None:
+def test_design_does_not_know_what_is_changed_after_the_profile(name: str) -> None:
     sets = [DEPLOYMENT, f"controllers.0={{name: {name}, signals: [frequency]}}"]
     changed = [*sets, "system.loads.0.P=900", "system.machines.0.H=5"]
     own, other = load_case(None, sets), load_case(None, changed)
@@ -130,7 +130,7 @@ def test_what_adaptation_and_supervision_start_from_is_of_the_model() -> None:
     assert one.eigenvalue == other.eigenvalue
 
 
-def test_a_model_may_be_another_file() -> None:
+def test_model_may_be_another_file() -> None:
     case = load_case(None, ["model=two_area", "model.machines.0.H=5", "controllers.0.name=LQG"])
     assert case.designed_on.machines[0].H == 5.0
     assert case.system.machines[0].H == 6.5

@@ -160,7 +160,7 @@ def test_link_on_another_site_opens_the_page() -> None:
 
 
 @needs_browser
-def test_a_node_is_killed_and_restarted_on_the_page(domain: int, tmp_path: Path) -> None:
+def test_node_is_killed_and_restarted_on_the_page(domain: int, tmp_path: Path) -> None:
     with browser(tmp_path, "realtime", *CALM) as one:
         one.page.locator("summary", has_text="Nodes").press("Enter")
         one.press(f"nodes/{NODE}/kill", "Enter")

@@ -39,7 +39,7 @@ def test_every_file_of_the_page_is_installed(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if path.name != "LICENSE"], ids=lambda path: path.name)
-def test_the_page_refers_to_nothing_outside(path: Path) -> None:
+def test_page_refers_to_nothing_outside(path: Path) -> None:
     text = code(path).replace(NAMESPACE, "")
     assert not re.search(r"(?:https?|wss?)?://", text)
     folder = STATIC.parent if path.suffix == ".html" else path.parent  # "static/..." is below the page's address
@@ -47,6 +47,6 @@ def test_the_page_refers_to_nothing_outside(path: Path) -> None:
     assert missing == []
 
 
-def test_the_chart_library_has_its_licence() -> None:
+def test_chart_library_has_its_licence() -> None:
     assert "MIT" in (STATIC / "uplot" / "uPlot.esm.js").read_text()[:200]
     assert "Leon Sorokin" in (STATIC / "uplot" / "LICENSE").read_text()

@@ -174,7 +174,7 @@ MALFORMED = [
 ]
 
 
-def test_a_thousand_malformed_messages_are_refused_and_counted(
+def test_thousand_malformed_messages_are_refused_and_counted(
     client: TestClient, cockpit: server.Cockpit, asked: Asked
 ) -> None:
     with client.websocket_connect(SOCKET, headers=OWN) as session:
@@ -196,7 +196,7 @@ def test_a_thousand_malformed_messages_are_refused_and_counted(
     assert [request.service for request, _ in asked] == ["plant_sim/pause"]
 
 
-def test_a_client_has_few_requests_under_way_and_sliders_go_back_when_refused(
+def test_client_has_few_requests_under_way_and_sliders_go_back_when_refused(
     client: TestClient, cockpit: server.Cockpit, asked: Asked
 ) -> None:
     portal = client.portal

@@ -32,7 +32,7 @@ def test_nothing_is_issued_before_every_signal_is_there() -> None:
     assert len(bench.give(Entry("A", 4, 11))) == 1
 
 
-def test_a_setpoint_says_when_and_from_what_it_was_made() -> None:
+def test_setpoint_says_when_and_from_what_it_was_made() -> None:
     bench = Bench(llc(), llc("power", "second"))
     bench.give(Entry("A", 0, 5), Entry("B", 0, 5), Entry("C", 0, 5), controller=1)
     (made,) = bench.give(Entry("C", 10.5, 17.25, power=4.0), controller=1)
@@ -151,7 +151,7 @@ def test_output_is_never_beyond_the_limit(data: st.DataObject, gain: float) -> N
 
 
 @pytest.mark.parametrize("speed", [IMPLAUSIBLE, -5e307, np.inf, np.nan])
-def test_an_implausible_frame_is_not_acted_on_and_leaves_nothing_behind(speed: float) -> None:
+def test_implausible_frame_is_not_acted_on_and_leaves_nothing_behind(speed: float) -> None:
     bench, plain = Bench(llc()), Bench(llc())
     for one in (bench, plain):
         one.give(Entry("A", 0, 0), Entry("B", 0, 0))
@@ -167,7 +167,7 @@ def test_deviation_is_counted_from_the_first_finite_value() -> None:
     assert bench.state.held.baseline[0, 0] == 4.0
 
 
-def test_a_washout_takes_away_what_stays_and_starts_at_rest() -> None:
+def test_washout_takes_away_what_stays_and_starts_at_rest() -> None:
     """s T / (1 + s T) by the bilinear transform, whatever the time between frames; an offset of the start is none."""
     signals = {"washed": Signal(channel="active_power", weights={"C": 1.0}, washout=0.4)}
     row = Controller(signals=["washed"], devices=["first"])
@@ -188,7 +188,7 @@ def test_a_washout_takes_away_what_stays_and_starts_at_rest() -> None:
     assert abs(bench.state.held.signal[0, 0]) < 1e-3
 
 
-def test_an_angle_is_the_difference_the_short_way_round() -> None:
+def test_angle_is_the_difference_the_short_way_round() -> None:
     signals = {"angle": Signal(channel="voltage_angle", weights={"A": 1.0, "B": -1.0})}
     bench = Bench(Controller(signals=["angle"], devices=["first"]), signals=signals)
     column = list(CHANNELS).index("voltage_angle")
@@ -200,6 +200,6 @@ def test_an_angle_is_the_difference_the_short_way_round() -> None:
 
 
 @pytest.mark.parametrize("weights", [{"A": 1.0}, {"A": 1.0, "B": -2.0}, {"A": 0.5, "B": -0.5}])
-def test_an_angle_against_nothing_or_by_parts_is_refused(weights: dict[str, float]) -> None:
+def test_angle_against_nothing_or_by_parts_is_refused(weights: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="must be whole and sum to zero"):
         Signal(channel="voltage_angle", weights=weights)

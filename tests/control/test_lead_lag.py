@@ -107,7 +107,7 @@ def test_first_frame_gives_nothing_and_starts_at_rest(first: float, before: list
     assert [step(ROW, state, first, 0.02) for _ in range(5)] == pytest.approx([0] * 5, abs=1e-9 * (1 + abs(first)))
 
 
-def test_a_step_of_the_input_decays_with_the_washout() -> None:
+def test_step_of_the_input_decays_with_the_washout() -> None:
     """After 100 s of Tw = 10 s, exp(-10) of gain T1 T3 / (T2 T4) and what the sections add."""
     outputs = respond(ROW, np.r_[0.0, np.ones(6000)], 1 / 60)
     assert outputs[1] == pytest.approx(10 * 0.0761 * 0.4272 / 0.09, rel=0.1)

@@ -38,7 +38,7 @@ def own(law: dict[str, Any] | str, *sets: str, name: str = "my_damper", **fields
     return loop.run(load_case("two_area_large", ["duration=5", *sets, f"controllers.0={controller}"]))
 
 
-def test_the_lead_lag_by_the_bilinear_transform_is_the_shipped_one() -> None:
+def test_lead_lag_by_the_bilinear_transform_is_the_shipped_one() -> None:
     shipped = loop.run(load_case("two_area_large", ["duration=5"]))
     given = own(bilinear())
     assert len(given.issued) == len(shipped.issued) > 0
@@ -46,7 +46,7 @@ def test_the_lead_lag_by_the_bilinear_transform_is_the_shipped_one() -> None:
     assert np.abs(given.issued["value"] - shipped.issued["value"]).max() < 1e-9
 
 
-def test_a_continuous_one_is_discretised_exactly() -> None:
+def test_continuous_one_is_discretised_exactly() -> None:
     """Against SciPy: its setpoints, of the signal as it was delivered, up to the limits."""
     record = own({"num": (5.0 * np.array(NUM)).tolist(), "den": DEN}, "link=delay_100ms")
     case = load_case("two_area_large", [])
@@ -86,7 +86,7 @@ def test_complex_zeros_and_poles_are_text() -> None:
         assert value == pytest.approx(4.0 * (s + 0.5) / ((s + 1) ** 2 + 4))
 
 
-def test_a_table_of_transfer_functions_has_a_row_a_device_and_a_column_a_signal() -> None:
+def test_table_of_transfer_functions_has_a_row_a_device_and_a_column_a_signal() -> None:
     law = LinearLaw(num=[[[1.0], [2.0]], [[3.0, 0.0], [0.0]]], den=[[[1.0, 1.0], [1.0, 2.0]], [[1.0, 3.0], [1.0]]])
     A, B, C, D = matrices(law, 2, 2)
     s = 0.7j
@@ -94,7 +94,7 @@ def test_a_table_of_transfer_functions_has_a_row_a_device_and_a_column_a_signal(
     assert value == pytest.approx(np.array([[1 / (s + 1), 2 / (s + 2)], [3 * s / (s + 3), 0.0]]))
 
 
-def test_a_lost_frame_leaves_the_signal_as_it_was() -> None:
+def test_lost_frame_leaves_the_signal_as_it_was() -> None:
     """An integrator counts the frames that did not come with the newest signal before."""
     record = own({"A": [[0.0]], "B": [[1.0]], "C": [[1.0]]}, "link={up: [{model: bernoulli, loss: 0.5}]}", "seed=3")
     state, before, last = 0.0, 0.0, None

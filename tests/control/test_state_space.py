@@ -110,7 +110,7 @@ def test_with_limits_ramps_and_lost_frames_the_estimate_goes_on_by_itself(seed: 
     assert any(np.any(np.abs(u) == [limit for limit, _ in LIMITS.values()]) for u in expected.values())
 
 
-def test_the_first_frame_starts_at_rest_and_counts_at_once() -> None:
+def test_first_frame_starts_at_rest_and_counts_at_once() -> None:
     own = drawn(3, 4, 2, 2)
     y = np.array([1e-3, 2e-3])
     np.testing.assert_allclose(Given(own, WIDE).frame(5, y), -own.K @ own.M @ y, rtol=1e-9)
@@ -118,7 +118,7 @@ def test_the_first_frame_starts_at_rest_and_counts_at_once() -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, IMPLAUSIBLE])
-def test_a_frame_that_is_not_available_is_a_lost_frame(value: float) -> None:
+def test_frame_that_is_not_available_is_a_lost_frame(value: float) -> None:
     own = drawn(3, 4, 1, 1)
     one, other = Given(own, WIDE), Given(own, WIDE)
     for k in (0, 1, 3):

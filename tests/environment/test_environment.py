@@ -69,7 +69,7 @@ def test_what_is_made_by_name_is_it() -> None:
     made.close()
 
 
-def test_the_same_seed_is_the_same_episode_bit_for_bit() -> None:
+def test_same_seed_is_the_same_episode_bit_for_bit() -> None:
     env = WideAreaDamping(link=LOSSY, **SHORT)
     first, again, other = played(env, 3), played(env, 3), played(WideAreaDamping(link=LOSSY, **SHORT), 4)
     assert all(same(one, two) for one, two in zip(first, again, strict=True))
@@ -78,7 +78,7 @@ def test_the_same_seed_is_the_same_episode_bit_for_bit() -> None:
     assert third[0][1]["seed"] != again[0][1]["seed"]
 
 
-def test_an_episode_ends_at_the_end_or_where_synchronism_is_lost() -> None:
+def test_episode_ends_at_the_end_or_where_synchronism_is_lost() -> None:
     found = played(WideAreaDamping(**SHORT), 1)
     assert len(found) == 120
     assert [step[2:4] for step in found[1:]] == [(False, False)] * 118 + [(False, True)]
@@ -125,7 +125,7 @@ def as_class(folder: Path, **fields: Any) -> Any:
 
 
 @pytest.mark.parametrize("link", ["ideal", "pdci", "delay_100ms", "plc", "satellite", LOSSY], ids=str)
-def test_a_law_in_the_environment_is_the_same_law_as_a_class(tmp_path: Path, link: Any) -> None:
+def test_law_in_the_environment_is_the_same_law_as_a_class(tmp_path: Path, link: Any) -> None:
     """Bit for bit, its window too: both act once a tick, at the last arrival."""
     env = WideAreaDamping(link=link, **SHORT)
     seed = played(env, 5)[0][1]["seed"]
@@ -138,7 +138,7 @@ def test_a_law_in_the_environment_is_the_same_law_as_a_class(tmp_path: Path, lin
     assert ours.machines[:ticks].tobytes() == theirs.machines[:ticks].tobytes()
 
 
-def test_the_window_holds_what_was_delivered() -> None:
+def test_window_holds_what_was_delivered() -> None:
     """Against the record: newest values and ages by tick, and which ticks brought nothing."""
     env = WideAreaDamping(link=LOSSY, window=3, **SHORT)
     found = played(env, 2)
@@ -181,7 +181,7 @@ def test_rewards_are_minus_the_index() -> None:
     assert costs == pytest.approx([3.0 * 0.25 / 60] * 3)
 
 
-def test_a_reward_of_ones_own_is_taken() -> None:
+def test_reward_of_ones_own_is_taken() -> None:
     def reward(dt: float, t_s: Any, deviations: Any, action: Any) -> Any:
         return t_s + dt * np.abs(deviations).max(axis=-1) + action[..., 0]
 
@@ -259,7 +259,7 @@ def test_agents_among_other_controllers_have_the_place_of_theirs() -> None:
     assert len(rest.issued) == 30
 
 
-def test_an_agent_has_the_place_of_a_fallback() -> None:
+def test_agent_has_the_place_of_a_fallback() -> None:
     rows = [{}, {"fallback_of": 0, "signals": ["power"]}]
     env = WideAreaDamping(controllers=rows, controller=1, supervision="standard", arm_at=0.1, duration=1)
     env.reset(seed=1)
@@ -271,7 +271,7 @@ def test_an_agent_has_the_place_of_a_fallback() -> None:
 
 
 @pytest.mark.parametrize("many", [False, True])
-def test_a_class_beside_the_agent_that_fails_is_named(tmp_path: Path, many: bool) -> None:
+def test_class_beside_the_agent_that_fails_is_named(tmp_path: Path, many: bool) -> None:
     step = "def step(self, t_s, y, age_s, fresh): return 1 / (t_s < 0.5)"
     (tmp_path / "bad.py").write_text(f"class Bad:\n    def __init__(self, spec): pass\n    {step}\n")
     rows = [{"devices": ["sssc"]}, {"name": "bad", "policy": f"{tmp_path / 'bad.py'}:Bad", "devices": ["statcom"]}]
@@ -307,7 +307,7 @@ def test_bad_settings_are_input_errors(settings: dict[str, Any], said: str) -> N
     assert "\n" not in str(error.value)
 
 
-def test_a_study_whose_points_are_for_other_agents_is_refused(tmp_path: Path) -> None:
+def test_study_whose_points_are_for_other_agents_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "study.yaml"
     path.write_text("run: two_area_small\nsweep: [{field: controllers.0.signals, values: [[w12], [w12, w13]]}]\n")
     env = WideAreaDamping(study=str(path))
@@ -315,7 +315,7 @@ def test_a_study_whose_points_are_for_other_agents_is_refused(tmp_path: Path) ->
         env.reset(options={"point": 1})
 
 
-def test_the_window_of_a_class_begins_empty_and_again() -> None:
+def test_window_of_a_class_begins_empty_and_again() -> None:
     case = load_case("two_area_large", [])
     spec: Spec = spec_of(case, 0)
     window = Window(spec, 2)

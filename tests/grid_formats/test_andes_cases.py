@@ -80,7 +80,7 @@ def test_modes_are_those_of_andes(name: str) -> None:
     assert np.median(apart) < SAME
 
 
-def test_a_power_flow_and_a_fault_of_140_buses_are_those_of_andes() -> None:
+def test_power_flow_and_a_fault_of_140_buses_are_those_of_andes() -> None:
     """ANDES's fractions of reactive power at buses 23 and 54 are others: nothing but the machines there knows."""
     theirs = json.loads((Path(__file__).parents[1] / "data" / "npcc_andes.json").read_text())
     system, start, _ = imported(REFERENCE["npcc_full"]["raw"], REFERENCE["npcc_full"]["dyr"])

@@ -44,7 +44,7 @@ def record(system_file: Path) -> Record:
     return loop.run(make_case(run, "test"))
 
 
-def test_the_modes_of_a_large_grid_fit_the_eye(modal: Modal, tmp_path: Path) -> None:
+def test_modes_of_a_large_grid_fit_the_eye(modal: Modal, tmp_path: Path) -> None:
     lines = list(modal_analysis.modes_text(modal))
     assert len(lines) < 450
     assert sum(line.startswith("\n") and "swing against each other" in line for line in lines) == MAX_MODES
@@ -96,7 +96,7 @@ def test_many_machines_are_drawn_by_their_areas(record: Record, tmp_path: Path) 
     assert plot_comparison([("", record)], tmp_path)
 
 
-def test_a_mean_speed_turns_the_centre_of_angle(record: Record) -> None:
+def test_mean_speed_turns_the_centre_of_angle(record: Record) -> None:
     """d delta / dt = omega_0 dw of the means, less that of all machines, from which angles count."""
     omega_0, angles = 2.0 * np.pi * 60.0, centres_of_angle(record)
     weights = {m["name"]: m["H"] * m["rating"] for m in record.configuration["system"]["machines"]}

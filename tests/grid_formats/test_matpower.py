@@ -99,7 +99,7 @@ def test_dynamics_from_a_file_give_the_shipped_system(tmp_path: Path) -> None:
     np.testing.assert_allclose(other[np.abs(other) > 0.1], one[np.abs(one) > 0.1], rtol=0, atol=1e-6)
 
 
-def test_the_command_writes_a_file_and_says_what_it_assumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_writes_a_file_and_says_what_it_assumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "nine.yaml"
     assert main(["import", str(CASE), "--out", str(target)]) == 0
     written = capsys.readouterr()
@@ -109,7 +109,7 @@ def test_the_command_writes_a_file_and_says_what_it_assumed(tmp_path: Path, caps
     assert capsys.readouterr().out == target.read_text(encoding="utf-8")
 
 
-def test_a_ratio_or_a_shift_makes_a_transformer() -> None:
+def test_ratio_or_a_shift_makes_a_transformer() -> None:
     content, _, notes = converted(branch_2={"TAP": 0.95, "SHIFT": 10.0})
     assert content["lines"] == [{"name": "line_1_2", "from": "B1", "to": "B2", "r": 0.01, "x": 0.1, "b": 0.02}]
     (transformer,) = content["transformers"]
@@ -146,13 +146,13 @@ def test_generators_at_one_bus_are_joined() -> None:
     assert "generators 2, 3 at bus 2 are joined into one machine" in notes
 
 
-def test_a_dispatchable_load_is_a_load() -> None:
+def test_dispatchable_load_is_a_load() -> None:
     content, _, notes = converted(gen_3={"PG": -10.0, "QG": -2.0, "PMIN": -20.0, "PMAX": 0.0})
     assert content["loads"] == [{"name": "load_2", "bus": "B2", "P": 10.0, "Q": 2.0}]
     assert any("dispatchable load" in note for note in notes)
 
 
-def test_a_generator_at_a_bus_without_voltage_control_holds_the_voltage_of_the_bus() -> None:
+def test_generator_at_a_bus_without_voltage_control_holds_the_voltage_of_the_bus() -> None:
     content, _, notes = converted(bus_2={"BUS_TYPE": 1, "VM": 0.98})
     assert content["machines"][1]["V"] == 0.98
     assert any("is of type 1" in note for note in notes)
@@ -164,7 +164,7 @@ def test_shunts_and_loads_keep_their_signs() -> None:
     assert content["shunts"] == [{"name": "shunt_2", "bus": "B2", "Q": -20.0, "P": 1.0}]
 
 
-def test_a_rating_below_the_dispatch_is_not_taken() -> None:
+def test_rating_below_the_dispatch_is_not_taken() -> None:
     content, _, _ = converted(gen_1={"PG": 250.0, "PMAX": 300.0}, gen_2={"PG": 250.0, "PMAX": 1e10})
     assert [m["rating"] for m in content["machines"]] == [300, 250]
 
@@ -186,7 +186,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("changes", "message"), BAD)
-def test_a_bad_case_is_refused(changes: dict[str, Any], message: str) -> None:
+def test_bad_case_is_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         converted(**changes)
     assert "\n" not in str(caught.value)
@@ -226,7 +226,7 @@ def test_dynamics_that_no_system_takes_are_refused_by_field(tmp_path: Path) -> N
         (CASE.read_text().replace("0.0576", "Inf"), "mpc.branch, row 1: BR_X: inf given; allowed: a finite number"),
     ],
 )
-def test_a_file_that_is_no_case_is_refused(tmp_path: Path, text: str | None, message: str) -> None:
+def test_file_that_is_no_case_is_refused(tmp_path: Path, text: str | None, message: str) -> None:
     path = tmp_path / "case.m"
     if text is not None:
         path.write_text(text, encoding="utf-8")
@@ -235,14 +235,14 @@ def test_a_file_that_is_no_case_is_refused(tmp_path: Path, text: str | None, mes
     assert "\n" not in str(caught.value)
 
 
-def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matpowercaseframes", None)
     with pytest.raises(InputError, match=r"matpowercaseframes is not installed; .*pip install -e '\.\[matpower\]'"):
         read_case(CASE)
 
 
 @pytest.mark.parametrize("target", ["missing/nine.yaml", "."])
-def test_a_file_that_cannot_be_written_is_refused_first(
+def test_file_that_cannot_be_written_is_refused_first(
     tmp_path: Path, target: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -233,7 +233,7 @@ def test_what_is_not_modelled_is_named_with_what_stands_in_its_place(
         assert said in told
 
 
-def test_a_limit_that_does_not_admit_the_start_is_widened_and_said(
+def test_limit_that_does_not_admit_the_start_is_widened_and_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     system = imported(tmp_path, RAW.read_text(), DYR.read_text().replace("0.05 0.49 2 0", "0.05 0.49 0.5 0"))
@@ -287,7 +287,7 @@ BAD_RAW: list[tuple[Callable[[str], str], str]] = [
 
 
 @pytest.mark.parametrize(("change", "said"), BAD_RAW)
-def test_a_bad_raw_file_is_one_line_with_line_and_field(
+def test_bad_raw_file_is_one_line_with_line_and_field(
     change: Callable[[str], str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "bad.raw"
@@ -311,7 +311,7 @@ def test_a_bad_raw_file_is_one_line_with_line_and_field(
         ("2 'EXST1'", "1 'EXST1'", "line 6: EXST1: G1 has one of the exciters already; allowed: one"),
     ],
 )
-def test_a_bad_dyr_file_is_one_line_with_its_line(
+def test_bad_dyr_file_is_one_line_with_its_line(
     before: str, after: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "bad.dyr"
@@ -367,7 +367,7 @@ def test_mutated_files_are_taken_or_refused_in_a_line(
             assert told.err.count("\n") == 1
 
 
-def test_an_imported_case_is_checked_as_a_system_is(tmp_path: Path) -> None:
+def test_imported_case_is_checked_as_a_system_is(tmp_path: Path) -> None:
     """And its notes come with it."""
     made: Any = import_case(RAW, DYR)
     assert made.typical == []

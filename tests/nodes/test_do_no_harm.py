@@ -179,7 +179,7 @@ def test_nothing_of_another_participant_acts(domain: int, tmp_path: Path, starte
     assert_all_refused(attackers[0].sent, outcome, recorded)
 
 
-def test_a_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: Path) -> None:
+def test_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: Path) -> None:
     """In real time. On a slow machine a device may be released, and a recorder may lose messages; both are reported."""
     case = load_case(None, [*SETS, "duration=5"])
     with somebody("attacker") as (node, _):

@@ -27,7 +27,7 @@ RUN = "two_area_supervised"
 NOTHING = GraphFault("", 0.0, None)
 
 
-def test_a_simulated_fault_gives_the_bits_of_the_in_process_run(loopback: Any, tmp_path: Path) -> None:
+def test_simulated_fault_gives_the_bits_of_the_in_process_run(loopback: Any, tmp_path: Path) -> None:
     case = load_case(RUN, ["duration=3", "controllers.0.faults=[{kind: wrong_sign, start: 1.5}]"])
     faulted = run_with_fault(case, LOCKSTEP, tmp_path, NOTHING, 0)
     computed = loop.run(case)
@@ -59,7 +59,7 @@ def test_what_is_forged_with_the_graphs_key_changes_no_bit(loopback: Any, tmp_pa
     assert faulted.forged["supervisor_0_ANFLeC/supervised"] == faulted.forged["pmu/frames"] == 30
 
 
-def test_a_graph_ends_when_it_is_not_wanted_any_more(
+def test_graph_ends_when_it_is_not_wanted_any_more(
     domain: int, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(graph, "STOP_S", PATIENCE_S)

@@ -197,7 +197,7 @@ def test_dead_or_silent_node_is_named(
     assert_named([], tmp_path, started, node, number, expected)
 
 
-def test_a_silent_node_is_named_on_dds(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
+def test_silent_node_is_named_on_dds(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
     assert_named([], tmp_path, started, "wan_link", signal.SIGSTOP, "wan_link is silent")
 
 
@@ -285,7 +285,7 @@ def test_interrupted_command_leaves_no_process_and_a_sound_recording(
 
 
 @pytest.mark.parametrize(("number", "after_s"), [(signal.SIGINT, 0.3), (signal.SIGINT, 1.6), (signal.SIGKILL, 1.6)])
-def test_a_command_that_is_interrupted_at_its_start_says_one_line(
+def test_command_that_is_interrupted_at_its_start_says_one_line(
     domain: int, tmp_path: Path, number: int, after_s: float
 ) -> None:
     """By Ctrl-C, which all processes of a terminal get. Nothing is left in the temporary folder, as after a kill."""

@@ -221,7 +221,7 @@ def test_nodes_say_who_comes_and_goes_and_what_is_released(loopback: Any) -> Non
         again["controller"].kill()
 
 
-def test_a_log_level_is_obeyed(domain: int) -> None:
+def test_log_level_is_obeyed(domain: int) -> None:
     short = ["-p", "duration:=0.1", "-p", "mode:=free"]
     assert run("plant_sim", "--ros-args", "--log-level", "warn", *short, cold=False).stderr == ""
     assert "[INFO]" in run("plant_sim", "--ros-args", *short, cold=False).stderr
@@ -248,7 +248,7 @@ def test_every_node_tells_how_it_is(loopback: Any) -> None:
         receive(DiagnosticArray, "/diagnostics", lambda found: "nothing has come" in newest(found)["wan_link"].message)
 
 
-def test_a_plant_alone_publishes_soon(start: Any, receive: Any) -> None:
+def test_plant_alone_publishes_soon(start: Any, receive: Any) -> None:
     receive(PmuDataFrame, "/pmu/frames")
     start("plant_sim", mode="free")
     frames = receive(PmuDataFrame, "/pmu/frames", bool)
@@ -272,7 +272,7 @@ def test_ctrl_c_ends_a_node_soon_and_in_a_line_at_most(executable: str, after: f
     assert (node.returncode, out, errors) == (0, "", "")
 
 
-def test_a_first_node_says_that_it_compiles(tmp_path: Path) -> None:
+def test_first_node_says_that_it_compiles(tmp_path: Path) -> None:
     """And not again; the compiler is replaced."""
     code = """
 import subprocess, sys
@@ -311,7 +311,7 @@ def test_who_is_started_in_lockstep_by_hand_ends_with_the_run(start: Any, tmp_pa
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
 
 
-def test_a_launch_may_be_interrupted_while_python_starts() -> None:
+def test_launch_may_be_interrupted_while_python_starts() -> None:
     command = ["env", "--block-signal=INT", sys.executable, str(BIN / "wan_link")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as node:
         wait_until(lambda: Path(f"/proc/{node.pid}/exe").resolve() == Path(sys.executable).resolve())

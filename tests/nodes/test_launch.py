@@ -129,7 +129,7 @@ def test_in_order_all_are_configured_and_the_plant_is_activated_last(launched: A
         launched("run.launch.py", mode="realtime", lifecycle="true", respawn="true")
 
 
-def test_a_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: Any, tmp_path: Path) -> None:
+def test_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: Any, tmp_path: Path) -> None:
     path = tmp_path / "run.yaml"
     path.write_text("controllers: [{name: HBsWC, namespace: here, link: delay_100ms}]")
     actions = launched("run.launch.py", run=str(path), output="", mode="realtime")
@@ -143,7 +143,7 @@ def test_a_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: A
     assert all(node.parameters.items() >= common.items() for node in nodes(actions))
 
 
-def test_a_node_of_ones_own_is_started_by_its_command_or_not_at_all(launched: Any, tmp_path: Path) -> None:
+def test_node_of_ones_own_is_started_by_its_command_or_not_at_all(launched: Any, tmp_path: Path) -> None:
     path = tmp_path / "run.yaml"
     own = "name: mine, link: delay_100ms, namespace: here, parameters: {gain: 3}"
     path.write_text(f"controllers: [{{{own}, command: [my_node, -v]}}]")
@@ -181,13 +181,13 @@ def handlers(actions: list[Any]) -> list[Any]:
     return [action.given[0].named for action in actions if type(action).__name__ == "RegisterEventHandler"]
 
 
-def test_the_end_of_the_plant_is_the_end_of_the_launch(launched: Any) -> None:
+def test_end_of_the_plant_is_the_end_of_the_launch(launched: Any) -> None:
     ends = [one for one in handlers(launched("run.launch.py")) if isinstance(one["on_exit"], list)]
     assert [one["target_action"].named["name"] for one in ends] == ["plant_sim"]
     assert [type(action).__name__ for action in ends[0]["on_exit"]] == ["Shutdown"]
 
 
-def test_a_node_that_fails_has_the_launch_fail(launched: Any) -> None:
+def test_node_that_fails_has_the_launch_fail(launched: Any) -> None:
     watched = [one for one in handlers(launched("run.launch.py")) if not isinstance(one["on_exit"], list)]
     assert {one["target_action"].named["executable"] for one in watched} == {
         *("plant_sim", "wan_link", "controller", "recorder")
@@ -219,7 +219,7 @@ def test_arguments_change_the_run_of_all_nodes(launched: Any, tmp_path: Path) ->
     assert nodes(launched("run.launch.py", set="seed=3"))[0].parameters["set"] == ["seed=3"]
 
 
-def test_a_recording_has_a_folder_of_its_own(launched: Any) -> None:
+def test_recording_has_a_folder_of_its_own(launched: Any) -> None:
     (recorder,) = (one for one in nodes(launched("run.launch.py")) if one.executable == "recorder")
     assert re.fullmatch(r"recording_\d{8}_\d{6}", recorder.parameters["output"])
 

@@ -125,7 +125,7 @@ def test_names_and_parameters_come_from_arguments_as_in_rclpy(loopback: Any, tmp
         parse(["--ros-args", "-p", "gain"])
 
 
-def test_a_node_that_fails_or_never_waits_is_named(loopback: Any, tmp_path: Path) -> None:
+def test_node_that_fails_or_never_waits_is_named(loopback: Any, tmp_path: Path) -> None:
     with pytest.raises(RunError, match="controller_0_mine"):
         loopback.run(None, tmp_path, controllers=[{"name": "mine", "external": True}], duration=1)
 
@@ -144,7 +144,7 @@ def test_all_that_wait_for_each_other_are_named() -> None:
     world.close()
 
 
-def test_a_run_repeats_itself_with_all_its_messages(loopback: Any, tmp_path: Path) -> None:
+def test_run_repeats_itself_with_all_its_messages(loopback: Any, tmp_path: Path) -> None:
     sets = ["duration=2", "link=pdci", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
     for name in ("first", "second"):
         run_graph(tmp_path / name, sets, "realtime")
@@ -156,7 +156,7 @@ def test_a_run_repeats_itself_with_all_its_messages(loopback: Any, tmp_path: Pat
     assert len(first["/pmu/frames"]) == 120
 
 
-def test_a_node_that_was_killed_is_forgotten(loopback: Any) -> None:
+def test_node_that_was_killed_is_forgotten(loopback: Any) -> None:
     def talk() -> None:
         with somebody("talker") as (node, executor):
             node.create_publisher(String, "topic", profile())

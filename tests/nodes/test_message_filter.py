@@ -146,7 +146,7 @@ def sound(data: bytes) -> tuple[int]:
         (True, [FOREIGN], [FOREIGN], False),
     ],
 )
-def test_the_place_of_one_that_has_left_is_free_in_real_time(
+def test_place_of_one_that_has_left_is_free_in_real_time(
     node: Node, realtime: bool, there: list[bytes], plant: list[bytes], succeeds: bool
 ) -> None:
     one = Listener(node, sound, realtime)
@@ -235,7 +235,7 @@ def test_odd_messages_of_the_known_publisher_are_refused_too(node: Node) -> None
         assert [message[0] for message in one.admitted] == list(range(len(one.admitted)))
 
 
-def test_a_forged_message_is_reported_at_the_end_of_a_command(loopback: Any, tmp_path: Path, capsys: Any) -> None:
+def test_forged_message_is_reported_at_the_end_of_a_command(loopback: Any, tmp_path: Path, capsys: Any) -> None:
     def forge() -> None:
         rclpy.init()
         time.sleep(1.0)  # the graph is under way

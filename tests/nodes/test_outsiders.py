@@ -126,9 +126,7 @@ def test_all_publishers_keep_so_much_and_a_recorder_says_what_it_lost(loopback: 
     assert recorded.issued.tobytes() == computed.issued.tobytes()
 
 
-def test_a_recorder_that_was_stopped_for_a_while_catches_up(
-    domain: int, tmp_path: Path, started: dict[str, Any]
-) -> None:
+def test_recorder_that_was_stopped_for_a_while_catches_up(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
     case = load_case(None, ["duration=3"])
 
     def stop(done: int, _of: int) -> None:

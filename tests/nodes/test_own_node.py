@@ -77,7 +77,7 @@ def run(folder: Path, sets: list[str], mode: str = "lockstep", timeout: float = 
     return graph.run(load_case(None, sets), mode, folder, quiet, timeout)
 
 
-def test_the_example_is_what_the_page_says_it_is() -> None:
+def test_example_is_what_the_page_says_it_is() -> None:
     assert len(Path(NODE).read_text().splitlines()) <= 54
     asked = read_table(EXAMPLES / "lead_lag_node.yaml")
     assert asked["controllers"][0]["command"][-1] == "examples/lead_lag_node.py"
@@ -124,7 +124,7 @@ def test_silent_or_gone_it_is_named_in_lockstep(
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
-def test_a_command_that_dies_is_named_with_what_it_said(domain: int, tmp_path: Path, mode: str) -> None:
+def test_command_that_dies_is_named_with_what_it_said(domain: int, tmp_path: Path, mode: str) -> None:
     sets = by_command("duration=2", more=DYING)
     reason = f"{NAME} ended with exit status 7: out of ideas"
     if mode == "lockstep":
@@ -187,7 +187,7 @@ def test_in_process_it_is_refused(fields: dict[str, Any], expected: str, capsys:
     assert_one_line(2, ["simulate", *changes(own(**fields))], expected, capsys)
 
 
-def test_a_command_that_is_not_there_starts_nothing(tmp_path: Path, capsys: Any) -> None:
+def test_command_that_is_not_there_starts_nothing(tmp_path: Path, capsys: Any) -> None:
     command = ["run", *changes(own(command=["no_such_program"])), "--out", str(tmp_path / "out")]
     text = "controllers.0.command: 'no_such_program' given; allowed: an executable program"
     assert_one_line(2, command, text, capsys)

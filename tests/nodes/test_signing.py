@@ -51,7 +51,7 @@ def cause(reader: Any, data: bytes) -> str:
     return refused.value.cause
 
 
-def test_the_code_is_that_of_hmac_over_topic_key_session_and_message() -> None:
+def test_code_is_that_of_hmac_over_topic_key_session_and_message() -> None:
     data = message()
     read = deserialize_message(data, msg.PmuDataFrame)
     signature = bytes(read.signature)
@@ -84,7 +84,7 @@ def test_what_is_not_signed_with_a_known_key_is_refused() -> None:
         assert frames(both).read(message(Signing(key, NOW, 0)))[0] == 0
 
 
-def test_an_earlier_session_is_refused() -> None:
+def test_earlier_session_is_refused() -> None:
     early = Signing({1: OLD}, NOW - 91 * 10**9, 30 * 10**9)
     assert cause(frames(), message(early)) == "session"
     reader = frames()
@@ -113,7 +113,7 @@ def test_setpoints_are_signed_too() -> None:
     assert len(SetpointsMessage(CASE, "controller_0_LLC", [0], Seal(BY, topic)).read(empty)[1]) == 0
 
 
-def test_a_signed_graph_gives_the_bits_of_the_in_process_run(domain: int, tmp_path: Path) -> None:
+def test_signed_graph_gives_the_bits_of_the_in_process_run(domain: int, tmp_path: Path) -> None:
     """Over a link of its own, in a namespace; over that of the graph: `test_fault_injection.py`."""
     keys = tmp_path / "keys.yaml"
     add_key(keys)

@@ -27,7 +27,7 @@ def assert_holds(case: Any, mode: str, folder: Path, timeout: float, look: Any =
     return trace
 
 
-def test_a_replay_knows_a_link_and_a_supervisor_that_were_started_again(domain: int, tmp_path: Path) -> None:
+def test_replay_knows_a_link_and_a_supervisor_that_were_started_again(domain: int, tmp_path: Path) -> None:
     case = load_case(None, ["system=smib", "scenario=nominal", "frame_rate=20", "supervision=standard", "arm_at=0.2",
                             "duration=5"])  # fmt: skip
     killed = {"wan_link": 20, "supervisor_0_LLC": 35}  # tick by node
@@ -44,7 +44,7 @@ def test_a_replay_knows_a_link_and_a_supervisor_that_were_started_again(domain: 
     assert {one.role for one in record.changes if one.kind == "start"} == {"link", "supervisor"}
 
 
-def test_a_supervised_node_of_the_users_own_runs(domain: int, tmp_path: Path) -> None:
+def test_supervised_node_of_the_users_own_runs(domain: int, tmp_path: Path) -> None:
     controllers = [{"name": "mine", "command": OWN}]
     fields = {"duration": 1, "supervision": "standard", "arm_at": 0.2, "controllers": controllers}
     case = changed_case({}, "test", fields)

@@ -111,7 +111,7 @@ def both(sets: list[str], folder: Path, file: str, other: dict[str, str], there:
             raise
 
 
-def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
+def test_controller_in_shadow_does_what_the_one_in_the_graph_does(
     start: Any, elsewhere: dict[str, str], streams: Any, tmp_path: Path, port: int
 ) -> None:
     """Over a link with random delays, by its own seed; and another program's client gets the same values."""
@@ -209,7 +209,7 @@ def serve(port: int) -> Iterator[Callable[[int], Played]]:
         one.end()
 
 
-def test_a_server_that_leaves_and_comes_back(domain: int, serve: Any, tmp_path: Path, port: int) -> None:
+def test_server_that_leaves_and_comes_back(domain: int, serve: Any, tmp_path: Path, port: int) -> None:
     """Ticks go on without frames, then with those of the new server, whose stamps are of another time."""
     first = serve(1_700_000_000)
 
@@ -255,7 +255,7 @@ def test_flood_of_stream_data_does_not_stop_the_ticks() -> None:
         ([], {"pmus": {"G1": {"voltage": "VA"}}}, "PMU G1: voltage: 'VA' given; allowed: what PMU G1 sends: V1"),
     ],
 )
-def test_a_stream_that_does_not_fit_is_said(
+def test_stream_that_does_not_fit_is_said(
     domain: int,
     serve: Any,
     tmp_path: Path,

@@ -25,7 +25,7 @@ pmus:
 """
 
 
-def test_a_whole_file(tmp_path: Path) -> None:
+def test_whole_file(tmp_path: Path) -> None:
     path = tmp_path / "streams.yaml"
     path.write_text(WHOLE)
     found = read_streams(str(path))
@@ -41,7 +41,7 @@ def test_a_whole_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["tcp://127.0.0.1:4712/7", "udp://10.0.0.1:1/65534", "udp://@0.0.0.0:4713/1", "udp://@239.255.0.37:9/2"]
 )
-def test_an_address_is_what_it_was_written_as(text: str) -> None:
+def test_address_is_what_it_was_written_as(text: str) -> None:
     assert str(server(text)) == text
     assert read_streams(text).servers == [text]
 

@@ -138,7 +138,7 @@ def test_it_follows_its_linear_model() -> None:
     follows_linear_model(plant(two_area(K=30.0, response_time=0.05), installed=["bess"]))
 
 
-def test_a_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
+def test_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
     damps(row("B9", setpoint_max=1.0, rate_max=10.0, response_time=0.05, K=10.0))
 
 

@@ -127,7 +127,7 @@ def test_two_of_a_kind_act_alike_in_any_order(kind: str) -> None:
 
 @pytest.mark.parametrize("d", [0, 1])
 @pytest.mark.parametrize("kind", IN_GRID)
-def test_a_setpoint_moves_the_device_that_it_is_for(kind: str, d: int) -> None:
+def test_setpoint_moves_the_device_that_it_is_for(kind: str, d: int) -> None:
     """Within 60 ms, what it gives changes, and the other's reference does not."""
     trace = follow(plant(system(), installed=[f"{kind}_1", f"{kind}_2"]), frame_times(0.06, 500), [(0.0, 0.03, d)])
     moved = [np.ptp(trace.devices[name], axis=0) for name in ("active_power", "reactive_power")]

@@ -62,7 +62,7 @@ def test_its_setpoint_acts_as_an_offset_of_the_voltage_reference(name: str) -> N
     assert trace.sound.all()
 
 
-def test_a_static_exciter_gives_its_gain_times_the_setpoint() -> None:
+def test_static_exciter_gives_its_gain_times_the_setpoint() -> None:
     """At once, d(Efd) = KA u / (1 + KA KF / TF), as the transducer and the feedback have not moved."""
     built = plant(with_input(), installed=["input"])
     (e,) = (e for e in shipped("two_area").exciters if isinstance(e, StaticExciter) and e.machine == "G2")
@@ -106,12 +106,12 @@ def test_it_follows_its_linear_model() -> None:
     follows_linear_model(plant(with_input(response_time=0.02), installed=["input"]), u=1e-4)
 
 
-def test_a_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
+def test_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
     damps(row("G2"), damping=0.05)
 
 
 @pytest.mark.parametrize(("machine", "said"), [("G9", "'G9' given"), ("G2", "'G2' given, which has no exciter")])
-def test_a_machine_without_exciter_is_refused(machine: str, said: str) -> None:
+def test_machine_without_exciter_is_refused(machine: str, said: str) -> None:
     system = shipped("two_area")
     left = [e.model_dump() for e in system.exciters if e.machine != "G2"]
     others = [s.model_dump() for s in system.stabilisers if s.machine != "G2"]

@@ -44,7 +44,7 @@ LIMITS = {"setpoint_max": 0.1, "rate_max": 5.0, "vp_max": 0.1, "vc_max": 0.11, "
 RATED = Series(parameters(**THESIS, **LIMITS), 1.0)
 
 
-def test_the_device_of_two_area_has_the_data_of_the_thesis() -> None:
+def test_device_of_two_area_has_the_data_of_the_thesis() -> None:
     (shipped_device,) = series_devices(shipped("two_area"))
     place = {"from_bus", "to_bus"}
     assert shipped_device.model_dump(exclude=place) == RATED.p.model_dump(exclude=place)
@@ -146,7 +146,7 @@ def test_slopes_of_the_converter_are_those_of_its_voltages(
         assert at.v_q_slope == pytest.approx((high.v_q - low.v_q) / 2e-5, rel=1e-5, abs=1e-9)
 
 
-def test_a_blocked_converter_stands_still() -> None:
+def test_blocked_converter_stands_still() -> None:
     """Too little current: no voltage; in the plant no state of it moves."""
     found = at_a_port(device(), (0.01, 0.02, 0.9), 0.05, 0.001 + 0j, 0.1j)
     assert found.blocked
@@ -167,7 +167,7 @@ def test_a_blocked_converter_stands_still() -> None:
         ((0.0, 0.2, 1.0), 0.0, (False, True)),
     ],
 )
-def test_an_integrator_is_frozen_while_its_output_is_limited(
+def test_integrator_is_frozen_while_its_output_is_limited(
     x: tuple[float, float, float], u: float, limited: tuple[bool, bool]
 ) -> None:
     found = at_a_port(device(), [*x[:2], 0.95], u, 0.4 + 0j, 0.1j)

@@ -60,7 +60,7 @@ def test_p_and_q_go_together_as_far_as_asked_and_loads_do_not(correlation: float
     assert np.abs(np.corrcoef(x[:50, :, 0]) - np.eye(50)).max() < 0.25
 
 
-def test_a_load_has_a_stream_of_its_own() -> None:
+def test_load_has_a_stream_of_its_own() -> None:
     whole = draw(LoadNoise(), MANY, 2.0, 7)
     other = draw(LoadNoise(loads={"load_1": {"std": 0.0}, "load_2": {"std": 0.05}}), MANY, 1.0, 7)  # type: ignore[dict-item]
     assert "load_1" not in other
@@ -77,7 +77,7 @@ def case(*sets: str, **load: Any) -> Case:
 
 
 @pytest.mark.parametrize("rate", [60, 50, 7])
-def test_the_machine_gives_what_the_load_draws(rate: int) -> None:
+def test_machine_gives_what_the_load_draws(rate: int) -> None:
     """P (1 + noise) at every frame, the noise between its points along a line."""
     asked = case(f"frame_rate={rate}")
     drawn = draw(asked.run.load_noise, asked.system.loads, 2.0, 3)["load"]
@@ -87,7 +87,7 @@ def test_the_machine_gives_what_the_load_draws(rate: int) -> None:
     assert np.ptp(expected) > 0.05
 
 
-def test_an_impedance_is_scaled_as_a_whole() -> None:
+def test_impedance_is_scaled_as_a_whole() -> None:
     """P + j Q over |V|^2, at 60 Hz as the frames have it; V0 is 1 p.u."""
     asked = case(P_fractions={"impedance": 1.0}, Q=20.0)
     drawn = draw(asked.run.load_noise, asked.system.loads, 2.0, 3)["load"][::2]
@@ -130,7 +130,7 @@ def test_runs_that_share_a_plant_have_the_bits_of_each_seed() -> None:
     assert not np.array_equal(one, other, equal_nan=True)
 
 
-def test_the_plant_of_a_node_has_the_same_bits() -> None:
+def test_plant_of_a_node_has_the_same_bits() -> None:
     asked = load_case(None, [*NOISY, "controllers=[]"])
     plant, frames = LivePlant(asked), []
     for tick in range(asked.ticks):
@@ -140,7 +140,7 @@ def test_the_plant_of_a_node_has_the_same_bits() -> None:
     assert np.array_equal(np.array(frames), loop.run(asked).frames, equal_nan=True)
 
 
-def test_an_event_that_is_asked_for_leaves_the_noise_as_it_was() -> None:
+def test_event_that_is_asked_for_leaves_the_noise_as_it_was() -> None:
     asked = load_case(None, ["scenario=training", "devices=[]", "controllers=[]", "load_noise.std=0.02"])
     plant = LivePlant(asked)
     before = plant._plant.load_noise

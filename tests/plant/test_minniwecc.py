@@ -26,7 +26,7 @@ def test_it_has_what_its_description_says() -> None:
 
 
 @pytest.mark.parametrize("scenario", ["brake", "colstrip", "coi"])
-def test_the_modulated_intertie_damps_its_scenarios(scenario: str) -> None:
+def test_modulated_intertie_damps_its_scenarios(scenario: str) -> None:
     swings = []
     for control in ([], ["controllers=[]"]):
         record = run(load_case("minniwecc", [f"scenario={scenario}", *control]))

@@ -55,7 +55,7 @@ def test_power_flow_is_that_of_andes() -> None:
         assert abs(voltage - theirs[name]) < 1e-7, name
 
 
-def test_a_fault_is_that_of_andes() -> None:
+def test_fault_is_that_of_andes() -> None:
     """Exciters without saturation and limits: ANDES's is another one."""
     system = without_devices()
     free = [e.model_copy(update=NO_LIMIT[e.model]) for e in system.exciters]

@@ -61,7 +61,7 @@ def test_nine_swings_one_of_them_against_the_rest_of_the_interconnection() -> No
     assert (apart[:-1] > 150).all()
 
 
-def test_the_scenario_is_survived() -> None:
+def test_scenario_is_survived() -> None:
     rows = [
         {"time": 0.1, "kind": "fault", "bus": "B14"},
         {"time": 0.2, "kind": "clear", "bus": "B14"},

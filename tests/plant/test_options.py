@@ -211,7 +211,7 @@ def test_classical_machines_swing_as_in_a_third_program() -> None:
 # Kundur's table E12.3, and why GENROU with saturation is not it
 
 
-def test_the_books_equations_give_the_books_eigenvalues() -> None:
+def test_books_equations_give_the_books_eigenvalues() -> None:
     """All but the pair at zero: the table has two or three decimals, its operating point four digits.
 
     The largest difference, 0.012, is that of a swing printed as j6.82 whose printed frequency is 1.087 Hz, j6.83.
@@ -256,7 +256,7 @@ def exact(z: complex, y: complex, length: float) -> NDArray[np.complex128]:
 
 
 @pytest.mark.parametrize("length", [1.0, 110.0, 1000.0, 5000.0])
-def test_a_distributed_line_solves_the_telegraph_equations(length: float) -> None:
+def test_distributed_line_solves_the_telegraph_equations(length: float) -> None:
     """The tie of Kundur's system, from 1 km to almost a wavelength (2 pi / 0.00132 km)."""
     r, x, b = 0.0001, 0.001, 0.00175
     line = Line.model_validate({"name": "line", "from": "A", "to": "B", "length": length, "r": r, "x": x, "b": b})
@@ -267,7 +267,7 @@ def test_a_distributed_line_solves_the_telegraph_equations(length: float) -> Non
     np.testing.assert_allclose(parts[0] @ parts[1], expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
-def test_a_distributed_line_is_that_of_a_textbook() -> None:
+def test_distributed_line_is_that_of_a_textbook() -> None:
     """Glover, Sarma and Overbye, Power System Analysis and Design, example 5.2: 765 kV, 300 km; ohm and siemens.
 
     A = 0.9313 at 0.209 degrees, B = 97.0 at 87.2, C = 1.37e-3 at 90.06; the nominal pi circuit has B = 99.3 at 87.14.

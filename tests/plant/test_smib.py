@@ -134,7 +134,7 @@ def test_nothing_moves_the_infinite_bus_but_a_fault_at_itself() -> None:
     np.testing.assert_allclose(trace.frames[:, 2, ANGLE], math.radians(-50), rtol=0, atol=1e-15)
 
 
-def test_a_fault_at_the_infinite_bus_holds_it_at_zero_and_it_comes_back() -> None:
+def test_fault_at_the_infinite_bus_holds_it_at_zero_and_it_comes_back() -> None:
     """Meanwhile its lines take losses alone, so that the machine speeds up."""
     fault = {"time": 0.1, "kind": "fault", "bus": "B4", "duration": 0.05}
     trace = follow(plant(watched(), fault), frame_times(4, 100))

@@ -55,7 +55,7 @@ def test_equations_are_solved(kind: type, columns: int | None) -> None:
         np.testing.assert_allclose(found, np.linalg.solve(a, b), rtol=1e-8, atol=1e-10)
 
 
-def test_a_grid_of_2224_buses_is_at_rest() -> None:
+def test_grid_of_2224_buses_is_at_rest() -> None:
     """Great Britain's, from ANDES's wheel: the power flow of the case is balanced, its machines stand still."""
     path = CASES / "GBnetwork" / "GBnetwork.m"
     system = check(System, import_case(path).content, str(path))
@@ -113,7 +113,7 @@ def test_runs_are_the_same_with_factors_instead_of_a_dense_network(
     np.testing.assert_allclose(found.frames, dense.frames, rtol=1e-6, atol=1e-7)
 
 
-def test_the_sparse_linear_plant_has_the_same_modes_and_residues(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sparse_linear_plant_has_the_same_modes_and_residues(monkeypatch: pytest.MonkeyPatch) -> None:
     """Series and parallel devices, machines with X''q != X''d; the modes nearest the shifts, not all."""
     system, devices = load_system("nets_nyps"), ["sssc", "statcom"]
     pmus = [pmu.name for pmu in system.pmus]

@@ -241,7 +241,7 @@ def test_regulators_answer_a_small_step_as_their_equations_say(step: str) -> Non
     assert (np.abs(found - expected).max(axis=0) <= 2e-4 * np.abs(expected).max(axis=0) + 1e-9).all()
 
 
-def test_a_fault_at_its_bus_blocks_it_and_it_comes_back() -> None:
+def test_fault_at_its_bus_blocks_it_and_it_comes_back() -> None:
     """No current and no state moving while the voltage is too low; afterwards it holds the voltage again."""
     fault = {"time": 0.1, "kind": "fault", "bus": "B8W", "duration": 0.1}
     system = two_area()

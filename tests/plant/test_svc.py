@@ -131,7 +131,7 @@ def test_what_it_gives_goes_into_the_branches_at_its_bus() -> None:
     np.testing.assert_allclose(out, 1j * B * trace.frames[:, at[0], VOLTAGE] ** 2, rtol=0, atol=1e-10)
 
 
-def test_a_fault_at_its_bus_blocks_it_and_it_comes_back() -> None:
+def test_fault_at_its_bus_blocks_it_and_it_comes_back() -> None:
     """No current and no state moving while the voltage is too low; afterwards it lifts the voltage again."""
     fault = {"time": 0.2, "kind": "fault", "bus": "B8W", "duration": 0.1}
     built = plant(two_area(), fault, installed=["svc"])

@@ -98,7 +98,7 @@ def test_messages_of_many_layouts(store: Any, little_endian: bool) -> None:
     assert firsts == sorted(firsts)
 
 
-def test_a_number_is_in_the_order_of_this_machine(store: Any) -> None:
+def test_number_is_in_the_order_of_this_machine(store: Any) -> None:
     message = random_message(store, np.random.default_rng(4))
     data = bytes(store.serialize_cdr(message, MIXED, little_endian=sys.byteorder != "little"))
     (block,), _ = blocks([data, data], store.fielddefs, MIXED)

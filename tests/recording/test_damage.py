@@ -185,7 +185,7 @@ def test_topics_that_have_no_tick_in_common(
         load(tmp_path / "run")
 
 
-def test_a_cut_recording_that_is_refused_says_so(
+def test_cut_recording_that_is_refused_says_so(
     tmp_path: Path, random_record: Callable[..., Record], write_record: Any
 ) -> None:
     late = ("/pmu/delivered", "/controller_10_B/setpoints")
@@ -221,7 +221,7 @@ def test_foreign_recording(tmp_path: Path) -> None:
         load(tmp_path / "run")
 
 
-def test_a_recording_with_messages_of_old_names_says_so(tmp_path: Path) -> None:
+def test_recording_with_messages_of_old_names_says_so(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "run") as writer:
         old = next(name for name, new in OLD_NAMES.items() if new == "DeviceSetpoints")
         writer.add_topic("/setpoints/delivered", f"facts_damping_msgs/msg/{old}", schema="uint64 tick\n")

@@ -54,7 +54,7 @@ FIRST = {FIELDS[owner][field]: (owner, field) for owner, field in reversed(READ)
 
 
 @pytest.mark.parametrize(("owner", "field"), READ)
-def test_a_field_of_another_type_is_refused(owner: str, field: str) -> None:
+def test_field_of_another_type_is_refused(owner: str, field: str) -> None:
     """The first field of each type with all others, the rest with one each by turns, and without the field."""
     name = next(one for one in TYPES if owner in get_types_from_msg(schema_text(one), one))
     allowed, turn = FIELDS[owner][field], READ.index((owner, field)) % len(OTHERS)
@@ -72,7 +72,7 @@ def test_a_field_of_another_type_is_refused(owner: str, field: str) -> None:
     ("owner", "field", "other"),
     [("PlantState", "tick", "float64"), ("PmuFrame", "speed_deviation_pu", "uint64"), ("PlantState", "machines", None)],
 )
-def test_a_recording_of_other_fields_is_refused_in_a_line(
+def test_recording_of_other_fields_is_refused_in_a_line(
     tmp_path: Path, random_record: Callable[..., Record], written: Any, owner: str, field: str, other: str | None
 ) -> None:
     """Its bytes would be read as other numbers: eight of a tick as a fraction, or the reverse."""

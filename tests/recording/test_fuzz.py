@@ -85,7 +85,7 @@ def assert_sound(found: Record | str, whole: Record) -> None:
         assert found.notes
 
 
-def test_the_whole_file_is_sound(whole: bytes, record: Record) -> None:
+def test_whole_file_is_sound(whole: bytes, record: Record) -> None:
     found = read(whole)
     assert not isinstance(found, str), found
     assert_sound(found, record)
@@ -155,7 +155,7 @@ def _load(data: bytes) -> Record:
         return load(file)
 
 
-def test_a_chunk_whose_kind_is_flipped_is_missed(whole: bytes, record: Record) -> None:
+def test_chunk_whose_kind_is_flipped_is_missed(whole: bytes, record: Record) -> None:
     """It is passed over as an unknown record; the checksum of the whole, or the count of messages, tells."""
     chunk = whole.rindex(b"zstd")  # of the last chunk
     while whole[chunk - 41] != 0x06:
@@ -235,7 +235,7 @@ def late(topic: str, message: Any) -> Any:
     return message
 
 
-def test_a_tick_far_away_neither_hangs_nor_fills_the_memory(
+def test_tick_far_away_neither_hangs_nor_fills_the_memory(
     tmp_path: Path, record: Record, messages: Any, written: Callable[..., None]
 ) -> None:
     """As a sender of another version, or of another kind, might number them."""
@@ -245,7 +245,7 @@ def test_a_tick_far_away_neither_hangs_nor_fills_the_memory(
     assert len(found.time_ns) == 59
 
 
-def test_a_tick_far_away_in_a_bag_without_a_run_does_not_either(
+def test_tick_far_away_in_a_bag_without_a_run_does_not_either(
     tmp_path: Path, record: Record, messages: Any, written: Callable[..., None]
 ) -> None:
     written(record, tmp_path / "run", change=late, configuration="none")
@@ -271,7 +271,7 @@ def test_one_message_that_is_missing_ends_the_replay_there(
 
 
 @pytest.mark.parametrize("change", ["older", "newer", "text", "list", "other"])
-def test_a_run_of_another_version_is_left_out_with_a_line(
+def test_run_of_another_version_is_left_out_with_a_line(
     tmp_path: Path, record: Record, written: Any, change: str
 ) -> None:
     made = dict(record.configuration)
@@ -325,7 +325,7 @@ def test_topics_of_other_types_beside_ours_do_no_harm(tmp_path: Path, record: Re
 
 @settings(max_examples=25, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32), command=st.sampled_from(["analyze", "replay", "views"]))
-def test_a_run_in_a_recording_that_is_nearly_right(
+def test_run_in_a_recording_that_is_nearly_right(
     tmp_path_factory: Any, record: Record, written: Any, capsys: Any, seed: int, command: str
 ) -> None:
     """As another version, or somebody else, may have stored it: what it names is not opened."""

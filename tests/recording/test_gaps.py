@@ -35,7 +35,7 @@ def test_what_a_link_delivered_unheard_is_missing_where_it_was_answered(began: i
     assert gap_notes(found, away, 19) == (told if heard_late else [])
 
 
-def test_an_absent_link_explains_gaps_of_the_nodes_that_use_it_alone() -> None:
+def test_absent_link_explains_gaps_of_the_nodes_that_use_it_alone() -> None:
     """Controller 1 has a link of its own, controllers 0 and 2 share the first."""
     found = {
         "delivered": [Series("/pmu/delivered", np.arange(20), []), series("/controller_1_LLC/pmu/delivered", FOUND)],

@@ -24,7 +24,7 @@ def folder(tmp_path: Path, random_record: Callable[..., Record], write_record: A
     return tmp_path / "run"
 
 
-def test_a_recording_keeps_its_digest(folder: Path) -> None:
+def test_recording_keeps_its_digest(folder: Path) -> None:
     before = yaml.safe_load((folder / "metadata.yaml").read_text())
     made = seal(folder)
     information = yaml.safe_load((folder / "metadata.yaml").read_text())
@@ -55,7 +55,7 @@ def test_what_is_no_digest_harms_nobody(folder: Path, digits: str) -> None:
     assert all("digest" in note for note in load(folder).notes)
 
 
-def test_a_cut_recording_is_not_marked_as_complete(folder: Path) -> None:
+def test_cut_recording_is_not_marked_as_complete(folder: Path) -> None:
     (folder / "metadata.yaml").unlink()
     seal(folder)
     assert not (folder / "metadata.yaml").exists()

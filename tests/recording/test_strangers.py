@@ -134,7 +134,7 @@ def test_every_command_refuses_a_run_that_is_not_right_with_field_and_value(
             assert errors.count("\n") == 1, command
 
 
-def test_a_run_without_a_system_or_with_a_stage_without_its_name(
+def test_run_without_a_system_or_with_a_stage_without_its_name(
     record: Record, stored: Any, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The system is needed; what a stage lacks is its default."""
@@ -147,7 +147,7 @@ def test_a_run_without_a_system_or_with_a_stage_without_its_name(
 
 
 @pytest.mark.timeout(60)
-def test_a_list_of_a_million_is_refused_before_it_is_made(
+def test_list_of_a_million_is_refused_before_it_is_made(
     record: Record, stored: Any, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = dump({name: value for name, value in record.configuration.items() if name != "devices"})
@@ -159,7 +159,7 @@ def test_a_list_of_a_million_is_refused_before_it_is_made(
 
 @settings(max_examples=20, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32), command=st.sampled_from(list(COMMANDS)))
-def test_a_changed_run_is_read_or_refused_in_one_line(
+def test_changed_run_is_read_or_refused_in_one_line(
     record: Record, stored: Any, place: Path, capsys: pytest.CaptureFixture[str], seed: int, command: str
 ) -> None:
     folder = place / f"{command}_{seed}"
@@ -233,7 +233,7 @@ def test_every_command_refuses_what_is_no_recording_of_a_run(
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_database_is_read_or_refused_for_want_of_its_run(
+def test_database_is_read_or_refused_for_want_of_its_run(
     sound: Path, place: Path, command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     status, errors = said(command, database(sound, place / "bag"), capsys)
@@ -259,7 +259,7 @@ def test_what_metadata_name_is_not_opened(sound: Path, place: Path, record: Reco
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_a_recording_whose_messages_all_come_twice_replays_exactly(
+def test_recording_whose_messages_all_come_twice_replays_exactly(
     sound: Path, place: Path, late: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content = scan(sound)
@@ -279,7 +279,7 @@ def test_a_recording_whose_messages_all_come_twice_replays_exactly(
     assert all(note.endswith("the first counts") for note in notes)
 
 
-def test_a_folder_that_is_removed_while_a_report_is_made_ends_the_command_in_a_line(
+def test_folder_that_is_removed_while_a_report_is_made_ends_the_command_in_a_line(
     sound: Path, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write = report.write

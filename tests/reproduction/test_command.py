@@ -41,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def test_a_second_run_that_goes_on_from_most_of_the_runs_in_another_order_gives_the_same(
+def test_second_run_that_goes_on_from_most_of_the_runs_in_another_order_gives_the_same(
     folder: Path, tmp_path: Path
 ) -> None:
     again = tmp_path / "again"
@@ -81,7 +81,7 @@ def test_what_is_written_holds_together(folder: Path) -> None:
     assert {"MISO LLC-tuned", "MISO LQG", "MIMO LQG"} <= {row["who"] for row in rows}
 
 
-def test_an_unknown_table_is_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_unknown_table_is_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["reproduce", "4.3", "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == f"facts-damping: TABLE: '4.3' given; allowed: {', '.join(TITLES)}\n"
 

@@ -60,7 +60,7 @@ def test_what_is_compared_is_needed() -> None:
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_the_function_that_is_counted_gives_the_output_of_the_compiled_one(name: str) -> None:
+def test_function_that_is_counted_gives_the_output_of_the_compiled_one(name: str) -> None:
     net = network(VARIANTS[name].antecedent, VARIANTS[name].consequent, *SHAPE)
     theta, p, tape = initial(net, START), passes(net), counting.Tape()
     forward(net, theta, np.array(AT), p)
@@ -71,7 +71,7 @@ def test_the_function_that_is_counted_gives_the_output_of_the_compiled_one(name:
     assert p.total[0] > 0
 
 
-def test_the_file_has_what_is_counted() -> None:
+def test_file_has_what_is_counted() -> None:
     with file().open(encoding="utf-8", newline="") as stream:
         written = [{key: int(v) if v.isdigit() else v for key, v in row.items()} for row in csv.DictReader(stream)]
     assert written == counting.rows()
@@ -86,7 +86,7 @@ def test_parameters_are_theirs_and_a_step_takes_more_than_its_output(row: Count)
         assert row.step >= row.ours >= 0
 
 
-def test_a_network_of_gaussians_and_singletons_by_hand() -> None:
+def test_network_of_gaussians_and_singletons_by_hand() -> None:
     """z = (x - h) / s, exp(-(z z)) four times; two products of two, w F twice, two sums of two, a quotient."""
     output, _ = counts(VARIANTS["ANFTSC"])
     assert output == {"additions": 6, "multiplications": 8, "divisions": 5, "exponentials": 4, "negations": 4}
@@ -142,12 +142,12 @@ def test_what_is_said_about_the_differences(name: str, more: tuple[int, ...]) ->
     assert np.subtract(printed(name), ours(name)).tolist() == list(more)
 
 
-def test_the_thesiss_splines_cost_what_an_interpolated_one_does_not_the_nearest_point() -> None:
+def test_thesiss_splines_cost_what_an_interpolated_one_does_not_the_nearest_point() -> None:
     output, _ = counts(Variant("b-spline-interpolated", "singleton", "ANFTSI"))
     assert output["additions"] == next(row for row in operations() if row.controller == "ANFBsC").additions
 
 
-def test_the_table_in_markdown_has_a_line_a_controller() -> None:
+def test_table_in_markdown_has_a_line_a_controller() -> None:
     lines = markdown(complexity())
     assert len(lines) == 2 + len(VARIANTS)
     assert lines[2].startswith("| ANFTSC | 10 / 10 / - | 6 / 6 / ")

@@ -111,7 +111,7 @@ def test_after_correction_no_pair_contradicts_itself(table: str) -> None:
     assert len(inconsistent(found)) == slips[table]
 
 
-def test_a_misprint_of_one_digit_is_found_alone() -> None:
+def test_misprint_of_one_digit_is_found_alone() -> None:
     found = [c._replace(printed=c.corrected) for c in cells()]
     assert inconsistent(found) == []
     for i, cell in enumerate(found):
@@ -174,7 +174,7 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("corrections.csv", "4.1,II", "4.9,II", "table: '4.9' given; allowed: 4.1"),
     ],
 )
-def test_a_damaged_file_is_one_line(copy: Path, file: str, old: str, new: str, said: str) -> None:
+def test_damaged_file_is_one_line(copy: Path, file: str, old: str, new: str, said: str) -> None:
     text = (copy / file).read_text()
     assert old in text
     (copy / file).write_text(text.replace(old, new, 1))
@@ -186,7 +186,7 @@ def test_a_damaged_file_is_one_line(copy: Path, file: str, old: str, new: str, s
 
 
 @pytest.mark.parametrize("content", [None, b"", b"\xff\xfe\x00", b'"open'])
-def test_a_file_that_cannot_be_read_is_one_line(copy: Path, content: bytes | None) -> None:
+def test_file_that_cannot_be_read_is_one_line(copy: Path, content: bytes | None) -> None:
     path = copy / "table_5_3.csv"
     path.unlink() if content is None else path.write_bytes(content)
     with pytest.raises(InputError, match=r"table_5_3\.csv") as error:
@@ -194,7 +194,7 @@ def test_a_file_that_cannot_be_read_is_one_line(copy: Path, content: bytes | Non
     assert "\n" not in str(error.value)
 
 
-def test_an_unknown_table_is_one_line() -> None:
+def test_unknown_table_is_one_line() -> None:
     with pytest.raises(InputError, match=r"table: '4\.3' given; allowed: 4\.1, 4\.2"):
         cells(("4.3",))
 

@@ -48,7 +48,7 @@ def test_tables_that_a_page_links_exist_and_have_rows(page: str) -> None:
         assert (DOCS / name).stat().st_size > 100, name
 
 
-def test_the_thesis_s_statements_hold_as_often_as_the_table_says() -> None:
+def test_thesis_s_statements_hold_as_often_as_the_table_says() -> None:
     page = text("reproduction")
     for row in rows("reproduction/agreement.csv"):
         count, said = f"{row['here']} of {row['of']}", row["statement"]
@@ -95,7 +95,7 @@ def numbers(table: str) -> list[dict[str, Any]]:
     return [{name: yaml.safe_load(value or "null") for name, value in row.items()} for row in rows(table)]
 
 
-def test_the_page_on_the_pacific_dc_intertie_follows_from_its_tables() -> None:
+def test_page_on_the_pacific_dc_intertie_follows_from_its_tables() -> None:
     tables = ("linear", "ringdown", "events", "failures", "tuned")
     made = pages.page({name: numbers(f"pdci/{name}.csv") for name in tables})
     linked = re.sub(r"\]\(([a-z]+\.(?:png|csv))\)", r"](images/pdci/\1)", made)

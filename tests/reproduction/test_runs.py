@@ -20,7 +20,7 @@ from facts_damping_studies.sweeps.batch import Base, make
 Made = dict[ComparedRun, dict[str, float] | None]
 
 
-def test_a_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tmp_path: Path) -> None:
+def test_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tmp_path: Path) -> None:
     asked = [LLC, ControllerId("MISO", "HBsWC", "direct"), ControllerId("MIMO", "ANFTSC", "indirect")]
     rows = carry_out(nominal("two_area", asked, duration=4), "some", tmp_path, 1)
     found = figures(rows, asked)
@@ -38,7 +38,7 @@ def test_a_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tm
         assert found[ComparedRun("two_area", scenario, asked[2])] == expected
 
 
-def test_the_baselines_are_beside_every_table() -> None:
+def test_baselines_are_beside_every_table() -> None:
     for table, one in TABLES.items():
         found = whos(cells([table]), one.system)
         assert found[: len(BASELINES)] == list(BASELINES)
@@ -80,7 +80,7 @@ def test_every_set_up_can_be_run_and_differs_from_that_of_the_tables(variant: ex
             assert {who.controller for who in different} == set(explanations.INTERPOLATED)
 
 
-def test_the_set_up_of_the_tables_agrees_with_itself() -> None:
+def test_set_up_of_the_tables_agrees_with_itself() -> None:
     system, tables = "smib", cells(("4.1",))
     asked = [who for who in whos(tables, system) if who == LLC or who.scheme]
     made: Made = {
@@ -98,7 +98,7 @@ def test_the_set_up_of_the_tables_agrees_with_itself() -> None:
     assert told.rho_own < 1.0
 
 
-def test_the_way_to_the_bound() -> None:
+def test_way_to_the_bound() -> None:
     place = ("smib", "light")
     made: Made = {
         ComparedRun(*place, who): {"ITAE": value} for who, value in zip(BASELINES, (9.0, 5.0, 2.0, 1.0), strict=True)

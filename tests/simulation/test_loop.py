@@ -80,7 +80,7 @@ def test_delays_are_exact_and_nothing_acts_before_its_cause(up: int, down: int, 
     assert len(record.delivered) == expected * len(record.pmus)
 
 
-def test_a_millisecond_of_delay_matters() -> None:
+def test_millisecond_of_delay_matters() -> None:
     """Delays are not rounded to frames: 16 ms and 17 ms at 60 frames/s are two results, as are 3 and 4 ms."""
     results = [
         loop.run(load_case(None, [f"link.up.0.delay={ms / 1000}", "duration=5"])).machines["rotor_angle"][-1, 0]
@@ -153,7 +153,7 @@ def test_links_of_the_same_delays_are_as_good_as_one(scheme: str) -> None:
             assert of_link.tobytes() == one.delivered.tobytes()
 
 
-def test_an_identifier_learns_from_what_its_controllers_own_link_delivers() -> None:
+def test_identifier_learns_from_what_its_controllers_own_link_delivers() -> None:
     own = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "controllers.0.link=delay_100ms"]
     record = loop.run(load_case(None, two(*own)))
     assert set(record.delivered["link"]) == {0, 1}

@@ -43,7 +43,7 @@ def written(folder: Path, text: str, name: str = "mine.py") -> str:
 
 
 @pytest.mark.parametrize(("link", "frame_rate"), [("ideal", 60), ("pdci", 50), ("plc", 60), ("lossy_bursts", 50)])
-def test_the_lead_lag_as_a_class_is_the_shipped_one_bit_for_bit(link: str, frame_rate: int) -> None:
+def test_lead_lag_as_a_class_is_the_shipped_one_bit_for_bit(link: str, frame_rate: int) -> None:
     sets = [f"link={link}" if link != "lossy_bursts" else LOSSY, f"frame_rate={frame_rate}"]
     shipped = loop.run(load_case("two_area_large", ["duration=5", *sets]))
     given = run(LEAD_LAG, *sets)
@@ -137,7 +137,7 @@ def test_setpoints_are_limited_like_others(tmp_path: Path) -> None:
     assert set(record.issued["value"]) == {load_case("two_area_large", []).system.device("sssc").setpoint_max}
 
 
-def test_a_file_is_read_again_when_it_is_written_anew(tmp_path: Path) -> None:
+def test_file_is_read_again_when_it_is_written_anew(tmp_path: Path) -> None:
     text = "class Mine:\n    def __init__(self, spec): pass\n    def step(self, *a): return {}\n"
     for value in (0.001, 0.002, 0.0025):
         assert set(run(written(tmp_path, text.format(value)), "duration=0.2").issued["value"]) == {value}
@@ -234,7 +234,7 @@ def test_what_does_not_fit_a_class_is_one_line(
     refused(2, sets, said, capsys)
 
 
-def test_an_interruption_in_a_step_interrupts_the_run(tmp_path: Path) -> None:
+def test_interruption_in_a_step_interrupts_the_run(tmp_path: Path) -> None:
     policy = written(tmp_path, MINE.format("pass", "raise KeyboardInterrupt('enough')"))
     with pytest.raises(KeyboardInterrupt, match="enough"):
         run(policy)
@@ -283,7 +283,7 @@ modes: false
 """
 
 
-def test_a_sweep_takes_the_delay_margin_of_a_class_beside_others(tmp_path: Path) -> None:
+def test_sweep_takes_the_delay_margin_of_a_class_beside_others(tmp_path: Path) -> None:
     (tmp_path / "copy.py").write_text((ROOT / "examples" / "lead_lag.py").read_text())
     study, out = tmp_path / "study.yaml", tmp_path / "out"
     study.write_text(STUDY.format(policy=f"{tmp_path / 'copy.py'}:LeadLag"))
@@ -298,7 +298,7 @@ def test_a_sweep_takes_the_delay_margin_of_a_class_beside_others(tmp_path: Path)
     assert main(sweep) == 2
 
 
-def test_a_study_of_a_class_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_study_of_a_class_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study = tmp_path / "study.yaml"
     study.write_text(STUDY.format(policy="nowhere.py:Mine"))
     assert_one_line(2, ["sweep", str(study), "--out", str(tmp_path / "out")], "nowhere.py: no such file", capsys)
@@ -341,7 +341,7 @@ CLOSES = """
         ("sys.stderr = Silent()", 0, ""),
     ],
 )
-def test_a_class_that_closes_the_streams_ends_a_command_in_a_line(
+def test_class_that_closes_the_streams_ends_a_command_in_a_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, act: str, status: int, said: str
 ) -> None:
     out, errors = StringIO(), StringIO()

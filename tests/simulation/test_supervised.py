@@ -66,7 +66,7 @@ def run(*sets: str) -> Record:
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_the_same_bits_tick_by_tick_and_in_a_replay(name: str) -> None:
+def test_same_bits_tick_by_tick_and_in_a_replay(name: str) -> None:
     case, whole = load_case(None, [*ON, *RUNS[name]]), run(*ON, *RUNS[name])
     assert np.any(whole.supervised["value"] != 0.0)
     assert_same(rerun(case, []), whole)
@@ -103,7 +103,7 @@ def test_what_happens_in_these_runs() -> None:
     ],
     ids=str,
 )
-def test_a_run_that_is_armed_from_the_start_is_the_one_without_supervisors(sets: list[str]) -> None:
+def test_run_that_is_armed_from_the_start_is_the_one_without_supervisors(sets: list[str]) -> None:
     common = ["scenario=large", "duration=4", *sets]
     alone = loop.run(load_case(None, common))
     watched = ["supervision=standard", "supervision.arming.ramp=0", "arm_at=0", "supervision.monitors.reversals=off"]
@@ -177,7 +177,7 @@ KINDS = ControllerFault.model_json_schema()["properties"]["kind"]["enum"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_fault_does_what_it_is_said_to_do_while_it_lasts(kind: str) -> None:
+def test_fault_does_what_it_is_said_to_do_while_it_lasts(kind: str) -> None:
     found, sound = faulty(kind)
     limit = load_case(None, FREE).system.device("sssc").setpoint_max
     assert between(found, 0, 120).tobytes() == between(sound, 0, 120).tobytes()
@@ -215,7 +215,7 @@ def test_sizes_are_those_given() -> None:
     assert 0.0 < apart[0] < 1e-4 < apart[1]
 
 
-def test_a_dead_controller_begins_again_knowing_nothing_and_a_hung_one_goes_on() -> None:
+def test_dead_controller_begins_again_knowing_nothing_and_a_hung_one_goes_on() -> None:
     """What a network has learnt by then: nothing, or what it had when it hung."""
     for kind in ("dead", "hung"):
         fault = {"kind": kind, "start": 2.0, "duration": 0.5}

@@ -42,7 +42,7 @@ def test_its_poles_are_the_modes_and_the_washouts(modal: Modal) -> None:
     assert len(plant.x_0) == len(plant.states)
 
 
-def test_a_file_has_all_of_it(tmp_path: Path) -> None:
+def test_file_has_all_of_it(tmp_path: Path) -> None:
     path = tmp_path / "plant.npz"
     assert main(["modes", "two_area", "--linear", str(path)]) == 0
     wanted = linear_plant.of(analyse(load_system("two_area"), ["sssc"]))
@@ -54,7 +54,7 @@ def test_a_file_has_all_of_it(tmp_path: Path) -> None:
     assert again.nstates == len(wanted.states)
 
 
-def test_a_file_that_cannot_be_written_is_refused_before_any_work(
+def test_file_that_cannot_be_written_is_refused_before_any_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert_one_line(2, ["modes", "two_area", "--linear", str(tmp_path / "no" / "plant.npz")], "--linear", capsys)

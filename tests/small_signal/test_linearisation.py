@@ -81,7 +81,7 @@ def test_ringdown_after_a_short_pulse_has_the_mode_s_frequency_and_damping(name:
 
 
 @pytest.mark.parametrize(("name", "devices"), CASES)
-def test_a_start_in_the_shape_of_a_mode_moves_as_that_mode_alone(name: str, devices: tuple[str, ...]) -> None:
+def test_start_in_the_shape_of_a_mode_moves_as_that_mode_alone(name: str, devices: tuple[str, ...]) -> None:
     """x - x0 = Re(v exp(lambda t)) in the time domain, all states of each electromechanical mode, for 3 s."""
     found = linearised(name, devices)
     values, right = np.linalg.eig(found.model.A)
@@ -127,7 +127,7 @@ def test_shapes_are_areas_against_each_other_and_machines_of_one_area(devices: t
 
 
 @pytest.mark.parametrize(("others", "label"), [(0.1, "interarea"), (-0.1, "local")])
-def test_a_mode_is_interarea_where_the_areas_hold_most_of_the_motion(others: float, label: str) -> None:
+def test_mode_is_interarea_where_the_areas_hold_most_of_the_motion(others: float, label: str) -> None:
     """G1 and G3 at 1 and -1, their neighbours at x and -x: areas hold (1 + x)^2 / (2 (1 + x^2)) at equal H."""
     system = shipped("two_area")
     system = changed(system, machines=[{**m.model_dump(), "H": 6.0} for m in system.machines])
@@ -246,7 +246,7 @@ def test_sign_and_lead_turn_every_residue_to_the_left() -> None:
 
 @pytest.mark.parametrize("signal", ["w13", "speed", "power"])
 @pytest.mark.parametrize("device", BOTH)
-def test_a_gain_with_the_lead_of_the_rule_damps_the_interarea_mode(device: str, signal: str) -> None:
+def test_gain_with_the_lead_of_the_rule_damps_the_interarea_mode(device: str, signal: str) -> None:
     """u = sign K H(s) y with H(j omega) = exp(j lead), two lead-lag sections: the mode goes left by |R| K."""
     found = linearised("two_area", BOTH)
     row, column = list(found.system.signals).index(signal), BOTH.index(device)

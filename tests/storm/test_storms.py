@@ -35,7 +35,7 @@ def assert_holds(storm: model.Storm, folder: Path) -> running.Trace:
     return trace
 
 
-def test_the_rules_hold_in_storms_of_fixed_seeds_and_of_a_random_one(tmp_path: Path) -> None:
+def test_rules_hold_in_storms_of_fixed_seeds_and_of_a_random_one(tmp_path: Path) -> None:
     first = secrets.randbelow(2**31)
     print(f"storms of the seeds {first} to {first + RANDOM - 1}")
     modes, kinds = set[str](), set[str]()
@@ -54,7 +54,7 @@ def test_what_storms_have_found_stays_mended(path: Path, tmp_path: Path) -> None
     assert_holds(model.read(path), tmp_path / "storm")
 
 
-def test_a_storm_repeats_itself(tmp_path: Path) -> None:
+def test_storm_repeats_itself(tmp_path: Path) -> None:
     """With its messages, logs and times; the fields of a file give the same storm."""
     storm = drawing.draw(12)
     (tmp_path / "storm.yaml").write_text(storm.text())
@@ -86,7 +86,7 @@ def fault(request: pytest.FixtureRequest) -> Iterator[str]:
     take_out()
 
 
-def test_a_deliberate_fault_is_found_and_shrunk(fault: str, tmp_path: Path) -> None:
+def test_deliberate_fault_is_found_and_shrunk(fault: str, tmp_path: Path) -> None:
     number = iter(range(10**6))
 
     def broken(storm: model.Storm) -> list[tuple[str, str]]:
@@ -113,7 +113,7 @@ def test_what_reaches_something_new_is_kept_and_varied() -> None:
     assert len({one.text() for one in varied}) == len(varied)
 
 
-def test_a_search_counts_what_it_tries_until_an_interrupt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_counts_what_it_tries_until_an_interrupt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(found: search.Findings) -> None:
         if found.storms == 3:
             raise KeyboardInterrupt
@@ -144,7 +144,7 @@ def test_each_kind_of_event_is_in_words() -> None:
         ("seed: 1\nmode: fast", "mode: 'fast' given"),
     ],
 )
-def test_a_storm_that_is_none_is_refused_in_one_line(content: str, expected: str, tmp_path: Path) -> None:
+def test_storm_that_is_none_is_refused_in_one_line(content: str, expected: str, tmp_path: Path) -> None:
     path = tmp_path / "storm.yaml"
     path.write_text(content)
     with pytest.raises(InputError) as refused:
@@ -162,7 +162,7 @@ def only_record(trace: running.Trace) -> running.Trace:
     return running.Trace(trace.case, trace.mode, trace.record)
 
 
-def test_the_rules_judge_a_recording_alone(tmp_path: Path) -> None:
+def test_rules_judge_a_recording_alone(tmp_path: Path) -> None:
     trace: Any = assert_holds(model.Storm(seed=1, run={"duration": 1.0}), tmp_path / "storm")
     assert violations(only_record(trace)) == []
     trace.record.devices["reference"][-1] = 10.0

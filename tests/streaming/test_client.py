@@ -158,7 +158,7 @@ def test_it_comes_back_when_the_server_does(monkeypatch: pytest.MonkeyPatch) -> 
     assert one.client.connections == 2
 
 
-def test_a_server_that_is_silent_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_server_that_is_silent_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clients, "SILENT_S", 0.3)
     monkeypatch.setattr(clients, "ANSWER_S", 0.1)
 
@@ -176,7 +176,7 @@ def test_a_server_that_is_silent_is_lost(monkeypatch: pytest.MonkeyPatch) -> Non
     assert told.startswith("silent for")
 
 
-def test_a_configuration_that_changes_while_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_configuration_that_changes_while_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bit 10 says so for a while; then frames are others, of the same length: none is read by the old one."""
     monkeypatch.setattr(clients, "ANSWER_S", 0.05)
     before = served()
@@ -210,7 +210,7 @@ def test_a_configuration_that_changes_while_it_runs(monkeypatch: pytest.MonkeyPa
     assert one.client.receiver.refused == {}
 
 
-def test_a_server_that_knows_no_configuration_3(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_server_that_knows_no_configuration_3(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """`Pmu` of synchrophasor, which closes the connection where it is asked for configuration 3."""
     monkeypatch.setattr(clients, "AGAIN_S", 0.1)
     with subprocess.Popen([sys.executable, "-c", THEIRS, str(port)], start_new_session=True) as theirs:

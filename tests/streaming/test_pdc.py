@@ -78,7 +78,7 @@ def test_behind_a_link_frames_are_aligned_again() -> None:
     assert gone > 0
 
 
-def test_a_clock_that_is_off_by_more_than_half_a_frame_costs_no_frame() -> None:
+def test_clock_that_is_off_by_more_than_half_a_frame_costs_no_frame() -> None:
     """Of two PMUs; the stamp is that of a frame all the same."""
     case = load_case("lead_lag_smib", ["duration=2", "measurement.pmus.G1={clock: {offset: 0.01}}", "controllers=[]"])
     found = [one for _, one in recorded.instants(loop.run(case), Pdc(case, EPOCH))]

@@ -63,7 +63,7 @@ def serve(recording: Path, *options: str) -> subprocess.Popen[str]:
     return subprocess.Popen(told, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def test_a_client_gets_what_was_recorded(recording: Path, port: int) -> None:
+def test_client_gets_what_was_recorded(recording: Path, port: int) -> None:
     record = load(recording)
     seen = grid_pmus(load_case("two_area_small", []))
     with serve(recording, "--port", str(port), "--json", "-") as server:

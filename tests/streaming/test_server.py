@@ -118,7 +118,7 @@ def test_data_ends_where_it_is_turned_off() -> None:
     assert found == session.data_frame(served(), instant(0))
 
 
-def test_a_slow_client_is_dropped_and_counted() -> None:
+def test_slow_client_is_dropped_and_counted() -> None:
     """One that reads nothing; another reads all the time."""
     wide = session.stream(11, system_pmus.configuration(GRID * 100, 60, 60, FORMATS))
     values = np.ones((len(GRID) * 100, len(CHANNELS)))
@@ -199,7 +199,7 @@ def test_who_turns_data_off_by_datagram_is_forgotten_and_there_are_not_too_many(
     assert server.listening == 255
 
 
-def test_a_client_that_asks_and_does_not_read_is_dropped() -> None:
+def test_client_that_asks_and_does_not_read_is_dropped() -> None:
     async def act(server: Server) -> None:
         _, writer = await client(server)
         asked = frame.command(11, "send_configuration_3", 5) * 100
@@ -239,7 +239,7 @@ def test_fixed_receivers_get_configuration_and_data(group: str | None) -> None:
     assert [type(one) for one in found] == [configuration.Configuration, Instant, Instant]
 
 
-def test_a_port_that_is_taken_is_said() -> None:
+def test_port_that_is_taken_is_said() -> None:
     with socket.socket() as taken:
         taken.bind((HERE, 0))
         taken.listen()

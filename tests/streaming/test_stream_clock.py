@@ -78,7 +78,7 @@ def test_while_nothing_comes_ticks_go_on_empty_and_then_with_the_stream() -> Non
     assert empty == list(range(60, 180))
 
 
-def test_a_pause_of_the_source_moves_its_stamps() -> None:
+def test_pause_of_the_source_moves_its_stamps() -> None:
     """It stops for 4 s and then goes on where it stopped: ticks do not wait, stamps are taken for those of now."""
     following, numbers = Following(1, RATE, WAIT), list[int]()
     for n in range(120 * 12):
@@ -127,7 +127,7 @@ def test_instants_before_the_first_one_are_late_and_shift_no_tick() -> None:
     assert following.alignment.late == 100
 
 
-def test_a_stream_that_is_alone_out_of_time_moves_nothing() -> None:
+def test_stream_that_is_alone_out_of_time_moves_nothing() -> None:
     following = Following(2, RATE, WAIT)
     for k in range(200):
         following.put(k, PmuReport(ONE, rows(1, 0.0), SOUND, HERE), k / RATE)
@@ -137,7 +137,7 @@ def test_a_stream_that_is_alone_out_of_time_moves_nothing() -> None:
     assert following.alignment.late > 150
 
 
-def test_a_station_that_says_that_it_is_absent_is_not_waited_for() -> None:
+def test_station_that_says_that_it_is_absent_is_not_waited_for() -> None:
     following = Following(2, RATE, WAIT)
     following.put(7, PmuReport(np.arange(2), rows(2, 1.0), np.zeros(2, np.int64), np.array([False, True])), 0.0)
     (tick,) = following.take(0.0)

@@ -78,7 +78,7 @@ def test_every_fault_makes_a_run(fault: str, small: Path) -> None:
         assert (case.document() == sound.document()) == (fault in ("none", *ONLY_REAL))
 
 
-def test_a_draw_is_its_number_s_whatever_was_drawn_before(small: Path) -> None:
+def test_draw_is_its_number_s_whatever_was_drawn_before(small: Path) -> None:
     made = campaign.plan(str(small))
     first = [campaign.draw(made, number) for number in range(6)]
     assert [campaign.draw(made, number) for number in reversed(range(6))] == first[::-1]
@@ -87,7 +87,7 @@ def test_a_draw_is_its_number_s_whatever_was_drawn_before(small: Path) -> None:
     assert [campaign.draw(other, number) for number in range(6)] != first
 
 
-def test_a_draw_that_fails_is_a_run_file_that_runs_again_bit_for_bit(
+def test_draw_that_fails_is_a_run_file_that_runs_again_bit_for_bit(
     small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(invariants.ALONE, "within_limits", invariants.Rule("", lambda *_: -1.0))
@@ -101,7 +101,7 @@ def test_a_draw_that_fails_is_a_run_file_that_runs_again_bit_for_bit(
             assert getattr(again, name).tobytes() == getattr(once, name).tobytes()
 
 
-def test_an_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = carried_out(small, tmp_path / "out", draws=3)
     asked: list[int] = []
     one_draw = campaign.one_draw
@@ -134,14 +134,14 @@ def test_harmful_trips_are_counted_of_all_healthy_draws() -> None:
     assert [(cell.number, cell.percent) for cell in of_all[4:]] == [(4, 66.67), (2, 33.33), (1, 16.67)]
 
 
-def test_a_wrong_sign_that_was_never_found_is_missed() -> None:
+def test_wrong_sign_that_was_never_found_is_missed() -> None:
     long = [drawn_row(fault="wrong_sign", detected_s=found) for found in (2.0, None)]
     beside = [drawn_row(fault="wrong_sign", lasts="0.1"), drawn_row(fault="wrong_sign", armed_s=None), drawn_row()]
     *_, row = campaign_pages.missed_table([*long, *beside]).markdown()
     assert "| 2 | 1: 50.00 % (9.45 to 90.55) | 0 |" in row
 
 
-def test_a_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, told = tmp_path / "out", tmp_path / "told.json"
     given = ["campaign", str(small), "--set", "seed=1", "--out", str(folder), "--jobs", "1", "--json", str(told)]
     assert main(given) == 0

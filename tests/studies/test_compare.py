@@ -98,7 +98,7 @@ def test_every_adaptive_controller_damps_every_scenario_but_the_findings(rows: R
     assert {place(row): row["verdict"] for row in rows if row["scheme"] and not row["damped"]} == NOT_DAMPED
 
 
-def test_the_lqg_damps_every_scenario_and_has_less_of_the_squares_than_lead_lags(rows: Rows) -> None:
+def test_lqg_damps_every_scenario_and_has_less_of_the_squares_than_lead_lags(rows: Rows) -> None:
     for system, scenario in {(row["system"], row["scenario"]) for row in rows}:
         own = {r["controller"]: r for r in rows if (r["system"], r["scenario"]) == (system, scenario)}
         assert own["LQG"]["damped"]
@@ -170,7 +170,7 @@ def test_every_ensemble_may_have_another_profile(name: str) -> None:
     assert case.model.loads != case.system.loads  # the draws are of the plant alone
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Some of its points; their rows are those of the whole."""
     asked = ["sweep", "comparison", "--set", "system=smib", "--only", "kind=none,LLC*", "--set", "duration=1"]
     assert main([*asked, "--jobs", "1", "--out", str(tmp_path / "a")]) == 0

@@ -42,7 +42,7 @@ def found() -> design.Design:
     ratio=st.floats(-0.05, 0.2),
     delay=st.floats(0.0, 0.5),
 )
-def test_a_lead_lag_turns_the_residue_to_the_left(angle: float, hertz: float, ratio: float, delay: float) -> None:
+def test_lead_lag_turns_the_residue_to_the_left(angle: float, hertz: float, ratio: float, delay: float) -> None:
     """Phase by phase: residue, two sections, washout, delay and half a frame, sign; at the eigenvalue."""
     w = 2.0 * np.pi * hertz
     s = complex(-ratio * w, w * np.sqrt(1.0 - ratio**2))
@@ -107,7 +107,7 @@ def test_new_devices_of_each_kind_have_places(kind: str) -> None:
     assert np.isfinite(list(strengths.values())).all()
 
 
-def test_a_design_of_exciter_inputs_alone_has_scenarios() -> None:
+def test_design_of_exciter_inputs_alone_has_scenarios() -> None:
     """No line and no bus is a candidate: faults at the grid's own."""
     task = design.Task("kundur_12_6_thyristor", [], 0.05, 0.1, kinds=["exciter_input"])
     found = design.design(task, 1, quiet)
@@ -115,12 +115,12 @@ def test_a_design_of_exciter_inputs_alone_has_scenarios() -> None:
     assert found.tried[found.chosen.tried].place.device.kind == "exciter_input"
 
 
-def test_an_unknown_kind_is_refused() -> None:
+def test_unknown_kind_is_refused() -> None:
     with pytest.raises(InputError, match="--kinds: 'upfc' given"):
         design.design(design.Task(SYSTEM, [], 0.1, 0.1, kinds=["upfc"]), 1, quiet)
 
 
-def test_the_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> None:
+def test_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> None:
     """By the margin's own study at the delay that was given, and by a simulation of a small step of a load."""
     assert found.tuned.reached
     run = {**found.run, "system": found.content, "scenario": []}
@@ -157,7 +157,7 @@ def test_what_other_modes_gain_is_what_the_closed_loop_shows() -> None:
     assert any(one.conflicts() for one in free.pairs)
 
 
-def test_the_files_run(found: design.Design, tmp_path: Path) -> None:
+def test_files_run(found: design.Design, tmp_path: Path) -> None:
     """The run as written is the loop that was designed, and its scenarios keep the grid together."""
     written = design_pages.write(found, tmp_path)
     assert [path.name for path in written][-2:] == ["run.yaml", "training_cases.yaml"]
@@ -194,7 +194,7 @@ def test_what_cannot_be_designed_is_said(changes: dict[str, Any], said: str) -> 
         design.design(design.Task(SYSTEM, [], 0.1, 0.1)._replace(**changes), 1, quiet)
 
 
-def test_a_place_that_is_asked_for_is_taken_and_all_are_ranked(tmp_path: Path) -> None:
+def test_place_that_is_asked_for_is_taken_and_all_are_ranked(tmp_path: Path) -> None:
     """A line's own device stays in service in the scenarios; what an earlier design wrote goes."""
     (tmp_path / "line_out.yaml").write_text("of an earlier design")
     task = design.Task(SYSTEM, [], 0.05, 0.1, place="line_1", signal="w13")

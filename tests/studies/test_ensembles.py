@@ -57,7 +57,7 @@ def test_every_draw_starts_from_an_equilibrium_of_its_own(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ENSEMBLES)
-def test_an_ensemble_holds_the_scenario_that_it_is_named_after(name: str) -> None:
+def test_ensemble_holds_the_scenario_that_it_is_named_after(name: str) -> None:
     """Each number of its events and each dispatched power lies within what is drawn; the kinds are the same."""
     system, _, scenario = name.removeprefix("ensemble_").rpartition("_")
     own, (_, cases) = load_case(None, [f"system={system}", f"scenario={scenario}"]), drawn(name)
@@ -92,7 +92,7 @@ def test_noise_is_behind_any_link(name: str, link: str) -> None:
         assert case.run.seed == point.columns["seed"]
 
 
-def test_a_row_names_the_link_that_noise_was_put_behind() -> None:
+def test_row_names_the_link_that_noise_was_put_behind() -> None:
     plan = sweep.plan("ensemble_two_area_small", ["link=pdci_100ms", "duration=2"])
     row = one_run(plan.base, sweep._tasks(plan, {})[0])[1]
     assert (row["link"], row["scenario"], row["controller"], row["error"]) == ("pdci_100ms", "small", "LLC", None)

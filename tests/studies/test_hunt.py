@@ -71,7 +71,7 @@ def hunted(seed: int, cases: int) -> NDArray[np.float64]:
     return points
 
 
-def test_a_hunt_comes_twice_as_near_to_the_worst_as_as_many_random_points() -> None:
+def test_hunt_comes_twice_as_near_to_the_worst_as_as_many_random_points() -> None:
     found, drawn = [], []
     for seed in range(6):
         points = hunted(seed, 300)
@@ -141,7 +141,7 @@ def told(arguments: list[str], folder: Path) -> dict[str, Any]:
     return found
 
 
-def test_a_hunt_writes_a_page_and_run_files_that_violate_and_goes_on(turned: Path, tmp_path: Path) -> None:
+def test_hunt_writes_a_page_and_run_files_that_violate_and_goes_on(turned: Path, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     found = told([str(turned), "--hunt", "0.001"], folder)
     assert found["cases"] % 14 == 0 < found["cases"]

@@ -87,7 +87,7 @@ edits = st.tuples(
 @example([("state", 239, 0.0)])
 @example([("cut", 60, 0.0), ("reference", 90, 0.01)])
 @given(st.lists(edits, min_size=1, max_size=3))
-def test_a_margin_is_below_zero_where_what_must_hold_does_not(changes: list[tuple[str, int, float]]) -> None:
+def test_margin_is_below_zero_where_what_must_hold_does_not(changes: list[tuple[str, int, float]]) -> None:
     case, record = sound()
     told, passed, devices = (np.copy(part) for part in (record.supervision, record.supervised, record.devices))
     applied = record.applied

@@ -187,7 +187,7 @@ def integrator(gain: float, rate: int) -> DelayedLoop:
 
 @some
 @given(gain=st.floats(0.1, 100), delay_ns=st.integers(0, 300_000_000), rate=st.sampled_from([10, 60, 120]))
-def test_an_integrator_has_its_polynomial(gain: float, delay_ns: int, rate: int) -> None:
+def test_integrator_has_its_polynomial(gain: float, delay_ns: int, rate: int) -> None:
     """z^(n+1) (z - 1) + K (T - p) z + K p = 0 for a delay of n frames and a part p (Astrom, Wittenmark, 2.3)."""
     frames, rest = divmod(delay_ns * rate, 10**9)
     period, part = 1 / rate, rest / 1e9 / rate

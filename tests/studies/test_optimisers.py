@@ -46,7 +46,7 @@ def search(method: str, seed: int, generations: int) -> tuple[Bowl, Found]:
 
 @every_method
 @pytest.mark.parametrize("seed", range(3))
-def test_the_least_is_found(method: str, seed: int) -> None:
+def test_least_is_found(method: str, seed: int) -> None:
     bowl, found = search(method, seed, 120)
     np.testing.assert_allclose(found.best, bowl.minimum, atol=1e-3)
 
@@ -68,7 +68,7 @@ def test_what_is_asked_is_the_budget_within_the_cube_and_its_best_is_handed_on(
 
 
 @every_method
-def test_a_search_is_one_of_its_seed_whatever_was_drawn_before(method: str) -> None:
+def test_search_is_one_of_its_seed_whatever_was_drawn_before(method: str) -> None:
     first, _ = search(method, 1, 5)
     np.random.standard_normal(7)  # noqa: NPY002 (the global generator, which a library might draw from)
     again, _ = search(method, 1, 5)

@@ -63,7 +63,7 @@ def test_who_bears_most_is_first_and_what_is_missing_or_holds_again_is_seen() ->
     assert second == "| A | 0.200 [0.19, 0.21] * 30 % | 0.100 [0.09, 0.11] |"
 
 
-def test_the_picture_has_a_panel_for_each_place_and_a_diamond_also_where_it_fails_at_once() -> None:
+def test_picture_has_a_panel_for_each_place_and_a_diamond_also_where_it_fails_at_once() -> None:
     at_once = margin("not_damped", "large", "plc", "C", 0.0, margin_s=None, low_s=None, high_s=0.0, beyond="low")
     figure = draw_margins([*MARGINS, margin("unstable", "large", "plc", "C", 0.2), at_once], "link")
     titles = [axes.get_title() for axes in figure.axes]

@@ -105,7 +105,7 @@ def test_without_control_all_is_worse(nominal: list[Draw]) -> None:
 
 
 @pytest.mark.usefixtures("each_run_once")
-def test_a_score_is_the_worst_index_and_the_price_of_what_effort_is_more(nominal: list[Draw]) -> None:
+def test_score_is_the_worst_index_and_the_price_of_what_effort_is_more(nominal: list[Draw]) -> None:
     weak = Controller(name="LLC", parameters={"gain": 1.0})
     strong = Controller(name="LLC", parameters={"gain": 1000.0})
     for controller, dearer in ((weak, False), (strong, True)):
@@ -161,7 +161,7 @@ def test_by_medians_the_largest_of_any_index_in_any_group_counts() -> None:
     assert (found.ratios, found.undamped) == (every.ratios, every.undamped)
 
 
-def test_a_lost_run_counts_more_than_any_other_and_the_earlier_the_more(nominal: list[Draw]) -> None:
+def test_lost_run_counts_more_than_any_other_and_the_earlier_the_more(nominal: list[Draw]) -> None:
     found = [
         score(Controller(name="LLC", parameters={"gain": gain}), draws("two_area", None, 1)).value
         for gain in (-20.0, -50.0)
@@ -224,7 +224,7 @@ def test_parameters_have_the_place_that_they_came_from(name: str, scheme: Scheme
 
 @pytest.mark.usefixtures("each_run_once")
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
-def test_a_start_from_tuned_parameters_has_the_tuned_controller_among_its_points(scheme: Scheme) -> None:
+def test_start_from_tuned_parameters_has_the_tuned_controller_among_its_points(scheme: Scheme) -> None:
     tuned = Controller.model_validate({"name": "ANFBsC", "scheme": scheme})
     same = Structure("b-spline+singleton", scheme, ("sssc",))
     choice, one = Choice(same, "smib"), draws("smib", None, 1)
@@ -235,7 +235,7 @@ def test_a_start_from_tuned_parameters_has_the_tuned_controller_among_its_points
 
 
 @pytest.mark.parametrize("name", BEST)
-def test_a_start_from_a_run_is_its_controller_guards_included(name: str) -> None:
+def test_start_from_a_run_is_its_controller_guards_included(name: str) -> None:
     case = load_case(name)
     own = case.run.controllers[0]
     choice = Choice(Structure(own.name, own.scheme, tuple(own.devices)), case.system.name)
@@ -244,13 +244,13 @@ def test_a_start_from_a_run_is_its_controller_guards_included(name: str) -> None
     assert_close(again, own.parameters)
 
 
-def test_a_lead_lag_of_both_devices_may_be_started_from() -> None:
+def test_lead_lag_of_both_devices_may_be_started_from() -> None:
     """It takes fewer signals than the networks beside it."""
     every = structures(load_system("two_area"), [], ["sssc", "statcom"])
     assert [one.name for one in every if started("lead_lag_two_area", "two_area", one)] == ["LLC-tuned"]
 
 
-def test_the_other_first_points_are_about_those_of_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_first_points_are_about_those_of_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[NDArray[np.float64]] = []
 
     def recorded(_objective: object, population: NDArray[np.float64], *_: object) -> Found:
@@ -274,7 +274,7 @@ def test_the_other_first_points_are_about_those_of_the_start(monkeypatch: pytest
 # The procedure
 
 
-def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """Scores of each rung from a hash of the structure: who is where follows by sorting."""
     asked: list[tuple[int, int, int]] = []  # rung, draws, generations
 
@@ -356,7 +356,7 @@ def test_what_all_came_to_is_a_file_that_runs_take(tmp_path: Path, monkeypatch: 
         assert {name: own.parameters[name] for name in row.parameters} == row.parameters
 
 
-def test_the_same_seed_gives_the_same_in_any_process_and_another_another(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_same_seed_gives_the_same_in_any_process_and_another_another(monkeypatch: pytest.MonkeyPatch) -> None:
     def short(*asked: Any) -> list[Draw]:
         return [draw._replace(content=draw.content | {"duration": 3.0}) for draw in draws(*asked)]
 
@@ -377,7 +377,7 @@ def test_the_same_seed_gives_the_same_in_any_process_and_another_another(monkeyp
 
 
 @pytest.mark.usefixtures("few_points")
-def test_a_rung_goes_on_from_the_population_of_the_one_before(nominal: list[Draw]) -> None:
+def test_rung_goes_on_from_the_population_of_the_one_before(nominal: list[Draw]) -> None:
     """On the same draws nothing is lost: the best is at least as good."""
     task, entry = SearchTask("smib", None, (), 1, 4), Entry(Structure("LLC-tuned", None, ("sssc",)))
     first = study.climb(task, Rung(0, nominal[:1], 1), entry)

@@ -79,7 +79,7 @@ def test_every_row_has_the_figures_that_simulate_gives(tmp_path: Path) -> None:
         assert (row["link"], row["seed"], row["horizon_s"]) == ("ideal", 0, 4)
 
 
-def test_the_folder_explains_itself(tmp_path: Path) -> None:
+def test_folder_explains_itself(tmp_path: Path) -> None:
     path = study(tmp_path)
     rows = swept(tmp_path, path)["rows"]
     out = tmp_path / "out"
@@ -136,7 +136,7 @@ sweep:
     ]
 
 
-def test_a_system_that_changes_between_two_sweeps_of_a_process_is_built_anew(tmp_path: Path) -> None:
+def test_system_that_changes_between_two_sweeps_of_a_process_is_built_anew(tmp_path: Path) -> None:
     system, found = files.read_table(files.find("systems", "two_area")), {}
     path = study(tmp_path, f"run: {{system: {tmp_path / 'grid.yaml'}, duration: 3}}\n")
     for factor in (1.0, 1.5):
@@ -185,7 +185,7 @@ sweep:
         assert fraction["failed"] == sum(not row[figure] for row in own)
 
 
-def test_a_run_that_fails_is_a_row(tmp_path: Path) -> None:
+def test_run_that_fails_is_a_row(tmp_path: Path) -> None:
     """A gain out of range, a device that is not there: lines of `error`; the others are run."""
     text = """
 run: two_area_small
@@ -264,7 +264,7 @@ def test_seeds_make_one_margin_and_shares(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("tolerance", [0.02, 1e-6])
-def test_a_margin_is_converged_if_its_ends_do_the_same_with_half_the_step(
+def test_margin_is_converged_if_its_ends_do_the_same_with_half_the_step(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], tolerance: float
 ) -> None:
     """The step moves an edge by far less than 20 ms, and by more than a microsecond."""
@@ -281,7 +281,7 @@ def test_a_margin_is_converged_if_its_ends_do_the_same_with_half_the_step(
     assert ("] ~" in capsys.readouterr().out) is not one["converged"]
 
 
-def test_a_share_counts_the_runs_that_do_otherwise_with_half_the_step(tmp_path: Path) -> None:
+def test_share_counts_the_runs_that_do_otherwise_with_half_the_step(tmp_path: Path) -> None:
     text = """
 run: two_area_small
 set:
@@ -364,7 +364,7 @@ main(sys.argv[1:])
 """
 
 
-def test_a_sweep_that_is_killed_leaves_no_process_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
+def test_sweep_that_is_killed_leaves_no_process_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
     path, out = study(tmp_path, MANY), tmp_path / "out"
     command = [sys.executable, "-c", WAITING, "sweep", str(path), "--jobs", "2", "--out", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as child:
@@ -378,7 +378,7 @@ def test_a_sweep_that_is_killed_leaves_no_process_and_goes_on_where_it_stopped(t
     goes_on(path, out)
 
 
-def test_an_interrupted_sweep_leaves_no_process_and_goes_on_where_it_stopped(
+def test_interrupted_sweep_leaves_no_process_and_goes_on_where_it_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Ctrl-C, which strikes the command alone: its processes are its own to end."""
@@ -418,7 +418,7 @@ class Deadly:
 """
 
 
-def test_a_process_that_is_killed_ends_the_sweep_with_one_line(
+def test_process_that_is_killed_ends_the_sweep_with_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The last run kills it; the others stay, and are not run again."""
@@ -462,7 +462,7 @@ def gone(pids: list[int]) -> None:
                 time.sleep(0.05)
 
 
-def test_a_torn_or_damaged_line_costs_its_run_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_torn_or_damaged_line_costs_its_run_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Also one that still is JSON: a digit that has changed."""
     path, out = study(tmp_path), tmp_path / "out"
     swept(tmp_path, path)
@@ -481,7 +481,7 @@ def test_a_torn_or_damaged_line_costs_its_run_only(tmp_path: Path, capsys: pytes
     )  # a changed, a torn one
 
 
-def test_a_finished_sweep_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finished_sweep_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = study(tmp_path)
     first = swept(tmp_path, path)
     monkeypatch.setattr(loop, "finish", None)
@@ -525,7 +525,7 @@ def test_two_sweeps_cannot_write_the_same_folder(tmp_path: Path, capsys: pytest.
 # Where it runs
 
 
-def test_a_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
+def test_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
     from distributed import LocalCluster  # noqa: PLC0415 (a second to load)
 
     path = study(tmp_path)
@@ -643,7 +643,7 @@ def test_shipped_studies_can_be_planned(name: str) -> None:
     assert plan.points
 
 
-def test_the_example(tmp_path: Path) -> None:
+def test_example(tmp_path: Path) -> None:
     found = swept(tmp_path, "example")
     assert len(found["rows"]) == 16
     assert all(row["error"] is None for row in found["rows"])
@@ -651,7 +651,7 @@ def test_the_example(tmp_path: Path) -> None:
     assert {row["scheme"] for row in found["rows"]} == {None, "direct"}
 
 
-def test_a_report_has_the_runs_of_a_study_side_by_side_named_by_what_differs(tmp_path: Path) -> None:
+def test_report_has_the_runs_of_a_study_side_by_side_named_by_what_differs(tmp_path: Path) -> None:
     """Whose figures are those of the rows."""
     page = tmp_path / "out" / "report.html"
     chosen = ["--only", "delay=0.1", "--report", str(page)]
@@ -679,7 +679,7 @@ def test_a_report_has_the_runs_of_a_study_side_by_side_named_by_what_differs(tmp
         (ONE, "nowhere/report.html", "nowhere/report.html: cannot be written; allowed: a file in an existing folder"),
     ],
 )
-def test_a_report_that_cannot_be_is_refused_before_anything_runs(
+def test_report_that_cannot_be_is_refused_before_anything_runs(
     tmp_path: Path, text: str, page: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
@@ -757,7 +757,7 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
     assert [one for one in expected if fails(one[1], rows[one[0]]) is not one[2]] == []
 
 
-def test_the_study_of_delay_margins_asks_for_every_controller_and_scenario() -> None:
+def test_study_of_delay_margins_asks_for_every_controller_and_scenario() -> None:
     plan = sweep.plan("delay_margin", [])
     assert len(plan.points) == 3 * (2 + 2 * 11)
     assert len({json.dumps(point.changes, sort_keys=True) for point in plan.points}) == len(plan.points)

@@ -22,7 +22,7 @@ ROWS = [row(delay, jitter, seed, None if delay * seed > 0.5 else 1.0 + delay + j
         for delay in (0.0, 0.1, 0.2, 0.3) for jitter in (0.0, 0.05, 0.1) for seed in (1, 2, 3)]  # fmt: skip
 
 
-def test_a_curve_is_one_setting_and_lost_runs_are_the_worst() -> None:
+def test_curve_is_one_setting_and_lost_runs_are_the_worst() -> None:
     """At 0.2 s one of three runs is lost, at 0.3 s two: an open circle, then a gap; survivors alone have no median."""
     figure = draw_curves(ROWS, "delay_s", ["delay_s", "jitter_s", "seed"], ["delay_s", "jitter_s"])
     assert figure is not None

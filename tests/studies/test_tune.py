@@ -83,7 +83,7 @@ def test_what_was_chosen_reaches_in_training_what_its_row_says(system: str, row:
 @pytest.mark.parametrize(
     ("name", "scheme"), [("LLC-tuned", None), ("LQG", None), ("HBsWC", "direct"), ("ANFTSC", "indirect")]
 )
-def test_the_space_is_within_what_parameters_may_be(name: str, scheme: Any) -> None:
+def test_space_is_within_what_parameters_may_be(name: str, scheme: Any) -> None:
     row, random = kind(name), np.random.default_rng(1)
     trainer = Trainer(Job(task("two_area"), name, scheme))
     size = len(trainer.space.ranges)
@@ -93,7 +93,7 @@ def test_the_space_is_within_what_parameters_may_be(name: str, scheme: Any) -> N
             assert value in p.choices if p.choices else p.low <= float(str(value)) <= p.high, key
 
 
-def test_a_search_is_reproducible_and_no_worse_than_its_first_points(
+def test_search_is_reproducible_and_no_worse_than_its_first_points(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tune, "POPULATION", 8)
@@ -111,13 +111,13 @@ def test_a_search_is_reproducible_and_no_worse_than_its_first_points(
     assert search(job._replace(task=job.task._replace(seed=4))) != found
 
 
-def test_a_lost_run_counts_more_than_any_that_stays() -> None:
+def test_lost_run_counts_more_than_any_that_stays() -> None:
     trainer = Trainer(Job(task("two_area"), "LLC-tuned", None))
     lost = objective(trainer.with_parameters({"gain": -50.0}), trainer.residues)
     assert 900.0 < lost < 1000.0
 
 
-def test_the_command_writes_a_file_that_runs_read(
+def test_command_writes_a_file_that_runs_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tune, "POPULATION", 6)
@@ -129,7 +129,7 @@ def test_the_command_writes_a_file_that_runs_read(
     assert f"parameters: {out}" in capsys.readouterr().out
 
 
-def test_a_system_of_the_users_own_is_tuned_on_a_scenario_of_their_own(tmp_path: Path) -> None:
+def test_system_of_the_users_own_is_tuned_on_a_scenario_of_their_own(tmp_path: Path) -> None:
     """With the sign of the gain that damps there: here the residue is near 0 degrees."""
     content = read_table(shipped("systems")["wscc_9"])
     content["devices"] = [{"name": "own", "kind": "sssc", "line": "line_5_7"}]

@@ -66,7 +66,7 @@ def test_delay_alone_turns_help_into_harm() -> None:
     assert seen("two_area", 8.0, 0.2, 0.25) > 0.03
 
 
-def test_a_controller_that_harms_in_shadow_is_not_armed() -> None:
+def test_controller_that_harms_in_shadow_is_not_armed() -> None:
     for gain, state in ((15.0, "armed"), (-15.0, "shadow")):
         sets = ["supervision=standard", "arm_at=6", "duration=6.1", f"controllers.0.parameters.gain={gain}"]
         report = loop.run(load_case(None, sets)).supervision[-1]

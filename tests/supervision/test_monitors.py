@@ -195,7 +195,7 @@ def test_frames_that_arrive_together_are_compared_one_by_one() -> None:
             assert one == pytest.approx(other, rel=0.05)
 
 
-def test_a_station_that_was_lost_for_long_is_no_island() -> None:
+def test_station_that_was_lost_for_long_is_no_island() -> None:
     """While it is lost, and once it is back, with the grid off its frequency: its turns are counted anew."""
     others = [f"supervision.monitors.{name}=off" for name in MONITORS if name not in ("misaligned", "islanding")]
     lost = link("up", {**LOST, "channels": ["G1"], "duration": 5.0})
@@ -213,7 +213,7 @@ def test_a_station_that_was_lost_for_long_is_no_island() -> None:
     assert np.nanmax(angle) < 45.0
 
 
-def test_a_fallback_takes_over_from_a_controller_whose_data_are_bad() -> None:
+def test_fallback_takes_over_from_a_controller_whose_data_are_bad() -> None:
     """Of the monitors of data; those of the controller and the grid trip with a fallback as without one."""
     for name, trial in TRIALS.items():
         if name == "local" or MONITORS[name].follows == "warn" or any("controllers" in text for text in trial.wrong):
@@ -223,7 +223,7 @@ def test_a_fallback_takes_over_from_a_controller_whose_data_are_bad() -> None:
         assert at == pytest.approx(seen(*trial.wrong).states[1][0], abs=1e-9)
 
 
-def test_an_oscillation_that_grows_by_itself_is_no_reason_not_to_damp_it() -> None:
+def test_oscillation_that_grows_by_itself_is_no_reason_not_to_damp_it() -> None:
     """In shadow nothing acts: the plant, which is unstable by itself, is armed, and it grows no more."""
     found = seen(LARGE, "arm_at=8", "duration=14")
     assert [state for _, state, _ in found.states] == ["shadow", "armed"]

@@ -173,7 +173,7 @@ def test_whatever_it_is_told_its_setpoints_stay_within_authority_and_ramps(
         change()
 
 
-def test_a_ramp_has_its_share_of_what_is_allowed_however_much_is_asked_for() -> None:
+def test_ramp_has_its_share_of_what_is_allowed_however_much_is_asked_for() -> None:
     """From 0 to all that a controller may have in the ramp's time, also where it asks for more."""
     for asked in (0.3, 1e300):
         guarded = Guarded({"monitors": watching(), "authority": {"fraction": 0.5}, "arming": {"ramp": 1.0}})
@@ -224,7 +224,7 @@ def test_what_a_tripped_or_disarmed_controller_says_never_acts(script: list[Tick
 
 @settings(max_examples=40)
 @given(script=scripts(wild=False))
-def test_a_trip_is_left_by_an_operator_alone_and_by_way_of_shadow(script: list[Tick]) -> None:
+def test_trip_is_left_by_an_operator_alone_and_by_way_of_shadow(script: list[Tick]) -> None:
     guarded = Guarded(shuffled({}, {}), arm_at=0.05)
     before = "shadow"
     for t in script:

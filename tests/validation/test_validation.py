@@ -41,7 +41,7 @@ def test_all_rows_pass_and_the_page_in_docs_is_up_to_date(tmp_path: Path, capsys
     assert fixed(page) == fixed(PAGE)
 
 
-def test_a_row_that_fails_is_named_and_ends_with_1(
+def test_row_that_fails_is_named_and_ends_with_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = [compare("mass of the earth", "kg", 6.0, 5.97, 0.01), within("a curve", "m", [0.1, -0.3], 0.5)]
@@ -59,7 +59,7 @@ def test_a_row_that_fails_is_named_and_ends_with_1(
     ]
 
 
-def test_an_unknown_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert_one_line(2, ["validate", "nonsense"], "TABLE: 'nonsense' given; allowed: power-flow-two-area", capsys)
 
 

@@ -97,7 +97,7 @@ MUTATIONS = [
 
 @pytest.mark.parametrize(("good", "bad"), MUTATIONS)
 @pytest.mark.parametrize("recorded", ["two_area_small"], indirect=True, scope="module")
-def test_a_wrong_path_is_found(recorded: Recorded, good: str, bad: str) -> None:
+def test_wrong_path_is_found(recorded: Recorded, good: str, bad: str) -> None:
     texts = {"foxglove": recorded.foxglove, "plotjuggler": recorded.plotjuggler}
     changed = {tool: text.replace(good, bad) for tool, text in texts.items() if good in text}
     assert changed
@@ -223,7 +223,7 @@ def test_command_makes_layouts_of_a_recording_and_a_copy_by_simulated_time(recor
 
 
 @pytest.mark.parametrize("recorded", ["two_area_large"], indirect=True, scope="module")
-def test_a_supervisor_has_its_state_its_setpoints_and_all_that_it_watches(recorded: Recorded) -> None:
+def test_supervisor_has_its_state_its_setpoints_and_all_that_it_watches(recorded: Recorded) -> None:
     here, place = "/area_1/supervisor_0_LLC/state", '/setpoints[:]{device=="sssc"}.value_pu'
     paths = {path: label for _, path, label in foxglove_paths(recorded.foxglove)}
     assert {f"{here}.{field}" for field in ("state", "cause", "refused", "fraction")} <= set(paths)
