@@ -198,7 +198,10 @@ setup(
             *(f"{node} = {WINGS[wing]}.nodes:{node}" for wing, nodes in NODES_OF.items() for node in nodes),
         ],
         f"{NAME}.commands": [f"{wing} = {package}" for wing, package in WINGS.items() if wing != "gym"],
-        f"{NAME}.nodes": [f"{node} = {WINGS[wing]}.nodes.{node}" for wing, nodes in NODES_OF.items() for node in nodes],
+        f"{NAME}.nodes": [
+            f"attacker = {WINGS['testing']}.attacker",
+            *(f"{node} = {WINGS[wing]}.nodes.{node}" for wing, nodes in NODES_OF.items() for node in nodes),
+        ],
         f"{NAME}.api": [
             *(f"{name} = {WINGS['studies']}.api.scores:{name}" for name in ("Score", "score")),
             *(f"{name} = {WINGS['studies']}.api.sweeps:{name}" for name in ("Sweep", "sweep")),

@@ -51,7 +51,7 @@ FILES = {
     "nodes/launching/forked.py": "writes what nodes say",
     "nodes/launching/graph.py": "writes the run file; what nodes say",
     "facts_damping_testing/loopback": "writes what nodes say; reads parameter files of the command line",
-    "nodes/launching/tap_relay.py": "opens a device of the system's for virtual networks, by its name",
+    "facts_damping_testing/tap_relay.py": "opens a device of the system's for virtual networks, by its name",
     "recording/export.py": "writes",
     "recording/schemas.py": "reads installed definitions of messages",
     "recording/writer.py": "writes",

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.streams import Channels
 from facts_damping_streams.c37118 import data, mapping, system_pmus
 from facts_damping_streams.c37118.configuration import FORMATS, Analog, Configuration, Phasor, PmuConfiguration
 from facts_damping_streams.c37118.system_pmus import Pmu
+from facts_damping_streams.parameters import Channels
 
 GRID = [Pmu("A", 230.0, 100.0), Pmu("B", 20.0, 100.0), Pmu("C", 20.0, 100.0)]
 

@@ -12,11 +12,12 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import RunError
-from facts_damping.nodes.launching import fault_injection, graph
-from facts_damping.nodes.launching.fault_injection import LOCKSTEP, REALTIME, GraphFault, run_with_fault
+from facts_damping.nodes.launching import graph
 from facts_damping.parameters.security import add_key
 from facts_damping.simulation import loop
+from facts_damping_studies.campaigns import fault_injection
 from facts_damping_studies.campaigns import graphs as campaign_graphs
+from facts_damping_studies.campaigns.fault_injection import LOCKSTEP, REALTIME, GraphFault, run_with_fault
 from facts_damping_studies.campaigns.invariants import alone, late_ticks
 from tests.nodes.graphs import PATIENCE_S, assert_let_go, nodes_left
 

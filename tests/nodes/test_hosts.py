@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes.launching.tap_relay import interface
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from facts_damping_testing.tap_relay import interface
 from tests.nodes.graphs import PATIENCE_S, assert_same
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def test_cable_delays_what_passes_it(shell: Any) -> None:
     ],
 )
 def test_cable_that_cannot_be_is_refused(arguments: list[str], expected: str) -> None:
-    command = [sys.executable, "-m", "facts_damping.nodes.launching.tap_relay", *arguments]
+    command = [sys.executable, "-m", "facts_damping_testing.tap_relay", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode != 0
     assert expected in done.stderr.splitlines()[-1]

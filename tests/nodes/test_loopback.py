@@ -183,7 +183,7 @@ def test_what_is_imported_meanwhile_is_itself_again_afterwards(monkeypatch: pyte
 
 
 OF_THIS_PROCESS = {
-    "clock.py": {"time"},
+    "nodes/clock.py": {"time"},
     "loopback/opening.py": {"time"},  # replaced for the nodes of users
     "loopback/processes.py": {"threading", "random"},  # whose turn it is
     "loopback/middleware.py": {"random"},
@@ -194,14 +194,16 @@ OF_THIS_PROCESS = {
 
 
 def test_nodes_know_one_clock_and_no_threads() -> None:
-    folder, found = Path(nodes.__file__).parent, {}
-    for path in folder.rglob("*.py"):
+    root, found = Path(nodes.__file__).parents[2], {}
+    rooms = ("loopback", "foreign", "nodes")
+    packages = [root / "facts_damping", *(root / "extensions").iterdir()]
+    for path in (path for room in rooms for package in packages for path in (package / room).rglob("*.py")):
         lines = re.findall(
             r"^\s*(?:import|from) (time|threading|datetime|random|uuid|secrets)\b", path.read_text(), re.MULTILINE
         )
         if lines:
-            found[str(path.relative_to(folder))] = set(lines)
-    assert found == {**OF_THIS_PROCESS, "launching/tap_relay.py": {"random"}}  # a tool beside the graph
+            found["/".join(path.parts[-2:])] = set(lines)
+    assert found == OF_THIS_PROCESS
 
 
 def test_rclpy_is_itself_again_afterwards() -> None:

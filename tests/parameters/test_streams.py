@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.streams import Server, read_streams, server
+from facts_damping_streams.parameters import Server, read_streams, server
 
 if TYPE_CHECKING:
     from pathlib import Path

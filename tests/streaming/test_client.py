@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping.parameters.streams import server as address
 from facts_damping_streams.c37118 import frame, session, stat, system_pmus
 from facts_damping_streams.c37118.configuration import Configuration
 from facts_damping_streams.c37118.session import Instant
+from facts_damping_streams.parameters import server as address
 from facts_damping_streams.streaming import client as clients
 from facts_damping_streams.streaming.client import Client, Lost
 from facts_damping_streams.streaming.server import Server

@@ -8,8 +8,8 @@ import sys
 from typing import TYPE_CHECKING
 
 from facts_damping.cli.main import main
-from facts_damping.parameters.streams import server as address
 from facts_damping_streams.c37118 import system_pmus
+from facts_damping_streams.parameters import server as address
 from facts_damping_streams.streaming.client import Lost
 from facts_damping_streams.streaming.listening import ServerState
 from tests.commands import assert_one_line

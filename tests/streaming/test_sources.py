@@ -10,11 +10,11 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
-from facts_damping.parameters.streams import Streams
 from facts_damping.signals import CHANNELS
 from facts_damping_streams.c37118 import frame, session, system_pmus
 from facts_damping_streams.c37118.configuration import FORMATS, Configuration
 from facts_damping_streams.c37118.session import Instant, Receiver
+from facts_damping_streams.parameters import Streams
 from facts_damping_streams.streaming.client import Lost
 from facts_damping_streams.streaming.pdc import grid_pmus
 from facts_damping_streams.streaming.server import Server

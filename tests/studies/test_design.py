@@ -15,8 +15,8 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.build import build
 from facts_damping.simulation import loop
-from facts_damping.small_signal import linearisation, places
-from facts_damping_studies.design import design, design_pages, lead_lag
+from facts_damping.small_signal import linearisation
+from facts_damping_studies.design import design, design_pages, lead_lag, places
 from facts_damping_studies.margins import delay_margin
 from facts_damping_studies.search import scoring
 from facts_damping_studies.sweeps import enumerated_axes

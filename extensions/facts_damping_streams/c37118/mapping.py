@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.streams import UNITS, Channel, Channels
 from facts_damping.signals import CHANNELS
 from facts_damping_streams.c37118 import stat, system_pmus
+from facts_damping_streams.parameters import UNITS, Channel, Channels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -21,9 +21,9 @@ from facts_damping.nodes.base.spinner import check_wanted
 from facts_damping.nodes.frame_source import FrameSource, SimulatedClock
 from facts_damping.nodes.transport import stamps
 from facts_damping.nodes.transport.messages import Health
-from facts_damping.parameters.streams import read_streams
 from facts_damping.signals import DEVICE_TRUTH, FLAGS, MACHINE_TRUTH, NANOSECONDS, REFUSED
 from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping_streams.parameters import read_streams
 from facts_damping_streams.streaming.client import Client
 from facts_damping_streams.streaming.sources import Sources
 

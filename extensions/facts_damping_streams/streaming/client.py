@@ -22,7 +22,7 @@ from facts_damping_streams.c37118.session import Instant, Receiver
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.parameters.streams import Server
+    from facts_damping_streams.parameters import Server
 
 CONNECT_S = 5.0  # timeout of a connection attempt
 ANSWER_S = 1.0  # time after which a configuration is requested again

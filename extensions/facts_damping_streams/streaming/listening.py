@@ -13,8 +13,8 @@ from facts_damping_streams.streaming.client import Client
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from facts_damping.parameters.streams import Server
     from facts_damping_streams.c37118.configuration import PmuConfiguration
+    from facts_damping_streams.parameters import Server
 
 TITLES = ("PMU", "IDCODE", "format", "channel", "value")
 

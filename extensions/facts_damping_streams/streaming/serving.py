@@ -8,10 +8,10 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError, check_known, one_line
-from facts_damping.parameters.streams import MAX_ID
 from facts_damping.terminal import some_of
 from facts_damping_streams.c37118 import session, system_pmus
 from facts_damping_streams.c37118.configuration import FORMATS, Site
+from facts_damping_streams.parameters import MAX_ID
 from facts_damping_streams.streaming.pdc import grid_pmus
 from facts_damping_streams.streaming.server import Server
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from facts_damping.errors import InputError, check_known, one_line
 from facts_damping.measurement.pmu_model import UNSYNCHRONISED
-from facts_damping.parameters.streams import server
 from facts_damping.signals import DELIVERY, NEVER
 from facts_damping.simulation.measured_plant import entries, tick_ns
 from facts_damping.terminal import some_of
 from facts_damping_streams.c37118 import mapping, stat
 from facts_damping_streams.c37118.configuration import TIME_BASE, Configuration
 from facts_damping_streams.c37118.session import Instant
+from facts_damping_streams.parameters import server
 from facts_damping_streams.streaming.pdc import grid_pmus
 from facts_damping_streams.streaming.stream_clock import JUMP_S, Following, PmuReport, latency
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.parameters.streams import Streams
     from facts_damping_streams.c37118.mapping import Places
+    from facts_damping_streams.parameters import Streams
     from facts_damping_streams.streaming.client import Client, Lost
     from facts_damping_streams.streaming.stream_clock import Tick
 

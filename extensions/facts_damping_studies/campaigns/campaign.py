@@ -15,7 +15,6 @@ from facts_damping.case.loading import changed_case, read_run
 from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
 from facts_damping.input_files import read_text
-from facts_damping.parameters.campaign import Campaign
 from facts_damping.parameters.files import find, new_folder, read_sets, read_table
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
@@ -24,6 +23,7 @@ from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 from facts_damping_studies.campaigns import actions, invariants
 from facts_damping_studies.campaigns.faults import FAULTS, NOTHING, ONLY_REAL, Chance
+from facts_damping_studies.campaigns.parameters import Campaign
 from facts_damping_studies.sweeps.journal import Journal
 from facts_damping_studies.sweeps.pool import workers
 
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
-    from facts_damping.parameters.campaign import BaseRun
     from facts_damping.signals import Record
     from facts_damping.terminal import Progress
     from facts_damping_studies.campaigns.faults import Source
+    from facts_damping_studies.campaigns.parameters import BaseRun
 
 JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
 GRAPH_AFTER_S = 3.0  # s, shortest time from a graph's fault to its end

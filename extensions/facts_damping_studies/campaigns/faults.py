@@ -94,7 +94,7 @@ class Fault(NamedTuple):
     wrong: bool
     description: str
     draw: Callable[[Chance], Change]
-    real: str = ""  # method for real graphs, instead of the random changes (nodes/launching/fault_injection.py)
+    real: str = ""  # method for real graphs, instead of the random changes (fault_injection.py)
     mild: float = 0.0  # number from 0 to 1 that gives the mildest size
 
 

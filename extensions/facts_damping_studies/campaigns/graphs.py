@@ -1,7 +1,7 @@
 """Runs draws of a fault campaign as real graphs, with faults in real nodes, and compares them with runs in process.
 
 Studies do not depend on nodes, nor nodes on studies: `studies.campaigns.campaign` defines a draw,
-`nodes.launching.fault_injection` injects its faults into a graph, and this module combines both.
+`fault_injection` injects its faults into a graph, and this module combines both.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
-    from facts_damping.nodes.launching.fault_injection import FaultedRun
     from facts_damping.signals import Record
     from facts_damping.terminal import Progress
     from facts_damping_studies.campaigns.campaign import Draw, Plan
+    from facts_damping_studies.campaigns.fault_injection import FaultedRun
 
 JOURNAL, FOLDER = "graphs.jsonl", "graphs"
 AT_ONCE = 2  # graphs at a time: each has five or more processes and may run in real time
@@ -90,9 +90,8 @@ def one_graph(plan: Plan, folder: Path, number: int, wanted: Callable[[], bool])
 
 def _run(plan: Plan, draw: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
     """Run a draw as a graph in its own domain, and also in process and without control."""
-    from facts_damping.nodes.launching import fault_injection
     from facts_damping.simulation import loop
-    from facts_damping_studies.campaigns import campaign, faults
+    from facts_damping_studies.campaigns import campaign, fault_injection, faults
     from facts_damping_studies.campaigns.invariants import late_ticks
 
     real, lasts = faults.FAULTS[draw.fault].real, draw.chosen["lasts"]

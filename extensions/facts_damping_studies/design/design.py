@@ -1,6 +1,6 @@
 """Design a damping controller for a system without one: the mode, the device's place, the signal and the lead-lag.
 
-The residues of all places and signals (`small_signal.places`) rank the pairs for each mode. A pair is skipped if it
+The residues of all places and signals (`places`) rank the pairs for each mode. A pair is skipped if it
 moves another mode to the right. The lead-lag is tuned for a damping ratio and a delay (`lead_lag`).
 """
 
@@ -14,8 +14,8 @@ from facts_damping.case.loading import make_case, read_system
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.build import build
-from facts_damping.small_signal import linearisation, places
-from facts_damping_studies.design import lead_lag, scenario_generation
+from facts_damping.small_signal import linearisation
+from facts_damping_studies.design import lead_lag, places, scenario_generation
 from facts_damping_studies.margins import delay_margin
 from facts_damping_studies.sweeps.pool import run_all
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.plant.system import System
     from facts_damping.small_signal.linearisation import Eigenmode
-    from facts_damping.small_signal.places import Tried
     from facts_damping_studies.design.lead_lag import Tuned
+    from facts_damping_studies.design.places import Tried
     from facts_damping_studies.margins.delay_margin import Around
 
     Tell = Callable[[str, str], Callable[[int, int], None]]  # what is done, in what: shows progress

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.small_signal.modal_analysis import figures
-from facts_damping.small_signal.places import FLOW, SPEED
 from facts_damping.terminal import save_picture, table, write_whole
 from facts_damping_grids.text import rows_text
 from facts_damping_studies.design.design import LONGEST_S, PLACES, SIGNALS, maximum
+from facts_damping_studies.design.places import FLOW, SPEED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -19,7 +19,7 @@ from facts_damping.simulation import loop
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from facts_damping.small_signal.places import Place, Tried
+    from facts_damping_studies.design.places import Place, Tried
 
 AT_S, CLEARED_S, DURATION_S = 1.0, 0.1, 20.0
 TRIED = 6  # candidates of each kind

@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.parameters.campaign import BaseRun, Campaign
 from facts_damping_studies.campaigns.campaign import Plan
 from facts_damping_studies.campaigns.hunt import margin, search
 from facts_damping_studies.campaigns.invariants import HARM
+from facts_damping_studies.campaigns.parameters import BaseRun, Campaign
 from facts_damping_studies.score.card import run_of
 from facts_damping_studies.sweeps.pool import workers
 

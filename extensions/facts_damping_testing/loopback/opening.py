@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
     from rclpy.executors import Executor
 
-OTHERS = "facts_damping_testing.foreign", "facts_damping_testing.attacker"
+FOREIGN = "facts_damping_testing.foreign"
 NODES = (row.value for row in given("nodes").values())  # of other packages
-PATCHED = "rclpy", "facts_damping.nodes", *OTHERS, *NODES  # packages whose modules use the loopback
+PATCHED = "rclpy", "facts_damping.nodes", FOREIGN, *NODES  # packages whose modules use the loopback
 
 
 class StandIn:

@@ -1,6 +1,6 @@
 """A cable with real delay between two network interfaces (TAP).
 
-`python -m facts_damping.nodes.launching.tap_relay near far --delay 0.02` joins them: a packet that enters one leaves
+`python -m facts_damping_testing.tap_relay near far --delay 0.02` joins them: a packet that enters one leaves
 the other after delay +- jitter, in order, or is lost. Needs Linux and root.
 
 It is for tests with nodes on several hosts (docs/operate.md); studies use simulated links.
@@ -68,7 +68,7 @@ def relay(ends: tuple[int, int], cable: Cable, seed: int) -> None:
 
 def main() -> None:
     """Entry point."""
-    program, text = "python -m facts_damping.nodes.launching.tap_relay", (__doc__ or "").split("\n")[0]
+    program, text = "python -m facts_damping_testing.tap_relay", (__doc__ or "").split("\n")[0]
     parser = argparse.ArgumentParser(prog=program, description=text)
     parser.add_argument("near", help="name of one interface")
     parser.add_argument("far", help="name of the other")
