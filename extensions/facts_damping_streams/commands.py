@@ -83,6 +83,7 @@ def pmu_listen(arguments: argparse.Namespace) -> None:
 def _in_shadow(arguments: argparse.Namespace) -> None:
     """Run a case's nodes, with streams in place of the plant, and record them."""
     from facts_damping.nodes.launching import graph
+    from facts_damping.nodes.launching.starting import Parts
 
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     if case.supervision is not None:  # the supervisors stay in shadow
@@ -90,7 +91,9 @@ def _in_shadow(arguments: argparse.Namespace) -> None:
     name = label(case.summary())
     folder = out_folder(arguments, f"shadow-{name}")
     with Progress(name) as progress:
-        outcome = graph.run(case, "realtime", folder, progress, arguments.timeout, streams=arguments.streams)
+        outcome = graph.run(
+            case, "realtime", folder, progress, arguments.timeout, parts=Parts(streams=arguments.streams)
+        )
     tell_graph(arguments, name, outcome, folder, partial(_received, case))
 
 

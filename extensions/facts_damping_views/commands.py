@@ -38,6 +38,7 @@ def cockpit(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace) -> None:
     from facts_damping.analysis import summary  # noqa: F401 (while what nodes need is loaded, too)
     from facts_damping.nodes.launching import forked, graph
+    from facts_damping.nodes.launching.starting import Cockpit, Parts
 
     forked.load()
     case = loading.load_case(arguments.what, arguments.set, arguments.supervised)
@@ -49,9 +50,9 @@ def _run(arguments: argparse.Namespace) -> None:
         say(arguments, f"cockpit: {address}")
         put("", flush=True)
 
-    served = graph.Cockpit(arguments.host, arguments.port, tell)
+    served = Cockpit(arguments.host, arguments.port, tell)
     with Progress(name) as progress:
-        outcome = graph.run(case, "realtime", folder, progress, arguments.timeout, cockpit=served)
+        outcome = graph.run(case, "realtime", folder, progress, arguments.timeout, parts=Parts(cockpit=served))
     tell_graph(arguments, name, outcome, folder)
 
 

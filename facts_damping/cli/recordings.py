@@ -121,6 +121,7 @@ def _in_process(case: Case, played: Record) -> tuple[Played, None]:
 def _by_nodes(arguments: argparse.Namespace, case: Case, played: Record, folder: Path | None) -> tuple[Played, str]:
     """Replay with nodes; returns the result and the recording of the graph."""
     from facts_damping.nodes.launching import graph
+    from facts_damping.nodes.launching.starting import Parts
     from facts_damping.recording import seal
 
     if played.ticks[0] > 0:
@@ -128,7 +129,7 @@ def _by_nodes(arguments: argparse.Namespace, case: Case, played: Record, folder:
     loop.build_loop(case, outside=True)  # refuses bad input before anything starts
     place, timeout = folder or Path(), arguments.timeout
     with Progress("replay") as progress:
-        outcome = graph.run(case, "lockstep", place, progress, timeout, replayed=arguments.recording)
+        outcome = graph.run(case, "lockstep", place, progress, timeout, parts=Parts(replayed=arguments.recording))
     record = seal(outcome.recording)
     return Played(*(getattr(record, name) for name in Played._fields)), str(outcome.recording)
 

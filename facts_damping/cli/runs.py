@@ -156,6 +156,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Run the same loop as a ROS 2 graph."""
     from facts_damping.analysis import summary  # noqa: F401 (while what nodes need is loaded, too)
     from facts_damping.nodes.launching import graph
+    from facts_damping.nodes.launching.starting import Cockpit, Parts
 
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     loop.build_loop(case, outside=True)  # refuses bad input before anything starts
@@ -165,10 +166,10 @@ def run(arguments: argparse.Namespace) -> None:
         say(arguments, f"live view: ws://127.0.0.1:{arguments.foxglove}")
     cockpit = None
     if arguments.cockpit is not None:
-        cockpit = graph.Cockpit(HOST, arguments.cockpit, lambda address: say(arguments, f"cockpit: {address}"))
+        cockpit = Cockpit(HOST, arguments.cockpit, lambda address: say(arguments, f"cockpit: {address}"))
     with Progress(name) as progress:
-        views = {"view_port": arguments.foxglove, "cockpit": cockpit}
-        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, **views)
+        parts = Parts(arguments.foxglove, cockpit)
+        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, parts=parts)
     tell_graph(arguments, name, outcome, folder)
 
 

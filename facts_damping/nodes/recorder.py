@@ -20,6 +20,7 @@ from facts_damping.case.names import (
 from facts_damping.control.table import kind_of
 from facts_damping.nodes import clock
 from facts_damping.nodes.admission.member import RECORDER, Member
+from facts_damping.nodes.base import lines
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
@@ -183,7 +184,7 @@ class Recorder:
             self.write()
             lost = {f"{topic} {publisher}": count for (topic, publisher), count in self.message_filter.lost().items()}
             self.writer.close(lost, self.message_filter.publishers())
-        self.message_filter.log.line(f"lost {sum(lost.values())}")
+        self.message_filter.log.line(lines.lost_line(sum(lost.values())))
         self.message_filter.log.info(f"{self.folder}: {self.health().message}")
 
     def drain(self) -> None:

@@ -26,6 +26,7 @@ from facts_damping.errors import RecordingError, RunError
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.controller import ControllerNode
 from facts_damping.nodes.launching import graph
+from facts_damping.nodes.launching.starting import Parts
 from facts_damping.recording import RecordingWriter
 from facts_damping.recording.reader import KINDS, UNTIMED, load
 from facts_damping.recording.scan import scan
@@ -174,7 +175,7 @@ def test_silent_controller_is_named(
     record = load(graphs["decentralised"])
     case = replay.case_of(record, "it", None, [])
     with pytest.raises(RunError, match=f"^replay_source: substation/{SILENT} is silent: no answer to tick 50 within"):
-        graph.run(case, "lockstep", tmp_path / "out", quiet, SILENCE_S, replayed=graphs["decentralised"])
+        graph.run(case, "lockstep", tmp_path / "out", quiet, SILENCE_S, parts=Parts(replayed=graphs["decentralised"]))
 
 
 @pytest.mark.parametrize("storage", STORAGES)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.loading import changed_case, load_case
 from facts_damping.monitor_table import ARMED
-from facts_damping.nodes.launching import graph
+from facts_damping.nodes.launching import graph, processes
 from facts_damping.recording.reader import load
 from facts_damping_testing.storm.rules import violations
 from facts_damping_testing.storm.running import Trace
@@ -37,7 +37,7 @@ def test_replay_knows_a_link_and_a_supervisor_that_were_started_again(domain: in
             if tick >= at and running[name].process.exitcode is None:
                 running[name].process.kill()
             elif tick >= at:
-                graph.start_again(running, name)
+                processes.start_again(running, name)
                 del killed[name]
 
     record: Any = assert_holds(case, "realtime", tmp_path / "graph", GONE_S, look).record

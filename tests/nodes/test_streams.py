@@ -23,6 +23,7 @@ from facts_damping.cli.main import main
 from facts_damping.monitor_table import SHADOW
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.launching import graph
+from facts_damping.nodes.launching.starting import Parts
 from facts_damping.recording.reader import load
 from facts_damping.signals import NANOSECONDS, NEVER
 from facts_damping.simulation import loop
@@ -94,9 +95,8 @@ def both(sets: list[str], folder: Path, file: str, other: dict[str, str], there:
             raise KeyboardInterrupt
 
     with ThreadPoolExecutor(1) as beside:
-        shadow = beside.submit(
-            graph.run, case, "realtime", folder / "shadow", progress, LOADED_S, streams=file, environment=other
-        )
+        parts = Parts(streams=file, environment=other)
+        shadow = beside.submit(graph.run, case, "realtime", folder / "shadow", progress, LOADED_S, None, parts)
         try:
             deadline = time.monotonic() + PATIENCE_S
             while not there():

@@ -20,6 +20,7 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import MONITORS, STATES, cause_name
 from facts_damping.nodes.launching import graph
+from facts_damping.nodes.launching.starting import Parts
 from facts_damping.parameters.security import add_key
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop, replay
@@ -101,7 +102,7 @@ def test_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(tmp_pa
     assert replay.first_difference(part, played.issued) is None
     assert replay.first_supervised(part, played) is None
     bag = tmp_path / "it" / "recording"
-    graph.run(mine, "lockstep", tmp_path / "again", quiet, LOADED_S, replayed=bag)
+    graph.run(mine, "lockstep", tmp_path / "again", quiet, LOADED_S, parts=Parts(replayed=bag))
     again = load(tmp_path / "again" / "recording")
     for table in ("issued", "supervised", "supervision", "estimates", "learning"):
         assert getattr(again, table).tobytes() == getattr(recorded, table).tobytes(), table

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import re
 import signal
 import socket
 from contextlib import contextmanager, suppress
@@ -13,7 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.case.names import controller_addresses, link_addresses, supervisor_addresses
 from facts_damping.errors import RunError
 from facts_damping.nodes import clock
-from facts_damping.nodes.launching import graph
+from facts_damping.nodes.base import lines
+from facts_damping.nodes.launching import graph, processes
+from facts_damping.nodes.launching.starting import RUN_FILE, Parts
 from facts_damping.recording import seal
 
 if TYPE_CHECKING:
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
-    from facts_damping.nodes.launching.graph import Outcome, Process
+    from facts_damping.nodes.launching.graph import Outcome
+    from facts_damping.nodes.launching.processes import Process
     from facts_damping.signals import Record
 
 DOMAINS = range(215, 233)  # domains of faulted graphs: their DDS ports are free on Linux; 0 to 101 are left to others
@@ -89,7 +91,7 @@ class FaultInjector:
         """Start the attacker, suspend, kill or resume the target if that is due."""
         if self._fault.kind == "forge" and self.attacker is None:
             parameters = {"run": self._run_file, "first": round(self._fault.start_s * self._rate)}
-            self.attacker = graph.start(ATTACKER, ATTACKER, parameters, None, self._environment)
+            self.attacker = processes.start(ATTACKER, ATTACKER, parameters, None, self._environment)
         if tick != self._newest:
             self._newest, self._at = tick, clock.monotonic()
         if tick == 0 or not self._fault.kind:
@@ -114,13 +116,13 @@ class FaultInjector:
         """End the attacker. Returns the number of forged messages by topic; raises `RunError` if it failed."""
         if self.attacker is None:
             return {}
-        graph.end([self.attacker], signal.SIGINT)
+        processes.end([self.attacker], signal.SIGINT)
         text, failed, reason = self.attacker.text(), self.attacker.failed(), self.attacker.reason()
         self.attacker.output.close()
         self.attacker.errors.close()
         if failed:
             raise RunError(reason)
-        return {topic: int(count) for count, topic in re.findall(r"^sent (\d+) (\S+)$", text, re.MULTILINE)}
+        return lines.sent(text)
 
 
 def run_with_fault(
@@ -132,7 +134,7 @@ def run_with_fault(
     attacker fails.
     """
     environment = {**os.environ, DOMAIN: str(domain)}
-    injector = FaultInjector(case, mode, fault, out / graph.RUN_FILE, environment)
+    injector = FaultInjector(case, mode, fault, out / RUN_FILE, environment)
     timeout = GONE_S if mode == REALTIME else PATIENCE_S
 
     def look(tick: int, running: Mapping[str, Process]) -> None:
@@ -141,7 +143,7 @@ def run_with_fault(
         injector(tick, running)
 
     try:
-        outcome = graph.run(case, mode, out, lambda _done, _of: None, timeout, look=look, environment=environment)
+        outcome = graph.run(case, mode, out, lambda _done, _of: None, timeout, look, Parts(environment=environment))
     finally:
         forged = injector.end()
     return FaultedRun(outcome, seal(outcome.recording), injector.begun_s, injector.back_s, forged)

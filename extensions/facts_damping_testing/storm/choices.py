@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.case.names import controller_addresses, replaceable, supervisor_addresses
 from facts_damping.control.table import kind_of
 from facts_damping.monitor_table import COMMANDS
-from facts_damping.nodes.launching.graph import PLANT, RECORDER
+from facts_damping.nodes.launching.starting import PLANT, RECORDER
 from facts_damping.nodes.recorder import topics
 
 if TYPE_CHECKING:

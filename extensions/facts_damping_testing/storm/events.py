@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.nodes.launching.graph import PLANT, RECORDER
+from facts_damping.nodes.launching.starting import PLANT, RECORDER
 from facts_damping_testing.storm import actions, choices
 
 if TYPE_CHECKING:

@@ -15,7 +15,8 @@ from facts_damping.case.names import controller_addresses
 from facts_damping.errors import FactsDampingError, RunError, check_known, one_line
 from facts_damping.nodes import clock
 from facts_damping.nodes.base import weights_file
-from facts_damping.nodes.launching import graph
+from facts_damping.nodes.launching import graph, processes
+from facts_damping.nodes.launching.starting import COCKPIT, PLANT, POLL_S, started
 from facts_damping.nodes.recorder import topics
 from facts_damping.parameters.security import add_key
 from facts_damping.recording import reader, writer
@@ -150,13 +151,13 @@ def _start_own(stage: Stage) -> None:
 def _run_graph(stage: Stage, out: Path) -> None:
     """Run the graph to its end."""
     if stage.storm.mode != "free":
-        graph.run(stage.case, stage.storm.mode, out, lambda _done, _of: None, TIMEOUT_S, look=stage.look)
+        graph.run(stage.case, stage.storm.mode, out, lambda _done, _of: None, TIMEOUT_S, stage.look)
         return
     out.mkdir(parents=True)
-    with graph.graph(stage.case, "free", out, TIMEOUT_S) as running:
-        while running[graph.PLANT].process.exitcode is None:
+    with started(stage.case, "free", out, TIMEOUT_S) as running:
+        while running[PLANT].process.exitcode is None:
             stage.look(0, running)
-            clock.sleep(graph.POLL_S)
+            clock.sleep(POLL_S)
         clock.sleep(AFTER_S)
 
 
@@ -169,11 +170,11 @@ def _break_off(stage: Stage) -> None:
 @contextmanager
 def _watched(stage: Stage) -> Iterator[None]:
     """Take note of each node that starts; let its disk fail when an event says so."""
-    start, open_new, whole = graph.start, writer._open_new, terminal.write_whole  # noqa: SLF001 (the place to fail)
+    start, open_new, whole = processes.start, writer._open_new, terminal.write_whole  # noqa: SLF001 (the place to fail)
 
-    def started(name: str, module: str, parameters: dict[str, Any], *given: Any) -> graph.Process:
-        given_s = {} if module == graph.COCKPIT else {"start_timeout": PATIENCE_S}
-        made: graph.Process = start(name, module, {**parameters, **given_s}, *given)
+    def watched(name: str, module: str, parameters: dict[str, Any], *given: Any) -> processes.Process:
+        given_s = {} if module == COCKPIT else {"start_timeout": PATIENCE_S}
+        made: processes.Process = start(name, module, {**parameters, **given_s}, *given)
         return stage.launched(name, made)
 
     def write_whole(path: Path, text: str) -> None:
@@ -189,7 +190,7 @@ def _watched(stage: Stage) -> Iterator[None]:
         return Disk(open_new(file))
 
     with (
-        mock.patch.object(graph, "start", started),
+        mock.patch.object(processes, "start", watched),
         mock.patch.object(writer, "_open_new", opened_new),
         mock.patch.object(writer, "write_whole", write_whole),
         mock.patch.object(weights_file, "write_whole", write_whole),

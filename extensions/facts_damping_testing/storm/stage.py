@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.nodes import clock
-from facts_damping.nodes.launching import graph
+from facts_damping.nodes.launching import processes
+from facts_damping.nodes.launching.starting import PLANT
 from facts_damping.signals import to_ns
 from facts_damping_testing.attacker import forgeries
 from facts_damping_testing.foreign.messages import foreign
@@ -62,7 +63,7 @@ class Stage:
     case: Case
     foreign: Case  # the same with keys that are not the graph's
     outsider: Outsider = field(init=False)
-    running: dict[str, graph.Process] = field(default_factory=dict)  # newest of each name
+    running: dict[str, processes.Process] = field(default_factory=dict)  # newest of each name
     asked: list[tuple[str, bool]] = field(default_factory=list)  # nodes to start: again after their end, or once more
     ever: list[tuple[str, Process, IO[bytes], IO[bytes]]] = field(default_factory=list)  # with copies of their files
     late_s: dict[str, float] = field(default_factory=dict)  # by node: how much later it starts
@@ -100,7 +101,7 @@ class Stage:
         """Do something after a time."""
         self.world.at(self.world.now_ns + to_ns(after_s), act)
 
-    def launched(self, name: str, process: graph.Process) -> graph.Process:
+    def launched(self, name: str, process: processes.Process) -> processes.Process:
         """Take note of a node that is started, and let it start late if an event says so."""
         own: Any = process.process
         self.running[name] = process
@@ -111,14 +112,14 @@ class Stage:
             own.at_begin = lambda: sys.settrace(_at_line(own, line))
         return process
 
-    def look(self, _tick: int, members: dict[str, graph.Process]) -> None:
+    def look(self, _tick: int, members: dict[str, processes.Process]) -> None:
         """Start nodes that events ask for, as the program that runs the graph does: while it does not end it."""
         while self.asked:
             name, again = self.asked.pop(0)
             if name in members and again:
-                graph.start_again(members, name)
+                processes.start_again(members, name)
             elif name in members and members[name].again:
-                members[f"second {name} {len(members)}"] = graph.start(*members[name].again)
+                members[f"second {name} {len(members)}"] = processes.start(*members[name].again)
                 self.running[name] = members[name]  # events happen to the first one
 
     def conduct(self) -> None:
@@ -149,15 +150,15 @@ class Stage:
 
     def _mend(self) -> None:
         """Resume a plant that is paused once all events are over, and stop one that cannot be reached."""
-        if found := self.process(graph.PLANT):
+        if found := self.process(PLANT):
             found.values["mended"] = found.values.get("mended", 0) + 1
             if found.values["mended"] == 1:
-                self.outsider.call(graph.PLANT, "resume", None)
+                self.outsider.call(PLANT, "resume", None)
             elif found.values["mended"] == UNREACHABLE:
                 works = found.responds and found.busy_until_ns <= self.world.now_ns
-                own = [one for one in self.storm.events if one.node in ("", graph.PLANT)]
+                own = [one for one in self.storm.events if one.node in ("", PLANT)]
                 self.overdue = works and not any((one.name or one.kind) in STOP_PLANT for one in own)
-                self.signal(graph.PLANT, signal.SIGTERM)
+                self.signal(PLANT, signal.SIGTERM)
 
     def _measure(self, tick: int) -> None:
         """Count the memory blocks in use, in a long storm, after each eighth of its second half.

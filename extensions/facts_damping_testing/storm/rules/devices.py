@@ -8,7 +8,7 @@ import numpy as np
 
 from facts_damping.case.names import served
 from facts_damping.monitor_table import TRIPPED
-from facts_damping.nodes.launching.graph import PLANT
+from facts_damping.nodes.launching.starting import PLANT
 from facts_damping.recording.events import FAILED, STOPPED
 from facts_damping_studies.campaigns import invariants
 from facts_damping_testing.attacker import SWING

@@ -7,7 +7,8 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from facts_damping.case.names import setpoint_topics
-from facts_damping.nodes.launching.graph import PLANT, RECORDER, REFUSED
+from facts_damping.nodes.base import lines
+from facts_damping.nodes.launching.starting import PLANT, RECORDER
 from facts_damping_testing.storm.events import KINDS
 from facts_damping_testing.storm.rules.foreign import begins_undisturbed, may_be_replaced
 
@@ -69,10 +70,10 @@ def refusals_are_counted(trace: Trace) -> list[str]:
             found.append(f"{name} says {count} times: {text}")
     for node in trace.nodes:
         counts: dict[tuple[str, ...], int] = {}
-        for count, *how in REFUSED.findall(node.output):
-            if int(count) < counts.get(tuple(how), 0) and trace.mode != "free":
-                found.append(f"{node.name}: count of {tuple(how)} falls to {count}")
-            counts[tuple(how)] = int(count)
+        for how, count in lines.refusals(node.output):
+            if count < counts.get(how, 0) and trace.mode != "free":
+                found.append(f"{node.name}: count of {how} falls to {count}")
+            counts[how] = count
     return found
 
 
@@ -84,7 +85,7 @@ def refusals_are_complete(trace: Trace) -> list[str]:
     if any(KINDS[one.kind].group not in ("foreign", "operator") or one.kind == "second_plant" for one in storm.events):
         return []
     output = next(node.output for node in trace.nodes if node.name == RECORDER)
-    newest = {how: int(count) for count, *rest in REFUSED.findall(output) if (how := tuple(rest))[2] == "/outsider"}
+    newest = {how: count for how, count in lines.refusals(output) if how[2] == "/outsider"}
     signed = setpoint_topics(trace.case)
     for topic, sent in trace.sent.items():
         if may_be_replaced(trace, signed=topic in signed or "pmu/" in topic):

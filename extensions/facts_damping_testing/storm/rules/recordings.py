@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from facts_damping.control.table import kind_of
 from facts_damping.digest import canonical
 from facts_damping.errors import FactsDampingError, one_line
-from facts_damping.nodes.launching.graph import RECORDER
+from facts_damping.nodes.launching.starting import RECORDER
 from facts_damping.simulation import changes, replay
 from facts_damping_testing.storm.events import KINDS
 from facts_damping_testing.storm.rules.foreign import may_be_replaced
