@@ -207,14 +207,14 @@ def test_block_that_does_not_fit_is_told(block: Block, said: str | None, tmp_pat
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_takes_them(carried: Carried, name: str) -> None:
+def test_commands_take_the_added_parts(carried: Carried, name: str) -> None:
     told = carried.told[name]
     assert told.status == 0
     compiles = r"(compiling \d+ numerical kernels, once on this machine: seconds\n)*"  # those that the blocks change
     assert re.fullmatch(compiles + (SMALL_BUDGET if name == "search" else ""), told.errors)
 
 
-def test_they_are_listed(carried: Carried) -> None:
+def test_added_controllers_are_listed(carried: Carried) -> None:
     assert {"proportional", "ANFShMoC"} <= {
         line.split()[0] for line in carried.told["list controllers"].out.splitlines()
     }

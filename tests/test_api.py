@@ -238,7 +238,7 @@ def test_modes_of_a_system() -> None:
     assert fd.linear_plant("two_area", ["sssc"]).ninputs == 1
 
 
-def test_all_that_is_public_is_there() -> None:
+def test_public_names_of_the_api_exist() -> None:
     assert sorted(fd.CORE) == sorted(api.__all__)
     assert all(callable(getattr(fd, name)) for name in fd._public())
     assert {*fd.CORE, "Score", "Sweep", "score", "sweep"} == set(fd._public()) <= set(dir(fd))
@@ -250,7 +250,7 @@ def test_without_pandas_it_is_said_how_it_is_installed(monkeypatch: pytest.Monke
         fd.simulate(duration=0.1).to_pandas()
 
 
-def test_nothing_is_loaded_before_it_is_asked_for() -> None:
+def test_import_of_the_package_loads_neither_numpy_nor_numba() -> None:
     script = "import sys, facts_damping; print(len([m for m in sys.modules if m.startswith(('numpy', 'numba'))]))"
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert told.stdout == "0\n"

@@ -162,7 +162,7 @@ def test_comments_docstrings_and_annotations_compile_nothing(source: str) -> Non
     assert key_of(source) == key_of(PLAIN)
 
 
-def test_all_that_a_function_uses_is_in_its_key() -> None:
+def test_kernel_key_covers_all_that_the_function_uses() -> None:
     others = [*map(key_of, ANOTHER), key_of(PLAIN, other), key_of(PLAIN, limit=2.0)]
     others += [key_of(PLAIN, limit=np.dtype([("a", "f8")])), key_of(PLAIN, limit=np.ones(3)), key_of(PLAIN, limit=True)]
     assert len({key_of(PLAIN), *others}) == len(others) + 1
@@ -226,7 +226,7 @@ def test_kernels_call_no_function_whose_bits_a_processor_chooses() -> None:
         assert undefined(code) <= EXACT | set(ENTRY_POINTS), entry.symbol
 
 
-def test_no_kernel_counts_from_the_end() -> None:
+def test_kernels_use_no_negative_index() -> None:
     """Compiled code does not ask whether an index is negative."""
     modules = [module for name, module in sys.modules.items() if name.startswith("facts_damping.")]
     found = [one for module in modules for one in vars(module).values() if isinstance(one, Kernel | EntryPoint)]

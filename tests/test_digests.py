@@ -43,7 +43,7 @@ def test_digest_is_that_of_its_signals(result: fd.Result) -> None:
 
 
 @pytest.mark.parametrize("name", ARRAYS)
-def test_each_bit_enters(result: fd.Result, name: str) -> None:
+def test_digest_depends_on_every_array_of_a_result(result: fd.Result, name: str) -> None:
     before = getattr(result, name)
     if before.size:
         bits = before.copy().view(np.uint8).reshape(-1)

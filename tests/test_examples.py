@@ -72,7 +72,7 @@ def test_robust_designs_margin_is_the_pages_linear_and_in_time(damper: Path) -> 
 
 
 @pytest.mark.parametrize(("link", "scenario"), [("delay_100ms", "large"), ("plc", "small"), ("plc", "large")])
-def test_it_is_damped_behind_delay(damper: Path, tmp_path: Path, link: str, scenario: str) -> None:
+def test_robust_damper_damps_behind_delay(damper: Path, tmp_path: Path, link: str, scenario: str) -> None:
     target = tmp_path / "told.json"
     sets = [f"link={link}", "seed=1", "duration=30", controller(damper)]
     asked = [part for text in sets for part in ("--set", text)]
@@ -151,7 +151,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
-def test_what_was_trained_runs_in_process_and_as_a_node_bit_for_bit(
+def test_trained_damper_gives_the_same_bits_in_process_and_as_a_node(
     trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
@@ -164,7 +164,7 @@ def test_what_was_trained_runs_in_process_and_as_a_node_bit_for_bit(
     assert_same(load(outcome.recording), computed)
 
 
-def test_what_was_trained_is_in_the_environment_what_it_is_in_a_run(trained: Path) -> None:
+def test_trained_damper_gives_the_same_bits_in_the_environment_and_a_run(trained: Path) -> None:
     module = example("trained_damper")
     with np.load(trained) as file:
         weights = file["weights"]

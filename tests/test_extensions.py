@@ -42,7 +42,7 @@ TABLES: dict[str, Any] = {
         ("ROW = 1", {"devices": POINTS}, r".*: given alone; allowed: with proportional of facts_damping.device_kinds"),
     ],
 )
-def test_what_is_no_row_is_told_in_one_line(
+def test_invalid_row_of_an_extension_is_refused_in_one_line(
     text: str, groups: dict[str, dict[str, str]], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     install(tmp_path, {"one.py": text}, {f"facts_damping.{name}": points for name, points in groups.items()})

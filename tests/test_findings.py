@@ -119,7 +119,7 @@ def test_run_without_control_has_the_same_noise_and_time() -> None:
         ),
     ],
 )
-def test_what_is_odd_is_said(fields: dict[str, Any], said: str) -> None:
+def test_findings_warn_of_an_unusual_run(fields: dict[str, Any], said: str) -> None:
     result = fd.simulate("two_area_deployment", **fields)
     assert any(line.startswith(f"warning: {said}") for line in result.findings)
 
@@ -149,7 +149,7 @@ def test_controller_that_was_never_armed_is_a_warning_wherever_results_are_shown
     assert all(said in row["warnings"] for row in json.loads(told.read_text())["rows"])
 
 
-def test_what_cannot_be_known_is_said() -> None:
+def test_findings_tell_a_missing_run_and_a_loss_of_synchronism() -> None:
     result = fd.simulate("two_area_small", duration=8)
     assert title(replace(result, configuration={})) == "a recording without its run"
     lost = fd.simulate("two_area_large", controllers=[])

@@ -109,6 +109,22 @@ def test_parameters_say_what_they_are() -> None:
     assert vague == []
 
 
+NO_SUBJECT = tuple(f"test_{word}_" for word in ("a", "an", "the", "what", "it", "that", "who"))
+
+
+def test_tests_are_named_by_their_subject() -> None:
+    paths = [path for top in ("tests", "examples", "reproduction") for path in sorted((ROOT / top).rglob("*.py"))]
+    trees = [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in paths]
+    functions = [
+        (path.name, node.name)
+        for path, tree in trees
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+    assert len(functions) > 1000
+    assert [pair for pair in functions if pair[1].startswith(NO_SUBJECT)] == []
+
+
 def test_no_folder_has_more_than_twenty_modules() -> None:
     folders = {path.parent for top in TOPS for path in (ROOT / top).rglob("*.py")}
     crowded = {folder.name: sum(one.name != "__init__.py" for one in folder.glob("*.py")) for folder in folders}

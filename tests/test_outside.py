@@ -156,7 +156,7 @@ NAMED = {
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("kind", ["pipe", "zero", "folder"])
 @pytest.mark.parametrize("command", NAMED.values(), ids=NAMED)
-def test_what_is_no_file_is_refused_at_once(
+def test_pipe_device_or_folder_in_place_of_a_file_is_refused_at_once(
     odd: Path, capsys: pytest.CaptureFixture[str], command: list[str], kind: str
 ) -> None:
     what = {"pipe": "a pipe given", "zero": "a device given", "folder": "a folder given"}[kind]
@@ -185,7 +185,7 @@ def bomb(path: Path, member: str, size: int) -> None:
             file.write(bytes(1 << 20))
 
 
-def test_what_unpacks_to_too_much_is_refused_before_it_is_unpacked(
+def test_archive_that_unpacks_to_too_much_is_refused_before_unpacking(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -265,7 +265,7 @@ def test_change_of_a_run_names_no_file(secret: dict[str, str]) -> None:
     assert with_link(case, 0, "delay_100ms").links[0].up
 
 
-def test_what_the_user_has_named_may_be_opened_again_and_shipped_files_always(tmp_path: Path) -> None:
+def test_only_files_named_by_the_user_and_shipped_ones_may_be_opened(tmp_path: Path) -> None:
     own, other = tmp_path / "own.yaml", tmp_path / "other.yaml"
     own.write_text("a: 1")
     other.write_text("a: 1")

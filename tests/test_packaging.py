@@ -135,7 +135,7 @@ print(msg.__file__)
     assert Path(run_installed(install, "setup.bash", code)).is_relative_to(install)
 
 
-def test_one_version_everywhere() -> None:
+def test_package_version_is_the_same_everywhere() -> None:
     version = facts_damping.__version__
     for path in (ROOT / "package.xml", ROOT / "msg_defs" / "package.xml"):
         assert f"<version>{version}</version>" in path.read_text()

@@ -43,7 +43,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_it_builds_strictly_with_search_and_all_pages(site: Path) -> None:
+def test_site_builds_strictly_with_search_and_all_pages(site: Path) -> None:
     assert (site / "search" / "search_index.json").stat().st_size > 100_000
     for page in PAGES[3:]:
         assert (site / page.stem / "index.html").is_file(), page.stem

@@ -39,7 +39,7 @@ def figures(fit: Fit) -> np.ndarray:
     )
 
 
-def test_it_is_what_another_program_finds() -> None:
+def test_ambient_modes_agree_with_pyoma() -> None:
     found = figures(fitted(ambient(same_noise())))
     assert len(found) == 2
     assert (np.abs(found[:, :2] - PYOMA[:, :2]) < 0.25 * PYOMA[:, 2:]).all()  # they take lag 1, too
@@ -101,7 +101,7 @@ def test_covariances_are_those_of_the_definition() -> None:
 @pytest.mark.parametrize(
     "x", [np.zeros((6000, 1)), np.full((6000, 1), np.nan), ambient(np.random.default_rng(0).standard_normal((550, 6)))]
 )
-def test_nothing_is_told_of_what_does_not_move_or_is_too_short(x: np.ndarray) -> None:
+def test_constant_missing_or_short_signal_has_no_ambient_modes(x: np.ndarray) -> None:
     assert fit_ambient(np.arange(len(x)) / RATE, x) is None
 
 

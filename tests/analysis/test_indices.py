@@ -86,7 +86,7 @@ def test_regions_of_an_error_that_comes_at_one_instant_and_decays() -> None:
     assert lengths["ISE"] < lengths["IAE"]
 
 
-def test_no_error_has_no_regions() -> None:
+def test_index_that_stays_zero_has_no_regions() -> None:
     assert regions(np.arange(5.0), np.zeros(5)) is None
     assert regions(np.zeros(0), np.zeros(0)) is None
 

@@ -164,7 +164,7 @@ def test_summary_marks_the_better_damped_run(swing_record: Callable[..., Record]
     assert 50 < float(improved["ITAE"][1]) < 100
 
 
-def test_every_item_explains_itself_and_has_axes_with_units(swing_record: Callable[..., Record]) -> None:
+def test_report_items_have_a_sentence_and_axes_with_units(swing_record: Callable[..., Record]) -> None:
     found = said(("a", swing_record()), ("b", swing_record(damping=0.1)))
     named = items(found)
     assert set(named) >= {
@@ -215,7 +215,7 @@ def test_runs_that_cannot_be_compared_are_not_ranked(swing_record: Callable[...,
     assert "improvement" not in items(found)
 
 
-def test_what_a_recording_lacks_is_said(swing_record: Callable[..., Record]) -> None:
+def test_report_remarks_name_what_a_recording_lacks(swing_record: Callable[..., Record]) -> None:
     cut = swing_record(600, notes=["the end is missing: the record ends with tick 599"])
     cut.configuration["duration"] = 20
     found = said(("cut", cut))
@@ -252,7 +252,7 @@ def test_long_record_makes_a_small_file(tmp_path: Path, swing_record: Callable[.
     assert written(tmp_path, ("long", long)).stat().st_size < 2_500_000
 
 
-def test_nothing_is_loaded_from_elsewhere(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
+def test_report_page_loads_nothing_from_elsewhere(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     page = written(tmp_path, ("a", swing_record())).read_text()
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert not re.findall(r"https?://", markup)
@@ -337,7 +337,7 @@ DRAWN = """() => [...document.querySelectorAll('figure')].map((one) => {
 
 @needs_browser
 @pytest.mark.parametrize("options", [DESK, PHONE], ids=["desk", "phone"])
-def test_all_figures_are_drawn_and_fit_the_screen(
+def test_report_figures_are_drawn_and_fit_the_screen(
     opened: Pages, options: dict[str, Any], swing_record: Callable[..., Record]
 ) -> None:
     page = opened(**options)

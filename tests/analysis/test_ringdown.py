@@ -50,7 +50,9 @@ def test_two_modes_exactly(slow: float, rate: int, method: str) -> None:
 @pytest.mark.parametrize("method", METHODS)
 @given(frequency=st.floats(0.15, 2.4), ratio=st.floats(-0.04, 0.15), amplitude=st.floats(1e-5, 1e-1))
 @settings(deadline=None, max_examples=15)
-def test_one_mode(method: str, frequency: float, ratio: float, amplitude: float) -> None:
+def test_single_mode_is_found_with_frequency_and_damping(
+    method: str, frequency: float, ratio: float, amplitude: float
+) -> None:
     (mode,) = fit(T, wave(frequency, ratio, amplitude), method).modes
     assert mode.frequency_hz == pytest.approx(frequency, rel=1e-6)
     assert mode.damping_ratio == pytest.approx(ratio, abs=1e-6)
@@ -182,7 +184,7 @@ def test_only_the_band_and_what_matters() -> None:
 
 
 @pytest.mark.parametrize("signal", [np.zeros(1200), 1e-3 * T, np.full(1200, np.nan), 1e-11 * wave(0.5, 0)], ids=str)
-def test_nothing_swings(signal: NDArray[np.float64]) -> None:
+def test_signal_without_oscillation_has_no_modes(signal: NDArray[np.float64]) -> None:
     assert ringdown_modes(T, signal) == []
     assert all(fit_ringdown(T, signal, method=method) is None for method in METHODS)
 

@@ -45,7 +45,7 @@ def calm(swing_record: Callable[..., Record]) -> Callable[..., Record]:
 T = np.arange(1200) / 60
 
 
-def test_nothing_is_told_within_the_limits(calm: Callable[..., Record]) -> None:
+def test_run_within_the_limits_of_the_model_has_no_warnings(calm: Callable[..., Record]) -> None:
     assert limit_warnings(calm()) == []
     assert limit_warnings(calm((2.4 / 60, -2.4 / 60), (0.71, 1.19), infinite_buses=[{"name": "GRID"}])) == []
 

@@ -84,7 +84,7 @@ def test_run_without_a_supervisor_beside_one_with(tripped: Record, alone: Record
     assert rows["controller_0_LLC"] == ["-", "armed at 0.50 s; tripped at 5.43 s: harm 0.186 1/s, more than 0.03"]
 
 
-def test_nothing_is_shown_of_runs_without(alone: Record, tmp_path: Path) -> None:
+def test_run_without_supervision_shows_nothing_of_it(alone: Record, tmp_path: Path) -> None:
     found = said(alone=alone)
     assert "Supervision" not in [section.title for section in found.sections]
     assert [text for _, text in found.events] == ["load step load_2"]

@@ -240,7 +240,7 @@ def test_recorded_tones_in_hz_and_in_their_power(rate: int) -> None:
         assert power == pytest.approx(np.full_like(power, amplitude**2), rel=0.05)
 
 
-def test_what_lies_outside_the_band_is_gone() -> None:
+def test_spwvd_holds_no_components_outside_its_band() -> None:
     x = 5.0 + np.cos(2 * np.pi * 0.02 * T) + np.cos(2 * np.pi * 6.0 * T)
     assert analyse(T, x).distribution.time_marginal[30:-30].max() < 1e-2
     high = analyse(T, x, 2.0, 1.0, (0.5, 30.0)).distribution

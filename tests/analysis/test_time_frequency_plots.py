@@ -80,7 +80,7 @@ def test_pictures_of_one_and_of_several(tmp_path: Path, swing_record: Callable[.
         assert (picture[..., :3] < 0.5).any()
 
 
-def test_what_a_picture_says(swing_record: Callable[..., Record]) -> None:
+def test_spwvd_picture_names_windows_units_events_and_modes(swing_record: Callable[..., Record]) -> None:
     """Hz, the physical unit on the bar, the windows, the event, the lines of modes."""
     record = swing_record()
     for settings, heading in (

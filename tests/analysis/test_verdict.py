@@ -104,7 +104,7 @@ def test_mode_that_changes_with_its_amplitude_does_not_grow() -> None:
 
 @given(decay=st.sampled_from([0.2, 0.5]), frequency=st.floats(0.5, 0.8), a=PHASE, b=PHASE)
 @FEW
-def test_what_is_behind_a_decay_counts(decay: float, frequency: float, a: float, b: float) -> None:
+def test_verdict_is_of_the_slow_mode_behind_a_fast_decay(decay: float, frequency: float, a: float, b: float) -> None:
     fast = wave(-decay, frequency, a)
     for sigma, verdict in ((0.03, GROWING), (0.0, LIMIT_CYCLE), (-0.03, DAMPED)):
         assert judge(T, fast + 0.2 * wave(sigma, 1.1, b), 1.0).verdict == verdict
@@ -143,7 +143,7 @@ def test_worst_signal_decides() -> None:
     assert judge(T, np.column_stack([wave(0.0), wave(-0.1)]), 1.0).verdict == LIMIT_CYCLE
 
 
-def test_nothing_noise_and_too_little() -> None:
+def test_still_signal_is_damped_and_noisy_or_short_ones_are_undecided() -> None:
     random = np.random.default_rng(1)
     still = judge(T, np.full(1200, 0.3), 1.0)
     assert (still.verdict, still.growth) == (DAMPED, None)

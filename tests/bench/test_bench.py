@@ -79,7 +79,7 @@ def test_time_at_equal_error_lies_on_the_power_law() -> None:
     assert found.wall_s == pytest.approx(0.2)
 
 
-def test_nothing_is_extrapolated() -> None:
+def test_time_at_equal_error_is_not_extrapolated() -> None:
     assert at_equal_error(ladder(2.0, 0.02), 1e-4) is None
     found = at_equal_error(ladder(2.0, 0.002, 0.001), 1e-3)
     assert found is not None

@@ -23,7 +23,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
     return large_ours.prepare(grid(), folder)
 
 
-def test_it_is_what_the_text_says(made: dict[str, list[dict[str, object]]]) -> None:
+def test_large_case_has_the_counts_that_its_text_states(made: dict[str, list[dict[str, object]]]) -> None:
     models = Counter(machine["model"] for machine in made["machines"])
     counts = [len(made["buses"]), models.total(), models["classical"], len(made["exciters"]), len(made["governors"])]
     assert re.findall(r"\d+", large.SHOWN.text) == [str(count) for count in counts]

@@ -143,7 +143,7 @@ def stream(**formats: Any) -> Configuration:
 
 
 @pytest.mark.parametrize("floats", [True, False])
-def test_what_is_missing_stays_missing(floats: bool) -> None:
+def test_missing_values_are_decoded_as_missing(floats: bool) -> None:
     c = stream(float_phasors=floats, float_frequency=floats, float_analogs=floats, polar=True)
     made, sent = data.layout(c), measured(c, 1)
     for values in (sent.phasors, sent.frequency, sent.rocof, sent.analogs):
@@ -254,7 +254,7 @@ def test_frames_are_found_in_a_stream_with_rubbish() -> None:
         (lambda b: b + b"\0", "FRAMESIZE: "),
     ],
 )
-def test_what_is_no_frame_is_said(change: Any, message: str) -> None:
+def test_malformed_frame_is_refused_with_the_reason(change: Any, message: str) -> None:
     whole = frame.encode(Frame("header", 1, 2, 3, b"hello"))
     with pytest.raises(FrameError, match=message):
         frame.decode(change(whole))

@@ -58,7 +58,7 @@ def test_pmu_error_without_information_on_the_data_is_a_data_error() -> None:
     assert int(stat.status(np.array([0x4000]))[0]) == stat.DATA_ERROR
 
 
-def test_who_is_absent_is_told_by_its_tag_and_has_no_value() -> None:
+def test_pmu_is_absent_with_the_tag_and_without_a_value() -> None:
     words = np.array([word(there=False), word(stat.DATA_ERROR), word(there=False), word()])
     values = np.array([[np.nan], [np.nan], [1.0], [np.nan]])
     assert stat.absent(words, values).tolist() == [True, False, False, False]

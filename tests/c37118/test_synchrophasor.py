@@ -47,7 +47,7 @@ MEASURED = Data(
 
 @pytest.mark.parametrize("formats", FORMATS)
 @pytest.mark.parametrize("kind", ["configuration_1", "configuration_2"])
-def test_it_reads_ours(formats: dict[str, Any], kind: str) -> None:
+def test_synchrophasor_package_reads_our_frames(formats: dict[str, Any], kind: str) -> None:
     c = stream(**formats)
     sent = frame.encode(Frame(kind, 7734, SOC, FRACTION, configuration.encode(c, kind)[0]))
     decoded = CommonFrame.convert2frame(sent)

@@ -289,7 +289,7 @@ def test_system_is_refused_by_name_in_one_line(case: str) -> None:
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_what_is_altered_is_good_before(name: str) -> None:
+def test_system_is_valid_before_it_is_altered(name: str) -> None:
     assert check(System, altered(name, {}), "my.yaml") == load_system(name)
 
 

@@ -125,7 +125,7 @@ def numbers() -> Iterator[list[tuple[Any, tuple[Any, ...]]]]:
 
 
 @pytest.mark.parametrize(("extreme", "row"), [(5e-324, 0), (1e-160, -1), (1e160, 0), (-1e-160, -1)], ids=str)
-def test_every_number_at_an_extreme_is_refused_in_one_line_or_runs(extreme: float, row: int) -> None:
+def test_case_with_an_extreme_number_is_refused_in_one_line_or_built(extreme: float, row: int) -> None:
     """Squares and quotients of what is let in do not overflow; of several rows of a kind the first or the last one."""
     chosen = [alike[row] for alike in numbers()]
     assert len(chosen) > 200
@@ -355,7 +355,7 @@ LINKS = [
 
 
 @pytest.mark.parametrize(("sets", "delays", "used"), LINKS, ids=[" ".join(sets) or "none" for sets, _, _ in LINKS])
-def test_each_controller_uses_its_own_link_or_the_runs(sets: list[str], delays: list[float], used: list[int]) -> None:
+def test_controller_uses_its_own_link_or_that_of_the_run(sets: list[str], delays: list[float], used: list[int]) -> None:
     case = load_case(None, [*BOTH, *sets])
     found = [mean_delay([*link.up, *link.down]) for link in case.links]
     assert found == pytest.approx(delays)
@@ -377,7 +377,7 @@ def test_lag_of_an_identifier_is_that_of_its_controllers_own_link() -> None:
     assert load_case(None, [*own, "controllers.0.link=delay_100ms"]).controllers[0].parameters["loop_delay"] == 0.1
 
 
-def test_no_two_nodes_and_no_two_links_stand_in_the_same_place() -> None:
+def test_nodes_and_links_have_distinct_addresses() -> None:
     """Whatever has a link or a namespace of its own, also one that is shared, or below another."""
     options = [(link, space) for link in (None, "ideal") for space in (None, "a", "a/b", "b")]
     for first, second in itertools.product(options, options):
@@ -428,7 +428,7 @@ def test_delay_that_the_filter_of_the_run_s_pmus_takes_the_place_of_is_refused(f
     assert mean_delay(exact.links[exact.used_links[0]].up[:1]) == 0.05
 
 
-def test_what_was_chosen_for_a_system_is_in_files_of_its_name() -> None:
+def test_tuned_controller_files_are_named_by_system_and_profile() -> None:
     for name, path in shipped("controllers").items():
         content = read_table(path)
         profile = content.get("profile", "thesis")

@@ -40,7 +40,7 @@ def test_every_profile_makes_a_run_of_every_system(profile: str, system: str) ->
     assert loop.run(case).in_synchronism.all()
 
 
-def test_that_of_the_thesis_changes_nothing() -> None:
+def test_thesis_profile_changes_nothing() -> None:
     plain, thesis = (load_case("two_area_large", sets).document() for sets in ([], ["profile=thesis"]))
     for document in (plain, thesis):
         del document["profile"], document["asked"]
@@ -64,7 +64,7 @@ def test_system_without_governors_may_have_it() -> None:
     assert load_case(None, [DEPLOYMENT, "system=smib", "scenario=nominal"]).system.governors == []
 
 
-def test_what_is_set_beside_it_goes_before_it() -> None:
+def test_fields_set_by_the_user_override_the_profile() -> None:
     sets = [DEPLOYMENT, "link=ideal", "system.governors.0.enabled=false", "controllers.0.signals=[f13]"]
     case = load_case("two_area_small", sets)
     assert case.run.link == "ideal"
@@ -72,7 +72,7 @@ def test_what_is_set_beside_it_goes_before_it() -> None:
     assert case.controllers[0].signals == ["f13"]
 
 
-def test_what_a_run_says_itself_goes_before_its_profile(tmp_path: Path) -> None:
+def test_fields_of_a_run_file_override_its_profile(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("profile: deployment\nlink: fibre\ncontrollers: [{name: LLC, signals: [f13]}]\n")
     case = load_case(str(path))
@@ -123,7 +123,7 @@ def test_design_does_not_know_what_is_changed_after_the_profile(name: str) -> No
     assert not np.array_equal(known(own), known(told))
 
 
-def test_what_adaptation_and_supervision_start_from_is_of_the_model() -> None:
+def test_residues_for_adaptation_are_of_the_model_not_of_the_plant() -> None:
     one, other = (plant_residues(load_case(None, [DEPLOYMENT, f"system.machines.0.H={H}"])) for H in (6.5, 4.0))
     assert one is not None
     assert other is not None

@@ -70,7 +70,7 @@ REFUSED: list[tuple[list[str], str]] = [
 
 
 @pytest.mark.parametrize(("sets", "said"), REFUSED, ids=[" ".join(sets) for sets, _ in REFUSED])
-def test_what_is_wrong_is_refused_in_one_line(sets: list[str], said: str) -> None:
+def test_invalid_supervision_is_refused_in_one_line(sets: list[str], said: str) -> None:
     with pytest.raises(InputError, match=re.escape(said)) as caught:
         load_case(None, sets)
     assert "\n" not in str(caught.value)

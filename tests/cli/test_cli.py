@@ -273,7 +273,7 @@ def test_modes_refuses_what_is_not_there(
     assert_one_line(2, ["modes", *arguments], said, capsys)
 
 
-def test_what_did_not_go_well_is_one_line() -> None:
+def test_degraded_run_is_told_in_one_line() -> None:
     record = loop.run(load_case(None, ["duration=0.2"]))
     result = summarise(record)
     check_ended_well(result, record)
@@ -380,11 +380,13 @@ def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path: Path, monke
         ),
     ],
 )
-def test_what_was_meant_is_said(command: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_error_of_a_mistyped_command_suggests_what_was_meant(
+    command: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert_one_line(2, command.split(), said, capsys)
 
 
-def test_all_that_is_missing_is_said_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_fields_of_a_device_are_named_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With unit, range and a usual value."""
     system = (share_folder() / "config" / "systems" / "two_area.yaml").read_text(encoding="utf-8")
     path = tmp_path / "grid.yaml"

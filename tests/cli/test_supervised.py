@@ -65,7 +65,9 @@ def test_sound_controller_is_armed_and_ends_with_0(capsys: pytest.CaptureFixture
         (["supervision=probed"], "", "probed", None),
     ],
 )
-def test_what_supervised_asks_for(sets: list[str], preset: str, supervision: str, arm_at: float | None) -> None:
+def test_supervised_option_sets_supervision_and_arming_time(
+    sets: list[str], preset: str, supervision: str, arm_at: float | None
+) -> None:
     case = load_case("two_area_small", sets, preset)
     assert (case.run.supervision, case.run.arm_at) == (supervision, arm_at)
     assert case.summary()["supervision"] == supervision

@@ -69,7 +69,7 @@ class Page:
         return self.frames[-1][0] if self.frames else 0.0
 
 
-def test_what_the_page_asks_for_is_in_the_recording(domain: int, tmp_path: Path) -> None:
+def test_requests_of_the_cockpit_page_are_in_the_recording(domain: int, tmp_path: Path) -> None:
     """Delay, cut, mend, kill and restart; the values on the page are those recorded."""
     page = Page(
         [

@@ -37,7 +37,7 @@ def indices(shown: dict[str, Any]) -> list[int]:
     return [*found, *(i for chart in shown["charts"] for i in chart["curves"])]
 
 
-def test_every_part_of_the_grid_is_shown_with_curves_that_there_are(case: Case) -> None:
+def test_cockpit_layout_shows_all_parts_of_the_grid_with_their_curves(case: Case) -> None:
     made = layout.panel(case, "it")
     shown, drawn, system = made.shown, made.shown["diagram"], case.system
     json.dumps(shown, allow_nan=False)

@@ -27,7 +27,7 @@ def code(path: Path) -> str:
     return text if path.suffix == ".html" else COMMENT.sub("", text)
 
 
-def test_every_file_of_the_page_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cockpit_page_is_installed_with_all_its_files(monkeypatch: pytest.MonkeyPatch) -> None:
     given: dict[str, Any] = {}
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(setuptools, "setup", given.update)

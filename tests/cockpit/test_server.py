@@ -336,7 +336,7 @@ def test_report_is_made_by_the_command_and_has_no_rights_here(
             assert heard(session, "answer") == {"type": "answer", "id": 1, "success": True, "message": "/report"}
 
 
-def test_what_is_missing_or_taken_is_named(
+def test_cockpit_that_cannot_start_names_the_cause(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     with socket.socket() as taken:

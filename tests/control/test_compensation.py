@@ -179,7 +179,7 @@ def test_smith_predictor_is_refused_with_the_mode_that_it_leaves(system: list[st
     assert "\n" not in str(error.value)
 
 
-def test_what_is_not_there_is_named() -> None:
+def test_invalid_compensation_is_refused_with_what_is_allowed() -> None:
     with pytest.raises(InputError, match=r"controllers\.0\.compensation.*magic.*none.*lead.*phasor"):
         load_case(None, ["controllers.0.compensation=magic"])
     with pytest.raises(InputError, match=r"phasor_rate: 0 given; allowed: 0.01 to 100 1/s"):

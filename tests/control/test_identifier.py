@@ -142,7 +142,7 @@ def test_half_a_period_off_the_sign_turns(kind: str, delay: int) -> None:
 
 
 @pytest.mark.parametrize("lag", [0.0, 1 / 60, 2 / 60, 3 / 60, 0.1, 0.1004, 0.11])
-def test_what_is_paired_was_in_force_for_most_of_the_frame(lag: float) -> None:
+def test_paired_setpoint_was_in_force_for_most_of_the_frame(lag: float) -> None:
     """From frame k-1 to k: with a lag of d frames that is u(k-1-d), and a little more lag does not make it another."""
     observer = Observer(asked("ANFTSI", 0.2, lag))
     for k in range(60):

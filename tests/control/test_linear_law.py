@@ -63,7 +63,7 @@ def test_continuous_one_is_discretised_exactly() -> None:
     assert np.abs(got).max() == limit
 
 
-def test_all_forms_and_files_are_the_same_law(tmp_path: Path) -> None:
+def test_linear_law_is_the_same_in_all_forms_and_files(tmp_path: Path) -> None:
     A, B, C, D = tf2ss(NUM, DEN)
     zeros, poles, gain = tf2zpk(NUM, DEN)
     arrays = {"A": A, "B": B, "C": C, "D": D}
@@ -116,7 +116,7 @@ def test_lost_frame_leaves_the_signal_as_it_was() -> None:
     assert len(wanted) < len(record.ticks)
 
 
-def test_what_a_recording_says_of_a_run_has_the_law_without_its_file(tmp_path: Path) -> None:
+def test_recorded_run_holds_its_linear_law_without_the_file(tmp_path: Path) -> None:
     law = tmp_path / "law.npz"
     np.savez(law, num=np.array(NUM), den=np.array(DEN))
     first = own(str(law), "link=delay_100ms", compensation="lead")
@@ -161,7 +161,7 @@ def test_bad_laws_are_one_line(law: Any, message: str, capsys: pytest.CaptureFix
         ({"signals": ["speed", "power"]}, "linear: 1 outputs and 1 inputs given; allowed: 1 and 2"),
     ],
 )
-def test_what_does_not_fit_a_law_is_one_line(
+def test_options_that_do_not_fit_a_linear_law_are_refused_in_one_line(
     fields: dict[str, Any], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     controller = json.dumps({"name": "my_damper", "linear": {"num": [1], "den": [1, 1]}, **fields})

@@ -130,7 +130,7 @@ def test_single_scale_is_the_first_signals_and_a_list_is_taken_as_it_is() -> Non
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_each_device_starts_with_its_own_sign_and_weight(name: str) -> None:
+def test_mimo_controller_starts_with_sign_and_weight_of_each_device(name: str) -> None:
     """The first signal's sign to it; the direct scheme leaves out what has no sign."""
     sign = np.array([[-1.0, 1.0], [0.0, 1.0]])
     bench = Mimo(mimo(name, "direct", weight=[0.4, 0.2], eta=0.0), known(2, 2, sign))

@@ -73,7 +73,7 @@ def test_history_is_that_of_the_equations(scheme: str, seed: int, eta: float, hb
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("name", VARIANTS)
-def test_no_signal_no_setpoint(name: str, scheme: str) -> None:
+def test_neuro_fuzzy_setpoint_of_a_zero_signal_is_zero(name: str, scheme: str) -> None:
     """Symmetric rules at rest; what comes first has no change yet."""
     bench = wide(name, scheme)
     assert [bench.frame(k, 0.0) for k in range(3)] == pytest.approx([0] * 3, abs=1e-12)

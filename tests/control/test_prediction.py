@@ -118,14 +118,14 @@ def test_runaway_is_no_prediction() -> None:
     assert np.isnan(far).all()
 
 
-def test_where_no_rule_fires_nothing_is_predicted() -> None:
+def test_identifier_without_firing_rules_predicts_nothing() -> None:
     seen = observer(lag=6.0, identifier_eta=0.0)
     for k in range(4):
         seen.frame(k, 30.0 * SCALE)
     assert np.isnan(seen.state.change[0, 0])
 
 
-def test_who_does_not_predict_says_so() -> None:
+def test_identifier_that_does_not_predict_gives_no_predicted_change() -> None:
     plain = Observer(asked("ANFTSI", 0.2, 0.1, identifier_span=6.0))
     for k in range(5):
         plain.frame(k, 0.001 * k)
@@ -185,7 +185,7 @@ def test_in_a_run_it_says_where_the_signal_goes() -> None:
     assert errors[6] < errors[0]
 
 
-def test_what_is_not_there_is_named() -> None:
+def test_invalid_prediction_is_refused_with_what_is_allowed() -> None:
     asks = "controllers.0.compensation=prediction"
     with pytest.raises(InputError, match=r"'prediction' given; allowed: none, lead, phasor for LLC, or an indirect"):
         load_case(None, [asks])

@@ -59,7 +59,7 @@ def test_gymnasium_finds_nothing_wrong_with_it() -> None:
     check_env(gymnasium.make(NAME, **SHORT).unwrapped)
 
 
-def test_what_is_made_by_name_is_it() -> None:
+def test_environment_is_made_by_its_gymnasium_name() -> None:
     env = gymnasium.make(NAME, link="pdci", window=4, controllers=[{"signals": ["w13", "w12"]}], **SHORT)
     assert isinstance(env.unwrapped, WideAreaDamping)
     assert env.observation_space.shape == (4, 2, 3)

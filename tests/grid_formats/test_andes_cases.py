@@ -64,7 +64,7 @@ def test_there_are_cases() -> None:
 
 
 @pytest.mark.parametrize(("raw", "dyr"), PAIRS)
-def test_every_pair_is_imported_and_stays_at_rest(raw: str, dyr: str) -> None:
+def test_andes_case_is_imported_with_a_power_flow_and_swing_modes(raw: str, dyr: str) -> None:
     system, built, matrix = imported(raw, dyr)
     assert built.flow.residual < 1e-8
     assert np.isfinite(matrix).all()

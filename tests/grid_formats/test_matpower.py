@@ -122,7 +122,7 @@ def test_parallel_lines_have_names_of_their_own() -> None:
     assert [line["name"] for line in converted().content["lines"]] == ["line_1_2", "line_1_2_2"]
 
 
-def test_what_is_out_of_service_is_left_out_and_said() -> None:
+def test_elements_out_of_service_are_left_out_with_a_note() -> None:
     content, _, notes = converted(branch_2={"BR_STATUS": 0}, gen_3={"GEN_STATUS": 0})
     assert len(content["lines"]) == 1
     assert len(content["machines"]) == 2

@@ -109,7 +109,7 @@ def as_34(text: str, version: int) -> str:
 
 
 @pytest.mark.parametrize("version", [32, 34, 35])
-def test_all_versions_give_the_same_system(version: int, tmp_path: Path) -> None:
+def test_psse_versions_give_the_same_system(version: int, tmp_path: Path) -> None:
     text = RAW.read_text()
     given = text.replace(", 33,", ", 32,", 1) if version == 32 else as_34(text, version)
     (tmp_path / "a").mkdir()
@@ -209,7 +209,7 @@ def test_parallel_branches_and_their_shunts(tmp_path: Path) -> None:
 # What is not modelled
 
 
-def test_what_is_not_modelled_is_named_with_what_stands_in_its_place(
+def test_psse_record_without_a_model_is_named_with_its_substitute(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     dyr = DYR.read_text().replace("'SEXS' 1    0.4 5.0 20 0.1", "'SEXS' 1 0.4 5.0 20 0.001")

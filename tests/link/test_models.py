@@ -331,7 +331,7 @@ def test_flipped_bits_are_one_of_an_entry_and_as_many_as_is_said() -> None:
     assert set(np.flatnonzero((one.view(np.int64) != 0).any(axis=(0, 1)))) == {list(CHANNELS).index("frequency")}
 
 
-def test_where_messages_are_signed_a_flipped_one_is_lost() -> None:
+def test_signed_message_with_a_flipped_bit_is_lost() -> None:
     flip = "link={up: [{model: flip, probability: 0.3}], down: [{model: flip, probability: 0.2, start: 1}]}"
     case = load_case(None, [flip, "security={keys: any.yaml}"])
     assert [

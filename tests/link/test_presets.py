@@ -42,7 +42,7 @@ def run(link: str | dict[str, Any], *more: str) -> Record:
     return loop.run(load_case(None, [f"link={given}", *more]))
 
 
-def test_every_preset_is_tested() -> None:
+def test_table_of_link_presets_is_complete() -> None:
     assert set(shipped("links")) == set(PRESETS)
 
 
@@ -231,7 +231,7 @@ def test_any_link_gives_a_run(link: dict[str, Any], seed: int, name: str) -> Non
 
 
 @pytest.mark.parametrize("late_s", [0.0105, 0.05, 0.2])
-def test_what_a_controller_is_not_given_does_not_wake_it(late_s: float) -> None:
+def test_controller_is_not_woken_by_channels_that_it_does_not_use(late_s: float) -> None:
     """G3 and TIE are no part of `speed`: whether they come at once or late with the others is one and the same."""
     whole = run({"up": [{"delay": late_s}], "down": []}, "duration=5", "scenario=large")
     part = run({"up": [{"delay": late_s, "channels": ["speed"]}], "down": []}, "duration=5", "scenario=large")

@@ -146,7 +146,7 @@ def test_setpoints_go_down_as_frames_go_up(rate: int, delay: int, data: st.DataO
 
 @some
 @given(issued=st.lists(st.integers(0, 999_999_999), min_size=1, max_size=12), delay=st.integers(0, 400_000_000))
-def test_what_is_sent_late_is_delivered_in_order_of_arrival(issued: list[int], delay: int) -> None:
+def test_setpoints_issued_in_any_order_are_delivered_by_arrival(issued: list[int], delay: int) -> None:
     """Setpoints of several controllers come in any order of issue: out by arrival, first come first at one instant."""
     link = alone([], stages(delay), len(issued), 60)
     (out,) = link.down.out
@@ -177,7 +177,7 @@ def test_ring_goes_round_many_times() -> None:
     check_statistics(sent, "pmu", delay)
 
 
-def test_what_finds_no_room_is_counted_as_lost() -> None:
+def test_setpoint_that_finds_the_link_full_is_counted_as_lost() -> None:
     """Sent = delivered + under way + lost, and those that are there arrive."""
     link = alone([], stages(to_ns(1.0)), 1, 10)
     way = link.down.each[0]
@@ -280,7 +280,7 @@ def test_links_side_by_side_deliver_what_each_delivers_alone(case: Several, data
 
 @some
 @given(case=several())
-def test_what_all_links_deliver_is_ordered_by_time_then_by_link(case: Several) -> None:
+def test_setpoints_of_all_links_are_ordered_by_time_then_by_link(case: Several) -> None:
     """Each setpoint once, as late as its own link is long; the plant takes them as they stand."""
     found = np.concatenate([down for _, down in through(case, range(len(case.chains)))])
     link = np.array(case.used)[found["controller"]]
@@ -342,7 +342,7 @@ def test_absent_station_stays_absent_and_others_keep_their_own_stamps() -> None:
     assert made.up.statistics[0]["sent"].tolist() == [1, 0, 1]
 
 
-def test_what_stands_in_for_an_absent_station_is_one_of_now() -> None:
+def test_value_held_for_an_absent_station_has_the_current_stamp() -> None:
     made = alone([Wait(wait=0.002, missing="hold", model="wait")], [], 1, 100)
     frame = np.full((PMUS, len(CHANNELS)), 5.0)
     assert uplink(made, 0, 0, 0, 10 * MS, frame, np.zeros(PMUS, np.int64), SOUND) == PMUS

@@ -280,7 +280,7 @@ def test_filter_s_gain_is_its_delay_and_little_else_at_swings() -> None:
         (["measurement.bad_data=[{kind: odd}]"], "'odd' given; allowed"),
     ],
 )
-def test_what_cannot_be_is_one_line(sets: list[str], message: str) -> None:
+def test_invalid_measurement_is_refused_in_one_line(sets: list[str], message: str) -> None:
     with pytest.raises(InputError) as error:
         load_case(None, sets)
     assert message in str(error.value)

@@ -137,7 +137,7 @@ def test_output_and_gradients_are_finite_for_any_input(
     assert ((p.mu >= 0) & (p.mu <= 1)).all()
 
 
-def test_where_nothing_fires_the_output_is_zero_and_nothing_is_learnt() -> None:
+def test_network_without_firing_rules_gives_zero_and_learns_nothing() -> None:
     net = network("triangular", "singleton", 2, 2, 1)
     theta, p = random_theta(net, np.random.default_rng(1)), passes(net)
     forward(net, theta, np.array([50.0, -50.0]), p)

@@ -95,7 +95,9 @@ def assert_all_refused(sent: Counter[str], outcome: Outcome, recorded: Any) -> N
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
-def test_nothing_that_is_forged_or_odd_acts(loopback: Any, tmp_path: Path, started: dict[str, Any], mode: str) -> None:
+def test_forged_and_malformed_messages_have_no_effect(
+    loopback: Any, tmp_path: Path, started: dict[str, Any], mode: str
+) -> None:
     case = load_case(None, [*SETS, "duration=4"])
     ends = case.ticks - case.run.frame_rate  # later, nodes may be leaving
     each = -(-HOSTILE // (ends - BEGUN))
@@ -146,7 +148,9 @@ def pause(started: dict[str, Any], number: int) -> None:
     os.kill(started[IDENTIFIER].process.pid, number)
 
 
-def test_nothing_of_another_participant_acts(domain: int, tmp_path: Path, started: dict[str, Any], client: Any) -> None:
+def test_messages_of_another_dds_participant_have_no_effect(
+    domain: int, tmp_path: Path, started: dict[str, Any], client: Any
+) -> None:
     """As above over DDS; the run pauses until the other participant is found."""
     case = load_case(None, [*SETS, "duration=2"])
     attackers: list[Attacker] = []

@@ -49,7 +49,7 @@ def test_without_its_supervisor_the_device_lets_go(loopback: Any, tmp_path: Path
     assert not campaign_graphs.recorded(case, faulted, faulted.record, True, "")
 
 
-def test_what_is_forged_with_the_graphs_key_changes_no_bit(loopback: Any, tmp_path: Path) -> None:
+def test_message_forged_with_the_key_of_the_graph_changes_no_bit(loopback: Any, tmp_path: Path) -> None:
     keys = tmp_path / "keys.yaml"
     add_key(keys)
     case = load_case(RUN, ["duration=3", f"security.keys={keys}", "controllers.0.name=ANFLeC"])
@@ -70,7 +70,7 @@ def test_graph_ends_when_it_is_not_wanted_any_more(
     assert nodes_left(tmp_path) == []
 
 
-def test_each_graph_has_a_domain_of_its_own() -> None:
+def test_graphs_have_ros_domains_of_their_own() -> None:
     with ExitStack() as reserved:
         found = [reserved.enter_context(fault_injection.own_domain()) for _ in range(2)]
         assert len(set(found)) == 2

@@ -171,7 +171,7 @@ def test_real_time_loses_nothing_and_keeps_the_clock(domain: int, tmp_path: Path
         assert len(recorded.delivered) == len(computed.delivered)
 
 
-def test_who_keeps_the_clock_gives_the_in_process_run(loopback: Any, tmp_path: Path) -> None:
+def test_graph_that_keeps_real_time_gives_the_in_process_run(loopback: Any, tmp_path: Path) -> None:
     began = time.monotonic()
     outcome = graph.run(load_case(None, EVERY_NODE), "realtime", tmp_path, quiet)
     assert 2.5 < time.monotonic() - began < 4.0

@@ -139,7 +139,7 @@ def test_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, client
         ("controller", {"resume": "true"}, "controller: resume: true given; allowed: with save"),
     ],
 )
-def test_what_cannot_be_joined_is_refused(
+def test_joining_in_lockstep_and_resuming_without_save_are_refused(
     loopback: Any, start: Any, executable: str, given: dict[str, str], expected: str
 ) -> None:
     node = start(executable, **given)

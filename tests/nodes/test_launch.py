@@ -233,7 +233,7 @@ def test_arguments_that_are_not_there_are_refused(launched: Any, monkeypatch: py
 
 
 @pytest.mark.parametrize("name", ["centralised", "decentralised"])
-def test_what_is_launched_below_a_namespace_is_the_in_process_run(
+def test_graph_launched_in_a_namespace_gives_the_in_process_run(
     capsys: Any, launched: Any, loopback: Any, tmp_path: Path, name: str
 ) -> None:
     """As `launch` would start it in a group with a namespace pushed."""

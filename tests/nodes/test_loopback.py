@@ -63,7 +63,7 @@ def test_ends_meet_where_no_more_is_wanted_than_is_offered(
         assert publisher.get_subscription_count() == int(meet)
 
 
-def test_who_comes_late_hears_what_is_kept_and_a_queue_has_its_depth(loopback: Any) -> None:
+def test_late_subscriber_gets_latched_messages_up_to_the_depth(loopback: Any) -> None:
     with somebody("a") as (node, executor):
         publisher = node.create_publisher(String, "topic", profile(durability=LATCHED, depth=2))
         for text in ("one", "two", "three"):
@@ -137,7 +137,7 @@ def test_node_that_fails_or_never_waits_is_named(loopback: Any, tmp_path: Path) 
     assert process.exitcode == 1
 
 
-def test_all_that_wait_for_each_other_are_named() -> None:
+def test_deadlock_on_the_loopback_names_those_that_wait() -> None:
     world = World()
     with pytest.raises(RuntimeError, match="main"):
         world.wait(never, 2**63 - 1)
@@ -172,7 +172,7 @@ def test_node_that_was_killed_is_forgotten(loopback: Any) -> None:
         assert (node.count_publishers("topic"), "talker" in node.get_node_names()) == (0, False)
 
 
-def test_what_is_imported_meanwhile_is_itself_again_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_module_imported_under_the_loopback_is_restored_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
     name = "rclpy.validate_topic_name"
     monkeypatch.delitem(sys.modules, name)
     with opened():

@@ -93,7 +93,7 @@ def test_ticks_come_one_after_the_other(node: Node) -> None:
     assert one.causes() == ["tick"] * 3
 
 
-def test_who_does_not_begin_with_tick_0_is_of_another_graph(node: Node) -> None:
+def test_publisher_that_does_not_begin_with_tick_0_is_foreign(node: Node) -> None:
     one = Listener(node, ticks)
     assert [one.send(b"5", FOREIGN), one.send(b"5"), one.send(b"0"), one.send(b"1", FOREIGN), one.send(b"1")] == [
         *(False, False, True, False, True)
@@ -111,12 +111,12 @@ def test_in_real_time_ticks_may_be_missing_as_the_clock_allows(node: Node) -> No
     assert not one.send(b"1000")
 
 
-def test_no_answer_comes_before_its_tick(node: Node) -> None:
+def test_answer_before_its_tick_is_refused(node: Node) -> None:
     one = Listener(node, ticks, newest=lambda: 0)
     assert [one.send(b"0"), one.send(b"1")] == [True, False]
 
 
-def test_who_publishes_is_known_and_counts_up(node: Node) -> None:
+def test_message_of_another_publisher_or_old_sequence_is_refused(node: Node) -> None:
     one = Listener(node, ticks)
     assert one.send(b"0", OWN, 5)
     assert not one.send(b"1", FOREIGN, 6)
@@ -162,7 +162,7 @@ def test_place_of_one_that_has_left_is_free_in_real_time(
     assert one.causes() == ["format" if succeeds else "publisher", "publisher"]
 
 
-def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Node) -> None:
+def test_joining_node_is_heard_first_on_topics_common_to_all_nodes(node: Node) -> None:
     """As a disarmed identifier, which the recording must name."""
     one = Listener(node, ticks, realtime=True)
     admitted: list[bytes] = []
@@ -175,7 +175,7 @@ def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Nod
     assert admitted == [b"b"]
 
 
-def test_nobody_succeeds_the_plant(node: Node) -> None:
+def test_plant_cannot_be_replaced_by_another_publisher(node: Node) -> None:
     one = Listener(node, ticks, realtime=True)
     one.message_filter.subscribe_run_state()
     one.message_filter.senders.topics[1].publisher = OWN[:12] + bytes(4)
@@ -184,7 +184,7 @@ def test_nobody_succeeds_the_plant(node: Node) -> None:
     assert not one.send(b"1", FOREIGN)
 
 
-def test_what_others_than_the_plant_say_of_errors_is_passed_over(node: Node, capsys: Any) -> None:
+def test_run_state_of_others_than_the_plant_is_ignored(node: Node, capsys: Any) -> None:
     one = Listener(node, ticks)
     one.message_filter.subscribe_run_state()
     _, plant, state = one.message_filter.senders.topics

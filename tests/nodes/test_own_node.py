@@ -150,7 +150,7 @@ def test_late_in_real_time_it_is_named(by_hand: Any, tmp_path: Path, monkeypatch
     assert any(f"of {NAME}" in text and "late answers" in text for text in texts), texts
 
 
-def test_it_ends_with_a_command_that_is_killed(domain: int, tmp_path: Path) -> None:
+def test_own_node_ends_when_its_command_is_killed(domain: int, tmp_path: Path) -> None:
     asked = [*changes(by_command("duration=1000")), "--out", str(tmp_path / "out")]
     command = [sys.executable, "-m", "facts_damping.cli.main", "run", *asked]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as popen:

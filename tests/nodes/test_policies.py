@@ -53,7 +53,7 @@ def test_recording_runs_its_code_when_asked_to_alone(recording: Path, capsys: An
         assert "identical, bit for bit" in capsys.readouterr().out
 
 
-def test_what_only_reads_a_recording_runs_no_code(
+def test_commands_that_read_a_recording_run_no_user_code(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object) -> None:
@@ -79,7 +79,7 @@ def test_class_that_fails_is_named_and_its_recording_is_readable(loopback: Any, 
         assert getattr(recorded, name)[:60].tobytes() == getattr(before, name)[:60].tobytes()
 
 
-def test_nothing_is_started_for_a_class_that_is_not_there(tmp_path: Path, capsys: Any) -> None:
+def test_missing_policy_file_is_refused_before_a_graph_starts(tmp_path: Path, capsys: Any) -> None:
     command = ["run", *changes(own("nowhere.py:Mine")), "--out", str(tmp_path / "out")]
     assert_one_line(2, command, "controllers.0.policy: nowhere.py: no such file", capsys)
     assert not (tmp_path / "out").exists()

@@ -157,7 +157,7 @@ def test_controller_in_shadow_does_what_the_one_in_the_graph_does(
     np.testing.assert_allclose(phasors, told[frames].astype(np.float32), rtol=1e-6)
 
 
-def test_each_station_alone_behind_a_link_by_datagrams(
+def test_udp_streams_of_single_stations_give_the_frames_of_the_link(
     start: Any, elsewhere: dict[str, str], streams: Any, tmp_path: Path, port: int
 ) -> None:
     """Five streams, put together again by their stamps: each PMU's frames as the link delivered them."""

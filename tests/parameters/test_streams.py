@@ -62,7 +62,7 @@ def test_address_is_what_it_was_written_as(text: str) -> None:
         ("servers: [tcp://a:1/1]\npmus: {G1: {volts: V}}", "volts: unknown"),
     ],
 )
-def test_what_is_wrong_is_one_line(tmp_path: Path, content: str, said: str) -> None:
+def test_invalid_stream_file_is_refused_in_one_line(tmp_path: Path, content: str, said: str) -> None:
     path = tmp_path / "streams.yaml"
     path.write_text(content)
     with pytest.raises(InputError) as told:
@@ -72,7 +72,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, content: str, said: str) -> N
     assert "allowed" in str(told.value)
 
 
-def test_what_is_not_there_is_said() -> None:
+def test_missing_stream_file_is_refused_with_what_is_allowed() -> None:
     with pytest.raises(InputError, match="streams: nothing given; allowed: a YAML file, or tcp://"):
         read_streams("")
     with pytest.raises(InputError, match=r"nowhere.yaml: no such file; allowed: an existing YAML file"):

@@ -243,7 +243,7 @@ EXPECTED: list[tuple[str, str, Callable[[complex, Any], complex]]] = [
 ]
 
 
-def test_every_model_has_its_transfer_function() -> None:
+def test_table_of_transfer_functions_covers_all_control_models() -> None:
     assert {model for model, _, _ in EXPECTED} == set(MODELS) == set(DATA)
 
 
@@ -267,7 +267,7 @@ def test_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
     assert sorted(quick.gives) == sorted(plain.gives)
 
 
-def test_it_rests_where_it_starts_within_its_limits() -> None:
+def test_control_models_start_at_rest_within_their_limits() -> None:
     for model in MODELS:
         data = made(model)
         control, rest = at_rest(data)
@@ -341,7 +341,7 @@ def test_source_of_a_compound_exciter_is_that_of_the_standard() -> None:
     assert values[len(SENSED) + control.gives.index("VE")] == pytest.approx(expected)
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_invalid_data_of_a_control_model_are_refused() -> None:
     with pytest.raises(InputError, match=r"ESST3A of G1: an algebraic loop: .*; allowed: a time constant above 0"):
         block_controls.control(made("ESST3A", TM=0.0))
     with pytest.raises(ValueError, match=r"TA must be 0 or at least 0.002 s, given 0.001"):

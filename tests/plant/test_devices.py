@@ -59,7 +59,7 @@ def own(built: Built, name: str) -> list[int]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_writes_its_own_states_and_no_others(kind: str) -> None:
+def test_device_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     """Its branch in each of the compiled functions is there, and gives numbers."""
     built = plant(system(), installed=[f"{kind}_1"])
     d, x = built.plant.devices[0], built.state.x
@@ -74,7 +74,7 @@ def test_every_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     assert np.isfinite(devices.other_characteristic(int(d["kind"]), d, x, 0.01, size)[0]) == two == (d["other"] > 0)
 
 
-def test_what_is_no_kind_gives_no_number() -> None:
+def test_unknown_device_kind_gives_nan() -> None:
     """So that a forgotten branch ends the run, and does not take another's law."""
     d = plant(system(), installed=["statcom_1"]).plant.devices.copy()[0]
     d["kind"] = -1
@@ -83,7 +83,7 @@ def test_what_is_no_kind_gives_no_number() -> None:
 
 
 @pytest.mark.parametrize("name", ["two_area", "kundur_12_6_thyristor"])
-def test_all_start_at_rest_together(name: str) -> None:
+def test_devices_of_all_kinds_start_at_rest_together(name: str) -> None:
     every = [d.name for d in system(name).devices]
     assert np.abs(slopes(plant(system(name), installed=every))).max() < 1e-8
 

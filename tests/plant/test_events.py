@@ -44,13 +44,13 @@ def refusal(*rows: dict[str, Any]) -> str:
     return str(error.value)
 
 
-def test_every_kind_is_here() -> None:
+def test_table_of_event_kinds_is_complete() -> None:
     models = get_args(get_args(Event)[0])
     assert set(KINDS) == {kind for model in models for kind in get_args(model.model_fields["kind"].annotation)}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_acts_from_its_instant_on(kind: str) -> None:
+def test_event_acts_from_its_instant_on(kind: str) -> None:
     """Nothing before, something after; what is taken back leaves the start's network."""
     built = plant("two_area", *KINDS[kind])
     trace = follow(built, [0.0, KINDS[kind][0]["time"], 1.5, 1.6])
@@ -250,7 +250,7 @@ REFUSED: list[tuple[list[dict[str, Any]], str, str, str]] = [
 
 
 @pytest.mark.parametrize(("rows", "where", "given", "allowed"), REFUSED)
-def test_what_cannot_happen_is_refused(rows: list[dict[str, Any]], where: str, given: str, allowed: str) -> None:
+def test_impossible_event_is_refused(rows: list[dict[str, Any]], where: str, given: str, allowed: str) -> None:
     message = refusal(*rows)
     assert re.match(rf"{re.escape(where)}: {given} given", message), message
     assert allowed in message.partition("allowed: ")[2]

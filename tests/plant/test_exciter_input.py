@@ -85,7 +85,7 @@ def test_two_inputs_at_a_machine_add_up_beside_its_stabiliser() -> None:
     assert (both.plant.devices["port"] == -1).all()
 
 
-def test_it_changes_nothing_at_rest_and_draws_nothing() -> None:
+def test_exciter_input_leaves_the_power_flow_unchanged_and_draws_nothing() -> None:
     built = plant(with_input(), installed=["input"])
     np.testing.assert_array_equal(built.flow.voltage, plant("two_area").flow.voltage)
     trace = follow(built, frame_times(1.0), [(0.0, 0.5), (0.5, float("nan"))])
@@ -96,13 +96,13 @@ def test_it_changes_nothing_at_rest_and_draws_nothing() -> None:
     assert np.isnan(device["injected_voltage"]).all()
 
 
-def test_it_works_in_a_plant_without_any_port() -> None:
+def test_exciter_input_works_in_a_plant_without_any_port() -> None:
     """wscc_9: loads that are impedances, machines without saliency of the stator."""
     built = plant(with_input("wscc_9"), installed=["input"])
     assert follow(built, frame_times(1.0), [(0.0, 0.05)]).sound.all()
 
 
-def test_it_follows_its_linear_model() -> None:
+def test_exciter_input_follows_its_linear_model() -> None:
     follows_linear_model(plant(with_input(response_time=0.02), installed=["input"]), u=1e-4)
 
 

@@ -92,7 +92,7 @@ def test_speeds_are_those_of_the_linear_plant(element: dict[str, str], frequency
     duration=st.none() | st.floats(1e-3, 1),
     waveform=st.sampled_from(["sine", "square"]),
 )
-def test_one_of_amplitude_0_is_none(element: dict[str, str], **fields: Any) -> None:
+def test_forced_oscillation_of_amplitude_0_changes_no_bit(element: dict[str, str], **fields: Any) -> None:
     """Bit for bit."""
     traces = [
         follow(plant("two_area", *rows), frame_times(1)) for rows in ([], [at(**element, **fields, amplitude=0.0)])
@@ -176,7 +176,7 @@ def test_tripped_machine_has_none() -> None:
     assert (trace.machines["mechanical_power"][trace.t >= 1.0, 3] == 0).all()
 
 
-def test_it_passes_a_governor_by() -> None:
+def test_forced_oscillation_of_a_machine_bypasses_its_governor() -> None:
     """The mechanical power has it at once, where a step of the reference takes its time."""
     built = plant(controlled(), at(machine="G1", amplitude=0.1, waveform="square"), installed=[])
     trace = follow(built, [0.0, 1e-3])

@@ -82,7 +82,7 @@ def test_without_it_nothing_is_added() -> None:
     assert not any(name.endswith(".theta") for name in built.state_names)
 
 
-def test_it_damps_swings_between_areas_and_holds_the_common_speed() -> None:
+def test_frequency_dependent_load_damps_swings_and_the_common_speed() -> None:
     without = analyse(load_system("two_area"), ["sssc"])
     with_it = analyse(load_system("two_area", ["loads.0.kpf=1.5", "loads.1.kpf=1.5"]), ["sssc"])
     swings = [next(mode for mode in one.swings if mode.label == "interarea") for one in (without, with_it)]

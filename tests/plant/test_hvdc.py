@@ -173,7 +173,7 @@ def test_left_alone_it_is_two_loads_of_constant_power() -> None:
     np.testing.assert_allclose(follow(ours, times).speeds, follow(theirs, times).speeds, rtol=0, atol=1e-10)
 
 
-def test_it_is_in_service_where_it_is_not_installed() -> None:
+def test_hvdc_link_that_is_not_installed_is_in_service() -> None:
     """It carries its order and answers nobody; the fault's course is that of one without a setpoint."""
     fault = {"time": 0.1, "kind": "fault", "bus": "B9", "x": 0.01, "duration": 0.1}
     ours, alone = (plant("two_area_hvdc", fault, installed=devices) for devices in (["hvdc"], []))
@@ -206,7 +206,7 @@ def test_shipped_run_damps_what_grows_without_it() -> None:
         ({"from": "X"}, "devices: hvdc.from: 'X' given; allowed: A, B, G, S"),
     ],
 )
-def test_what_cannot_be_is_refused(fields: dict[str, Any], message: str) -> None:
+def test_invalid_hvdc_link_is_refused(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
         link(**fields)
 

@@ -200,7 +200,7 @@ def test_dc_regulator_stays_within_its_limits_and_leaves_them() -> None:
     assert found[-1].max() < high - 0.05
 
 
-def test_what_a_step_takes_a_regulator_beyond_its_limit_has_no_effect() -> None:
+def test_overshoot_of_a_regulator_limit_in_a_coarse_step_has_no_effect() -> None:
     """The field voltage of a coarse step is near that of a fine one; with it, they would be 0.04 p.u. apart."""
     system = shipped("kundur_12_6_dc")
     start = plant(system)

@@ -53,7 +53,7 @@ def test_below_v_min_it_is_an_impedance(u: float) -> None:
     assert trace.sound.all()
 
 
-def test_it_starts_at_rest_and_leaves_the_power_flow_alone() -> None:
+def test_load_modulation_starts_at_rest_and_leaves_the_power_flow_unchanged() -> None:
     built = plant(two_area(), installed=["modulation"])
     assert np.abs(slopes(built)).max() < 1e-9
     np.testing.assert_array_equal(built.flow.voltage, plant("two_area").flow.voltage)

@@ -38,7 +38,7 @@ def many(duration: float = 20.0, seed: int = 1, **noise: Any) -> NDArray[np.floa
 
 
 @pytest.mark.parametrize("T", [0.2, 2.0])
-def test_it_is_an_ornstein_uhlenbeck_process(T: float) -> None:
+def test_load_noise_is_an_ornstein_uhlenbeck_process(T: float) -> None:
     """Variance s^2 (1 - exp(-2 t / T)) from a start at 0; correlation exp(-lag / T); 400 processes: within 5 sigma."""
     x = many(std=0.03, time_constant=T)
     x = np.concatenate([x[..., 0], x[..., 1]])
@@ -96,7 +96,7 @@ def test_impedance_is_scaled_as_a_whole() -> None:
         assert frame[:, channel] / frame[:, 0] ** 2 == pytest.approx(power * (1 + drawn[:-1, own]), rel=1e-9)
 
 
-def test_it_does_not_matter_in_how_many_parts_time_goes_on() -> None:
+def test_noisy_load_gives_the_same_however_time_is_divided() -> None:
     built, other = build_plant(case()), build_plant(case())
     work, none = workspace(built.plant, built.state), np.zeros(0, SETPOINT)
     ends = [int(1e9 * t) for t in (0.0, 0.013, 0.0171, 0.5, 0.50001, 1.0)]

@@ -120,7 +120,7 @@ def far(found: NDArray[np.complex128], *, leave: int) -> NDArray[np.complex128]:
     return kept
 
 
-def test_every_case_is_here() -> None:
+def test_reference_eigenvalues_cover_all_cases_of_options() -> None:
     with (REFERENCES / "kundur_12_6_options_eigenvalues_andes.csv").open() as file:
         assert {row["case"] for row in csv.DictReader(file)} == set(CASES)
 
@@ -227,7 +227,7 @@ def test_without_saturation_the_plant_has_the_books_equations() -> None:
     assert furthest(far(found, leave=3), far(ours, leave=3)) < 1e-5
 
 
-def test_what_the_form_of_saturation_changes() -> None:
+def test_saturation_as_in_genrou_damps_local_modes_more_than_in_the_book() -> None:
     """S10 and S12 give the book's curve at 1.0 and 1.2, but GENROU saturates the transient circuits alone.
 
     The book lowers both mutual inductances to their incremental values, by 0.55 to 0.58. The interarea mode is

@@ -240,7 +240,7 @@ def test_load_beyond_what_the_network_can_carry_collapses_to_an_impedance(P: flo
 
 
 @pytest.mark.parametrize("V_min", [0.5, 0.7, 0.9])
-def test_every_fault_has_a_solution_with_loads_of_constant_power(V_min: float) -> None:
+def test_network_with_constant_power_loads_has_a_solution_in_every_fault(V_min: float) -> None:
     """Their draw is bounded and continuous, so there is one: also where one load is an impedance, the other not."""
     system = shipped("two_area")
     system = changed(system, loads=[{**load.model_dump(), **POWER, "V_min": V_min} for load in system.loads])
@@ -337,7 +337,7 @@ def test_slopes_of_every_port_are_those_of_its_law(
     moved=st.lists(st.floats(-0.1, 0.1), min_size=5, max_size=5),
     references=st.tuples(*[st.floats(-0.1, 0.1)] * len(KINDS)),
 )
-def test_all_ports_are_solved_together(moved: list[float], references: tuple[float, ...]) -> None:
+def test_ports_of_all_kinds_are_solved_together(moved: list[float], references: tuple[float, ...]) -> None:
     """Every law holds at its response, and every response is the network's to all sources."""
     built = of_all_kinds()
     work, x, source = workspace(built.plant, built.state), np.array(built.state.x), copy(built.state).source

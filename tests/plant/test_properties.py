@@ -85,7 +85,7 @@ def test_power_balances_at_every_bus_and_in_all() -> None:
 
 @pytest.mark.parametrize("g", [0.0, 0.05])
 @pytest.mark.parametrize("vdc", [0.9, 1.1])
-def test_what_the_converter_draws_charges_its_capacitor_or_is_lost(vdc: float, g: float) -> None:
+def test_power_drawn_by_the_sssc_charges_its_capacitor_or_is_lost(vdc: float, g: float) -> None:
     """The network's power less rs |I|^2, integrated, is the change of tau vdc^2 / 2 and what g takes."""
     system = everywhere(with_device("sssc", g=g))
     built = plant(system)

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize(("name", "devices"), [("new_england_39", []), ("two_area", ["sssc", "statcom"]), ("smib", [])])
-def test_both_ways_give_the_same_network(name: str, devices: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sparse_and_dense_elimination_give_the_same_network(
+    name: str, devices: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     system = load_system(name)
     dense = build(system, devices, [])
     monkeypatch.setattr(sparse, "DENSE", 0)

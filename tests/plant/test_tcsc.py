@@ -72,7 +72,7 @@ def test_its_reactance_follows_in_its_time(T: float) -> None:
     np.testing.assert_allclose(x[late], expected[late], rtol=0, atol=1e-8)
 
 
-def test_it_is_the_same_as_a_line_with_that_much_less_reactance() -> None:
+def test_tcsc_equals_a_line_of_less_reactance() -> None:
     """Power flow, speeds after a fault: installed, not installed, and a fixed reactance of the line."""
     system = two_area()
     (device,) = (d for d in system.devices if isinstance(d, Tcsc))
@@ -93,7 +93,7 @@ def test_it_is_the_same_as_a_line_with_that_much_less_reactance() -> None:
         np.testing.assert_allclose(speeds[0], speeds[1], rtol=0, atol=2e-6)
 
 
-def test_it_starts_at_rest() -> None:
+def test_tcsc_starts_at_rest() -> None:
     built = plant(two_area(), installed=["tcsc"])
     assert np.abs(slopes(built)).max() < 1e-9
     names, same = plant(two_area(), installed=[]).flow, built.flow
@@ -122,7 +122,7 @@ def test_reactance_beyond_its_limits_is_refused() -> None:
         small(X_max=0.01)
 
 
-def test_it_follows_its_linear_model() -> None:
+def test_tcsc_follows_its_linear_model() -> None:
     follows_linear_model(plant(two_area(response_time=0.02), installed=["tcsc"]), u=1e-4)
 
 

@@ -98,7 +98,7 @@ def test_watchdog_that_is_off_refuses_only_what_is_no_number() -> None:
     assert watch.tobytes() == watchdog.initial_watch(1).tobytes()
 
 
-def test_nothing_refused_changes_no_bit() -> None:
+def test_watchdog_that_refuses_nothing_changes_no_bit() -> None:
     """On or off: whole runs over the shipped links, also those with jitter in order."""
     for link in ("ideal", "fibre", "satellite"):
         on, off = (loop.run(load_case(None, [f"link={link}", "duration=6", *more])) for more in ([], ["watchdog=off"]))
@@ -191,7 +191,7 @@ def test_overtaken_setpoints_are_refused_and_told() -> None:
         (["system.devices.0.hold=0.3"], "'hold' given; allowed: 'watchdog.timeout'"),
     ],
 )
-def test_what_a_watchdog_cannot_be_is_refused(sets: list[str], message: str) -> None:
+def test_invalid_watchdog_is_refused(sets: list[str], message: str) -> None:
     with pytest.raises(InputError, match=message):
         load_case(None, sets)
 

@@ -243,7 +243,7 @@ def test_foreign_schema(tmp_path: Path) -> None:
     ("content", "reason"),
     [(None, "does not exist"), (b"", "is not an MCAP file"), (b"x" * 99, "is not an MCAP file")],
 )
-def test_no_recording(tmp_path: Path, content: bytes | None, reason: str) -> None:
+def test_missing_or_foreign_recording_is_refused(tmp_path: Path, content: bytes | None, reason: str) -> None:
     file = tmp_path / "x.mcap"
     if content is not None:
         file.write_bytes(content)

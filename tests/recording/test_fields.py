@@ -35,7 +35,7 @@ OTHERS = [
 
 
 @pytest.mark.parametrize("name", TYPES)
-def test_what_is_read_is_in_the_definitions_of_this_version(name: str) -> None:
+def test_fields_that_are_read_are_in_the_message_definitions(name: str) -> None:
     for own, (_, fields) in get_types_from_msg(schema_text(name), name).items():
         assert FIELDS[own].items() <= {field: written(kind) for field, kind in fields}.items()
 

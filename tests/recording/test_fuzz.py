@@ -131,7 +131,7 @@ def test_noise_is_refused(data: bytes) -> None:
         assert isinstance(read(magic + data, name), str)
 
 
-def test_every_bit_of_the_stored_run_counts(whole: bytes) -> None:
+def test_changed_bit_of_the_stored_run_is_noticed(whole: bytes) -> None:
     """A digit of a gain in run.yaml is not covered by a chunk: its own checksum tells."""
     with tempfile.TemporaryFile() as stream:
         stream.write(whole)
@@ -257,9 +257,7 @@ def test_tick_far_away_in_a_bag_without_a_run_does_not_either(
 @pytest.mark.parametrize(
     "topic", ["/plant/state", "/pmu/delivered", "/controller_0_ANFTSC/setpoints", "/identifier_0_X/estimate"]
 )
-def test_one_message_that_is_missing_ends_the_replay_there(
-    tmp_path: Path, record: Record, written: Any, topic: str
-) -> None:
+def test_missing_message_ends_the_replay_at_its_tick(tmp_path: Path, record: Record, written: Any, topic: str) -> None:
     written(record, tmp_path / "run", skip=lambda name, tick: (name, tick) == (topic, 41))
     found = load(tmp_path / "run")
     assert found.gap_tick == 41

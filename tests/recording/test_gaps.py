@@ -18,7 +18,7 @@ def series(topic: str, first: int) -> Series:
 
 
 @pytest.mark.parametrize(("began", "answered"), [(12, 12), (13, FOUND), (FOUND, FOUND)])
-def test_what_a_link_delivered_unheard_is_missing_where_it_was_answered(began: int, answered: int) -> None:
+def test_deliveries_answered_before_the_link_was_heard_are_missing(began: int, answered: int) -> None:
     """The link began again at tick 12, the controller at another; the recorder found that when it `answered`."""
     late = {("link", 0, 12), ("controller", 0, began)}
     found = {

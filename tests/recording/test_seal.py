@@ -49,7 +49,7 @@ def test_another_digest_is_noted_in_a_line(
 
 
 @pytest.mark.parametrize("digits", ["[]", "3", "''", "'\"'", "'[1]'"])
-def test_what_is_no_digest_harms_nobody(folder: Path, digits: str) -> None:
+def test_malformed_digest_in_the_metadata_is_noted(folder: Path, digits: str) -> None:
     file = folder / "metadata.yaml"
     file.write_text(file.read_text().replace("custom_data:\n", f"custom_data:\n    digest: {digits}\n"))
     assert all("digest" in note for note in load(folder).notes)

@@ -120,7 +120,7 @@ CHANGES: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_every_command_refuses_a_run_that_is_not_right_with_field_and_value(
+def test_commands_refuse_an_invalid_stored_run_in_one_line(
     record: Record, stored: Any, place: Path, change: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fields, reason = CHANGES[change]
@@ -223,7 +223,7 @@ REFUSED: dict[str, tuple[Callable[[Path, Path], str], str]] = {
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("kind", REFUSED)
-def test_every_command_refuses_what_is_no_recording_of_a_run(
+def test_commands_refuse_files_that_are_no_recording_of_a_run(
     sound: Path, place: Path, kind: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     make, reason = REFUSED[kind]
@@ -243,7 +243,7 @@ def test_database_is_read_or_refused_for_want_of_its_run(
 
 
 @pytest.mark.timeout(60)
-def test_what_metadata_name_is_not_opened(sound: Path, place: Path, record: Record) -> None:
+def test_files_named_by_the_metadata_of_a_bag_are_not_opened(sound: Path, place: Path, record: Record) -> None:
     """Its file names sort the folder's files; it may be a link or a pipe itself."""
     os.mkfifo(place / "pipe.mcap")
     file = Path(copy(sound, place / "bag", "mcap")) / "metadata.yaml"

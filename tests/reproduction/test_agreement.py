@@ -128,7 +128,7 @@ def test_roughness_claims_of_the_thesis_itself() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_one_cell_that_differs_shows_up_and_nothing_else(seed: int) -> None:
+def test_single_differing_cell_is_the_only_contradiction(seed: int) -> None:
     rng = np.random.default_rng(seed)
     found = list(CELLS)
     i = int(rng.choice([i for i, c in enumerate(found) if c.against is not None]))

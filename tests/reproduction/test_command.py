@@ -59,14 +59,14 @@ def test_second_run_that_goes_on_from_most_of_the_runs_in_another_order_gives_th
         assert (folder / name).read_bytes() == (again / name).read_bytes(), name
 
 
-def test_what_is_told_is_what_is_written(folder: Path) -> None:
+def test_reproduction_json_has_the_cells_of_the_csv_file(folder: Path) -> None:
     content = json.loads((folder / "told.json").read_text())
     assert content["tables"] == ["3.1", "6.1"]
     with (folder / "cells.csv").open() as file:
         assert len(content["cells"]) == len(list(csv.DictReader(file))) == len(CELLS)
 
 
-def test_what_is_written_holds_together(folder: Path) -> None:
+def test_reproduction_pages_have_all_pictures_tables_and_ensembles(folder: Path) -> None:
     page = "\n".join((folder / name).read_text() for name in ("reproduction.md", "tables.md"))
     for picture in re.findall(r"\]\(([^)]+\.png)\)", page):
         assert (folder / picture).is_file(), picture

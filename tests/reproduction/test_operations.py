@@ -50,7 +50,7 @@ def test_operations_of_a_function_are_those_written_without_zeros_and_ones() -> 
     assert counting.counted(counting.needed(tape, [result])) == everything - Counter(trigonometric=1)
 
 
-def test_what_is_compared_is_needed() -> None:
+def test_operations_that_enter_a_comparison_are_counted() -> None:
     tape = counting.Tape()
     x = counting.Number(tape, 2.0)
     assert x + 1.0 > 2.0
@@ -100,7 +100,7 @@ def total(membership: tuple[int, ...], *parts: tuple[int, ...]) -> tuple[int, ..
     return tuple(4 * m + sum(rest) for m, *rest in zip(membership, *parts, strict=True))
 
 
-def test_what_is_said_about_the_thesiss_way_of_counting() -> None:
+def test_operation_counts_of_the_thesis_follow_its_stated_way_of_counting() -> None:
     """Of `WHY`: which of its rows follow from one way of counting, and where the table contradicts itself."""
     assert total(GAUSSIAN, TWO_RULES) == printed("ANFTSC")
     assert total(SPLINE, TWO_RULES) == printed("ANFBsC")
@@ -138,7 +138,7 @@ def ours(name: str) -> list[int]:
         ("HBsWC", (4 * (4 - 2), 4, 4 - 4, 0, 0)),
     ],
 )
-def test_what_is_said_about_the_differences(name: str, more: tuple[int, ...]) -> None:
+def test_operation_counts_differ_from_the_thesis_as_stated(name: str, more: tuple[int, ...]) -> None:
     assert np.subtract(printed(name), ours(name)).tolist() == list(more)
 
 

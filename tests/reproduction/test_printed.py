@@ -47,7 +47,7 @@ def one(table: str, scenario: str, who: ControllerId, quantity: str, against: Co
     return found
 
 
-def test_every_cell_has_a_place_of_its_own_and_names_that_are_known() -> None:
+def test_printed_cells_have_distinct_places_and_known_names() -> None:
     found = cells()
     assert len(found) == sum(table.figures for table in TABLES.values())
     assert len({c[:8] for c in found}) == len(found)
@@ -81,7 +81,7 @@ def test_miso_columns_of_6_1_repeat_5_4() -> None:
     assert all(figures[c.scenario, c.who] == c.printed for c in repeated)
 
 
-def test_what_the_text_says_of_roughness_is_what_the_tables_give() -> None:
+def test_roughness_in_the_text_of_the_thesis_agrees_with_its_tables() -> None:
     """11.48 % of HBsWC over ANFLeWC (6.5); 99.64 and 99.61 % of ANFGuMeC and HBsWC by indirect control (5.4.2)."""
 
     def reduced(a: Cell, b: Cell) -> float:

@@ -236,7 +236,7 @@ def test_statements_of_the_summary_are_those_of_the_tables(statements: Callable[
         assert statement in page, statement
 
 
-def test_every_number_of_the_summary_is_in_such_a_statement() -> None:
+def test_numbers_of_the_results_summary_are_in_checked_statements() -> None:
     answers = "\n".join(
         re.findall(r"^\| [^|]+\? \| ([^|]+) \|", (DOCS / "results.md").read_text(encoding="utf-8"), re.MULTILINE)
     )

@@ -64,7 +64,7 @@ def test_every_controller_runs_in_every_ensemble(system: str) -> None:
 
 
 @pytest.mark.parametrize("variant", explanations.TABLE, ids=lambda variant: variant.name)
-def test_every_set_up_can_be_run_and_differs_from_that_of_the_tables(variant: explanations.Variant) -> None:
+def test_variants_of_explanations_can_be_run_and_differ_from_the_tables(variant: explanations.Variant) -> None:
     for system in variant.systems:
         asked = [who for who in whos(cells(("4.1", "4.2", "5.1", "5.3")), system) if who == LLC or who.scheme]
         base = Base({"system": system, "scenario": SCENARIOS[system]["I"]}, "here", {}, modes=False)
@@ -109,7 +109,7 @@ def test_way_to_the_bound() -> None:
 
 
 @pytest.mark.parametrize("who", [one for found in FOUND.values() for one in found], ids=name)
-def test_what_the_search_found_is_a_run_that_anybody_can_start(who: ControllerId) -> None:
+def test_controller_found_by_the_search_is_a_shipped_run(who: ControllerId) -> None:
     case = load_case(who.controller, ["duration=1"])
     assert json.loads(json.dumps(changes(who)["devices"])) == case.run.devices
     assert [c.name for c in case.controllers] == [c["name"] for c in changes(who)["controllers"]]

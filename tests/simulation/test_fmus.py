@@ -77,7 +77,7 @@ def test_other_names_are_mapped(tmp_path: Path) -> None:
         ({"compensation": "lead"}, "compensation: 'lead' given; allowed: none for mine"),
     ],
 )
-def test_what_it_lacks_is_one_line(
+def test_fields_that_do_not_fit_an_fmu_are_refused_in_one_line(
     fmus: dict[int, Path], fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     refused(["devices=[sssc, statcom]", own(str(fmus[2]), **fields)], said, capsys)

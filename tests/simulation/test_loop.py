@@ -89,7 +89,7 @@ def test_millisecond_of_delay_matters() -> None:
     assert len(set(results)) == 4
 
 
-def test_no_controllers_is_the_open_loop() -> None:
+def test_run_without_controllers_is_the_open_loop() -> None:
     none = loop.run(load_case(None, ["controllers=[]", "duration=3"]))
     idle = loop.run(load_case(None, ["controllers.0.parameters.gain=0", "duration=3"]))
     assert none.frames.tobytes() == idle.frames.tobytes()
@@ -169,7 +169,7 @@ PAIRS = [f"{a}+{c}" for a, c in zip(itertools.cycle(ANTECEDENTS), CONSEQUENTS, s
 @pytest.mark.parametrize("profile", ["deployed", "thesis"])
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
 @pytest.mark.parametrize("name", PAIRS)
-def test_every_antecedent_and_consequent_runs_within_its_limits(name: str, scheme: str, profile: str) -> None:
+def test_neuro_fuzzy_pair_issues_setpoints_within_its_limits(name: str, scheme: str, profile: str) -> None:
     own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"controllers.0.profile={profile}"]
     record = loop.run(load_case(None, ["scenario=large", "duration=5", *own]))
     assert np.isfinite(record.issued["value"]).all()

@@ -185,7 +185,7 @@ def test_devices_in_another_order_are_told_by_name() -> None:
           "controllers.1.parameters.gain=5"], "controllers: 2 links given; allowed: 1, as recorded"),
     ],
 )  # fmt: skip
-def test_what_was_not_recorded_is_refused(sets: list[str], said: str) -> None:
+def test_replay_with_an_unknown_controller_or_more_links_is_refused(sets: list[str], said: str) -> None:
     with pytest.raises(InputError, match=said):
         played(recorded(None, ["duration=1"]), *sets)
 
@@ -200,7 +200,7 @@ def test_links_count_that_have_not_delivered_yet() -> None:
     assert replay.first_difference(part, issued) is None
 
 
-def test_what_a_recording_lacks_is_said_where_nothing_can_be_replayed() -> None:
+def test_refused_replay_names_what_the_recording_lacks() -> None:
     record = dataclasses.replace(recorded(None, ["duration=1"]), notes=["run_0.mcap: cut"])
     with pytest.raises(InputError, match=r"^tick 0: its frames, .* nothing can be replayed; run_0.mcap: cut$"):
         played(dataclasses.replace(record, gap_tick=0))

@@ -83,7 +83,7 @@ def test_same_bits_tick_by_tick_and_in_a_replay(name: str) -> None:
     assert replay.first_supervised(part, played) is None
 
 
-def test_what_happens_in_these_runs() -> None:
+def test_supervised_runs_go_through_the_expected_states() -> None:
     found = {name: states(run(*ON, *RUNS[name])) for name in RUNS}
     armed = ("armed", "schedule")
     assert found["fallback by its own link"][1:] == [armed, ("fallback", "missing"), ("armed", "missing")]
@@ -136,7 +136,7 @@ def ask(tick: int, what: str, index: int = 0) -> RunChange:
     return RunChange(tick, "/n", "supervisor", index, what, "", None)
 
 
-def test_what_an_operator_asked_for_under_way_is_replayed() -> None:
+def test_operator_requests_under_way_are_replayed() -> None:
     case = load_case(None, ["supervision=standard", "scenario=large", "duration=5", "link=csg"])
     asked = [ask(30, "arm"), ask(120, "disarm"), ask(180, "arm"), ask(181, "reset"), ask(200, "arm")]
     found = rerun(case, asked)

@@ -38,7 +38,7 @@ def test_before_the_event_run_and_mirror_cancel_to_second_order(sets: list[str],
     assert np.abs(own + mirror).max() < part * np.abs(own).max()
 
 
-def test_where_a_line_stays_out_the_twin_begins_without_it() -> None:
+def test_twin_of_a_run_with_a_line_outage_begins_without_the_line() -> None:
     """After the event both are of one plant in one noise: what was done before it swings freely, and nothing else."""
     case = load_case("two_area_deployment", ["duration=20", *SETS[1:]])
     record = loop.run(case)

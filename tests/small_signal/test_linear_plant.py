@@ -24,7 +24,7 @@ def modal(request: pytest.FixtureRequest) -> Modal:
     return analyse(load_system(name), devices)
 
 
-def test_it_answers_as_the_model_behind_washouts_does(modal: Modal) -> None:
+def test_linear_plant_has_the_response_of_the_model_behind_washouts(modal: Modal) -> None:
     plant = linear_plant.state_space(linear_plant.of(modal))
     assert (plant.input_labels, plant.output_labels) == (modal.devices, list(modal.system.signals))
     for w in (0.5, 3.9, 20.0):

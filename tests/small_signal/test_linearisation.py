@@ -156,7 +156,7 @@ def test_without_areas_swings_are_electromechanical() -> None:
     assert [mode.label for mode in found.swings] == ["electromechanical"] * 3
 
 
-def test_what_governors_make_all_machines_do_together_is_no_swing() -> None:
+def test_common_governor_mode_is_not_a_swing() -> None:
     """A mode of 0.03 Hz in which all speeds are alike."""
     governors = [{**t.model_dump(), "enabled": True} for t in shipped("two_area").governors]
     found = modal_analysis.analyse(changed(shipped("two_area"), governors=governors), ["sssc"])

@@ -74,7 +74,7 @@ def test_mode_is_that_of_the_plant() -> None:
 
 
 @pytest.mark.parametrize("link", ["ideal", "delay_100ms", "pdci"])
-def test_it_damps_behind_a_delay_that_it_knows(link: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_hinf_controller_damps_behind_a_known_delay(link: str, capsys: pytest.CaptureFixture[str]) -> None:
     sets = ["--set", HINF, "--set", "controllers.0.parameters.gain=12", "--set", f"link={link}"]
     assert main(["simulate", "two_area_large", *sets]) == 0
     assert "damped" in capsys.readouterr().out

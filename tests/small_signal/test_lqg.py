@@ -169,7 +169,7 @@ def test_regulator_is_riccatis_of_the_plant_with_its_delay(which: str, lag: floa
 
 @pytest.mark.parametrize("lag", [0.0, 0.06])
 @pytest.mark.parametrize("which", ["two_area", "two_area, both", "smib, heavy"])
-def test_no_other_gains_cost_less(which: str, lag: float) -> None:
+def test_lqg_gains_have_the_least_cost(which: str, lag: float) -> None:
     """Mean cost of the loop with steps of torque and noise, by Lyapunov's equation."""
     case = case_of(which)
     plant, (controller,) = plant_of(case), case.controllers
@@ -246,7 +246,7 @@ def test_against_a_changed_plant_no_setpoint_is_held(which: str) -> None:
         ),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(sets: list[str], message: str) -> None:
+def test_invalid_lqg_is_refused_in_one_line(sets: list[str], message: str) -> None:
     with pytest.raises(InputError, match=message) as raised:
         build_control(load_case(None, [*LQG, *sets]))
     assert "\n" not in str(raised.value)

@@ -44,6 +44,6 @@ def test_page_quotes_them(found: list[Interaction]) -> None:
 
 
 @pytest.mark.parametrize("devices", [[], ["sssc"]])
-def test_one_device_has_nothing_to_interact_with(devices: list[str]) -> None:
+def test_single_device_has_no_interactions(devices: list[str]) -> None:
     system = load_system("two_area")
     assert interactions(build(system, devices, []), system, devices) == []

@@ -50,7 +50,7 @@ def test_rules_hold_in_storms_of_fixed_seeds_and_of_a_random_one(tmp_path: Path)
 
 
 @pytest.mark.parametrize("path", CORPUS, ids=lambda path: str(path.stem))
-def test_what_storms_have_found_stays_mended(path: Path, tmp_path: Path) -> None:
+def test_storms_of_the_corpus_break_no_rule(path: Path, tmp_path: Path) -> None:
     assert_holds(model.read(path), tmp_path / "storm")
 
 
@@ -101,7 +101,7 @@ def test_deliberate_fault_is_found_and_shrunk(fault: str, tmp_path: Path) -> Non
     assert len(mild.events) <= min(2, len(storm.events))
 
 
-def test_what_reaches_something_new_is_kept_and_varied() -> None:
+def test_storm_that_reaches_something_new_is_kept_and_varied() -> None:
     found, storm = search.Findings(), drawing.draw(3)
     reached = search.Result([], frozenset(["a log"]), 1.0, 1.0)
     for _ in range(2):
@@ -126,7 +126,7 @@ def test_search_counts_what_it_tries_until_an_interrupt(tmp_path: Path, monkeypa
     assert not found.broken
 
 
-def test_each_kind_of_event_is_in_words() -> None:
+def test_storm_events_of_all_kinds_are_put_into_words() -> None:
     for kind in KINDS:
         event = model.Event(at=0.0, kind=kind, node="plant_sim", topic="pmu/frames", lasts=1.0, size=2.0, name="arm")
         assert "{" not in words(event)
@@ -153,7 +153,7 @@ def test_storm_that_is_none_is_refused_in_one_line(content: str, expected: str, 
     assert "\n" not in str(refused.value)
 
 
-def test_every_rule_says_what_it_demands() -> None:
+def test_storm_rules_state_what_they_demand() -> None:
     assert all((rule.__doc__ or "").endswith(".") for rule in RULES.values())
 
 

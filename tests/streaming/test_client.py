@@ -132,7 +132,7 @@ def test_by_datagrams_that_come_by_themselves(group: str, port: int) -> None:
     same(run(act).of(Instant))
 
 
-def test_it_comes_back_when_the_server_does(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_client_reconnects_when_the_server_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clients, "AGAIN_S", 0.05)
 
     async def act() -> Listening:
@@ -231,7 +231,7 @@ def test_server_that_knows_no_configuration_3(port: int, monkeypatch: pytest.Mon
         np.testing.assert_allclose(got.data.phasors, [[11500.0, 0.25], [20000.0, -0.5]], rtol=1e-6)
 
 
-def test_what_is_of_another_stream_is_counted() -> None:
+def test_frames_of_another_stream_are_refused_and_counted() -> None:
     receiver = session.Receiver(11)
     others = session.stream(12, system_pmus.configuration(GRID, 60, 60, FORMATS))
     assert receiver.take([session.data_frame(others, instant(0)), *session.answers(others, "send_header", 5, 0)]) == []

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 SERVER = "tcp://pdc:4712/11"
 
 
-def test_what_is_not_there_is_said() -> None:
+def test_server_without_a_configuration_is_shown_with_the_cause() -> None:
     one = ServerState(address(SERVER))
     assert str(one) == f"{SERVER}: no configuration: no answer; is the IDCODE right?"
     one.take(Lost("refused"))

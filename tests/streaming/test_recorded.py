@@ -84,7 +84,7 @@ def test_client_gets_what_was_recorded(recording: Path, port: int) -> None:
     assert (row["frames"], row["clients"], row["dropped"], row["refused"]) == (60, 1, 0, {})
 
 
-def test_each_station_alone(recording: Path, port: int) -> None:
+def test_recording_is_served_with_a_stream_for_each_station(recording: Path, port: int) -> None:
     record = load(recording)
     with serve(recording, "--port", str(port), "--each", "--idcode", "40", "--format", "none") as server:
         found, _ = listen(port + 4, 44, 30)
@@ -96,7 +96,7 @@ def test_each_station_alone(recording: Path, port: int) -> None:
     assert np.abs(told / volts - record.frames[:30, 4, system_pmus.MAGNITUDE]).max() < 2.0 / 30000
 
 
-def test_what_has_not_been_measured_is_absent_and_stamps_are_those_of_the_instants() -> None:
+def test_instants_without_measurements_are_absent_from_the_stream() -> None:
     """PMUs of class M: the first frames are not there; later ones describe the instant six frames ago."""
     case = load_case("two_area_small", ["duration=1", "measurement=m_class", "controllers=[]"])
     record = loop.run(case)

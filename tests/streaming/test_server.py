@@ -189,7 +189,7 @@ def test_datagrams_are_answered_and_turned_on() -> None:
     assert (server.counts.clients, sum(server.counts.refused.values())) == (1, 1)
 
 
-def test_who_turns_data_off_by_datagram_is_forgotten_and_there_are_not_too_many() -> None:
+def test_udp_clients_are_limited_and_forgotten_when_they_turn_data_off() -> None:
     server = Server(served(), lambda: (1000, 0))
     for i in range(300):
         server.received(frame.command(11, "turn_on", 5), (HERE, 1000 + i))

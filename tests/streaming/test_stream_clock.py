@@ -39,7 +39,7 @@ def test_instants_come_in_their_order_once_all_have_spoken(order: list[tuple[int
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 20)), max_size=60), st.integers(0, 4))
-def test_nothing_is_lost_without_a_count(said: list[tuple[int, int]], waits: int) -> None:
+def test_time_alignment_gives_or_counts_every_entry(said: list[tuple[int, int]], waits: int) -> None:
     """Each entry is in what is given, or counted as late."""
     alignment, given_entries, put, newest = Alignment(4), 0, set(), 0
     for s, k in said:
@@ -92,7 +92,7 @@ def test_pause_of_the_source_moves_its_stamps() -> None:
     assert 60 <= following.alignment.late <= 70  # those of a second, until that is known
 
 
-def test_what_comes_in_a_burst_after_a_stall_is_late_and_moves_nothing() -> None:
+def test_burst_after_a_stall_is_late_and_does_not_move_the_clock() -> None:
     """A connection stands still for 3 s; then all comes at once, and after that in time."""
     following, numbers = Following(1, RATE, WAIT), list[tuple[int, float]]()
     for n in range(120 * 8):

@@ -41,7 +41,7 @@ def of(rows: Rows, architecture: str, scenario: str) -> Rows:
     return [row for row in rows if place(row) == (architecture, scenario)]
 
 
-def test_every_controller_is_there_in_every_architecture_on_every_scenario() -> None:
+def test_study_of_architectures_has_all_controllers_on_all_scenarios() -> None:
     points = sweep.plan("architectures", []).points
     assert len(points) == 3 * 4 * (1 + 2 * 11)
     assert len({(*place(point.columns), point.columns["kind"]) for point in points}) == len(points)

@@ -27,7 +27,7 @@ def values(spec: dict[str, Any]) -> list[Any]:
     return [point.columns["duration"] for point in points({"field": "duration", **spec})]
 
 
-def test_no_axis_is_one_run() -> None:
+def test_study_without_axes_is_one_run() -> None:
     assert points() == [axes.Point({}, {})]
 
 
@@ -190,7 +190,7 @@ def test_margins_beyond_what_was_run_are_none() -> None:
     assert (told["margin_s"], told["low_s"], told["high_s"], told["beyond"]) == (None, None, 0.0, "low")
 
 
-def test_what_holds_is_the_share_of_the_coarse_grid_over_all_searches() -> None:
+def test_share_that_holds_is_of_the_coarse_grid_over_all_searches() -> None:
     spec = margin(coarse=5)  # 0, 0.25, 0.5, 0.75, 1; values of the bisection do not count
     one = {0.0: False, 0.25: False, 0.375: False, 0.5: True, 0.75: False, 1.0: True}
     assert margins.held(spec, [one]) == pytest.approx(3 / 5)

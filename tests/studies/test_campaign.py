@@ -66,7 +66,7 @@ def test_shipped_campaigns_can_be_drawn_from(name: str) -> None:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_every_fault_makes_a_run(fault: str, small: Path) -> None:
+def test_campaign_fault_makes_a_run(fault: str, small: Path) -> None:
     """Drawn a few times: what it changes can be run, and is not nothing, but where it is only done to real graphs."""
     small.write_text(SMALL + f"faults: {{{fault}: 1}}\n" + ("healthy: 1.0\n" if fault == "none" else ""))
     made = campaign.plan(str(small))
@@ -174,7 +174,7 @@ def test_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pyte
         (("{controllers.0.name: HBsWC}", "{controllers.0.nam: HBsWC}"), "controllers.0.nam"),
     ],
 )
-def test_what_is_wrong_with_a_campaign_is_one_line(
+def test_invalid_campaign_is_refused_in_one_line(
     small: Path, change: tuple[str, str], named: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     small.write_text(SMALL.replace(*change))

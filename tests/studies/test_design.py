@@ -79,7 +79,7 @@ def test_residues_are_how_eigenvalues_move(at: str) -> None:
             assert abs(slope - seen.residue[mode, row]) < 2e-4 * abs(slope) + 1e-7, name
 
 
-def test_every_line_and_bus_is_a_place_once() -> None:
+def test_places_of_devices_have_every_line_and_bus_once() -> None:
     system = read_system(SYSTEM)
     found = places.places(system)
     taken = [(p.device.kind, p.at) for p in found]
@@ -139,7 +139,7 @@ def test_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> None:
     assert slow["damping_ratio"] == pytest.approx(0.1, abs=0.015)
 
 
-def test_what_other_modes_gain_is_what_the_closed_loop_shows() -> None:
+def test_predicted_damping_of_other_modes_agrees_with_the_closed_loop() -> None:
     """A pair that takes damping from another mode is told, and passed over where there is another one."""
     task = design.Task(SYSTEM, [], 0.1, 0.1, place="B10", signal="w13")
     found = design.design(task, 1, quiet)
@@ -189,7 +189,7 @@ def test_files_run(found: design.Design, tmp_path: Path) -> None:
         ({"signal": "w99"}, "--signal: 'w99' given; allowed: "),
     ],
 )
-def test_what_cannot_be_designed_is_said(changes: dict[str, Any], said: str) -> None:
+def test_impossible_design_is_refused(changes: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         design.design(design.Task(SYSTEM, [], 0.1, 0.1)._replace(**changes), 1, quiet)
 
@@ -209,7 +209,7 @@ def test_place_that_is_asked_for_is_taken_and_all_are_ranked(tmp_path: Path) -> 
     assert load_case(str(tmp_path / "run.yaml")).system.device("damper").place == "B7-line_1.damper"
 
 
-def test_one_machine_s_speed_is_a_signal_beside_an_infinite_bus() -> None:
+def test_speed_of_a_machine_at_an_infinite_bus_is_a_signal() -> None:
     """Where no machine swings against it, and the system names no speed itself."""
     sets = ["signals={}", "measures={}"]
     own = read_system("smib", sets)

@@ -37,7 +37,7 @@ def drawn(name: str) -> tuple[list[dict[str, Any]], list[Case]]:
 
 
 @pytest.mark.parametrize("name", ENSEMBLES)
-def test_every_draw_starts_from_an_equilibrium_of_its_own(name: str) -> None:
+def test_ensemble_draws_start_from_distinct_equilibria(name: str) -> None:
     """Also the limits of all controls admit it: the plant can be built. No two draws are alike in anything.
 
     Built are the draws with the least and the largest value of anything, and some others.

@@ -116,7 +116,7 @@ def of_choice(choice: Choice, sizes: list[float]) -> float:
     return 0.5 - min(sizes[0], 0.4) - min(lasts, 0.5) / 2.5 - 0.05 * ("link" in choice.chosen)
 
 
-def test_what_is_shrunk_violates_still_and_no_worse() -> None:
+def test_shrunk_case_still_violates_and_no_worse() -> None:
     choice = campaign.Choice("two_area", {"controller": "LLC", "link": "pdci"}, "gain", 3.217, None, 7)
     (milder, sizes), margin = shrunk(choice, [0.9], of_choice)
     assert of_choice(choice, [0.9]) <= margin == of_choice(milder, sizes) < 0.0
@@ -125,7 +125,7 @@ def test_what_is_shrunk_violates_still_and_no_worse() -> None:
 
 
 @pytest.mark.parametrize("fault", [name for name in FAULTS if name not in ONLY_REAL])
-def test_every_fault_has_a_form_of_the_mildest_size(turned: Path, fault: str) -> None:
+def test_campaign_fault_of_the_mildest_size_makes_a_case(turned: Path, fault: str) -> None:
     """Also where the mildest of its stages takes more numbers than the one that was found."""
     made, mild = campaign.plan(str(turned)), FAULTS[fault].mild
     choice = campaign.Choice("two_area", {}, fault, 1.0, 0.5, None)._asdict()
@@ -159,7 +159,7 @@ def test_hunt_writes_a_page_and_run_files_that_violate_and_goes_on(turned: Path,
     assert told([str(turned), "--hunt", "0.001"], folder) == found  # nothing is left to do
 
 
-def test_what_was_found_is_kept_after_an_interrupt(
+def test_hunt_keeps_its_cases_after_an_interrupt(
     turned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     evaluate, asked = hunt.evaluate, iter(range(10))

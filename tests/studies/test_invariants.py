@@ -66,7 +66,7 @@ def says(case: Case, record: Record) -> dict[str, bool]:
     }
 
 
-def test_all_holds_for_a_controller_that_is_tripped_in_time() -> None:
+def test_invariants_hold_for_a_controller_that_is_tripped_in_time() -> None:
     case, record = sound()
     assert trip_tick(record) is not None
     found = invariants.alone(case, record)

@@ -170,7 +170,7 @@ def test_controllers_are_the_bilinear_transform_of_their_transfer_function(
         assert found[0, 0] == pytest.approx(expected, rel=1e-6)
 
 
-def test_what_was_probed_is_not_changed() -> None:
+def test_linearised_loop_is_the_same_when_built_twice() -> None:
     """The same model twice, and a run after it with the bits of one before."""
     case = case_of("speed")
     first, second = delayed_loop(case), delayed_loop(case)
@@ -351,7 +351,7 @@ def test_links_keep_how_much_longer_they_are() -> None:
         (["link.down.0.delay=0.1", "link.down.0.start=1"], "link: .* given; allowed: the same delay for all"),
     ],
 )
-def test_what_has_no_linear_margin_is_refused(sets: list[str], named: str) -> None:
+def test_case_without_a_linear_margin_is_refused(sets: list[str], named: str) -> None:
     with pytest.raises(InputError, match=named):
         delayed_loop(load_case(None, sets))
 

@@ -54,7 +54,7 @@ def test_least_is_found(method: str, seed: int) -> None:
 @every_method
 @settings(deadline=None, max_examples=30)
 @given(seed=st.integers(0, 2**31), generations=st.integers(1, 8))
-def test_what_is_asked_is_the_budget_within_the_cube_and_its_best_is_handed_on(
+def test_optimiser_spends_its_budget_in_the_cube_and_hands_on_its_best(
     method: str, seed: int, generations: int
 ) -> None:
     bowl, found = search(method, seed, generations)
@@ -78,7 +78,7 @@ def test_search_is_one_of_its_seed_whatever_was_drawn_before(method: str) -> Non
 
 
 @every_method
-def test_where_all_points_are_one_the_search_goes_on_from_it(method: str) -> None:
+def test_optimiser_goes_on_from_identical_start_points(method: str) -> None:
     bowl = Bowl(3)
     found = METHODS[method](bowl, np.full((POINTS, SIZE), 0.5), 3, np.random.default_rng(3))
     assert bowl(found.best) <= bowl(np.full(SIZE, 0.5))

@@ -52,7 +52,7 @@ def test_scenarios_stand_side_by_side_unless_another_column_does() -> None:
     ]
 
 
-def test_who_bears_most_is_first_and_what_is_missing_or_holds_again_is_seen() -> None:
+def test_margin_table_begins_with_the_largest_and_marks_open_margins() -> None:
     rows = [
         margin("unstable", "small", "fibre", "A", 0.2, monotonic=False, holds_again=[0.6, 0.7], holds=0.3),
         margin("unstable", "small", "plc", "A", 0.1),

@@ -55,7 +55,7 @@ def test_version_of_a_set_never_changes(name: str, digest: str) -> None:
 
 
 @pytest.mark.parametrize("name", FROZEN)
-def test_every_case_of_a_set_can_be_made(name: str) -> None:
+def test_cases_of_a_score_set_can_be_made(name: str) -> None:
     found = read_set(name)
     kinds = {found.content.cases[i].kind for i in range(len(found.content.cases)) if case_of(found, (), i).ticks}
     assert kinds == set(found.content.kinds)
@@ -111,7 +111,7 @@ def test_devices_that_a_set_adds_are_commanded(cases: str) -> None:
 
 
 @pytest.mark.parametrize("given", ["LLLC", "missing.py:Damper", "two_area_free"])
-def test_what_is_no_controller_is_refused_before_any_run(given: str, cases: str) -> None:
+def test_score_of_an_unknown_controller_is_refused_before_any_run(given: str, cases: str) -> None:
     with pytest.raises(fd.InputError, match="allowed"):
         fd.score(given, cases)
 

@@ -172,7 +172,7 @@ def test_lost_run_counts_more_than_any_other_and_the_earlier_the_more(nominal: l
 # What is searched
 
 
-def test_every_pair_is_there_in_both_schemes_with_all_devices() -> None:
+def test_structures_of_a_search_have_all_pairs_schemes_and_devices() -> None:
     found = structures(load_system("two_area"), [], [])
     assert len(found) == len(set(found)) == 2 * (1 + 2 * len(ANTECEDENTS) * len(CONSEQUENTS))
     assert {one.devices for one in found} == {("sssc",), ("sssc", "statcom")}
@@ -195,7 +195,7 @@ def test_networks_of_one_scheme_alone_are_searched_beside_llc_tuned(scheme: Sche
         ("b-spline+fourier", "indirect", ("sssc", "statcom")),
     ],
 )
-def test_what_is_chosen_is_within_what_parameters_may_be(name: str, scheme: Scheme, devices: tuple[str, ...]) -> None:
+def test_chosen_parameters_are_within_their_allowed_ranges(name: str, scheme: Scheme, devices: tuple[str, ...]) -> None:
     choice, random = Choice(Structure(name, scheme, devices), "two_area", CHOICES["free"]), np.random.default_rng(1)
     row, seen = kind(name), set()
     for at in [np.zeros(choice.size), np.ones(choice.size), *random.random((30, choice.size))]:
@@ -311,7 +311,7 @@ def test_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.Monke
     assert sorted(set(asked)) == [(0, 1, 3), (1, 2, 6), (2, 4, 10)]
 
 
-def test_where_all_are_kept_each_has_the_same_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_that_keeps_all_gives_each_structure_the_same_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = Counter[tuple[Any, ...]]()
 
     def climb(_task: SearchTask, rung: Rung, entry: Entry) -> Entry:
@@ -341,7 +341,7 @@ def test_in_another_profile_signals_are_its_and_the_reference_may_be_no_control(
 
 
 @pytest.mark.usefixtures("few_points")
-def test_what_all_came_to_is_a_file_that_runs_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tuned_file_of_a_search_is_taken_by_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "tuned.yaml"
     given = ["two_area", "Hinf", "--profile", "deployment", "--against", "none", "--devices", "sssc", "--keep-all"]
     monkeypatch.setattr(study, "RUNGS", 1)
@@ -387,7 +387,7 @@ def test_rung_goes_on_from_the_population_of_the_one_before(nominal: list[Draw])
 
 
 @pytest.mark.usefixtures("few_points")
-def test_no_scenario_but_training_is_read_and_the_written_run_runs(
+def test_search_reads_the_training_scenario_alone_and_writes_a_valid_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     read, plain = list[Path](), files.read_yaml
@@ -419,7 +419,7 @@ def test_no_scenario_but_training_is_read_and_the_written_run_runs(
     assert main(["simulate", str(out), "--set", "duration=2"]) == 0
 
 
-def test_every_method_can_be_asked_for() -> None:
+def test_search_command_accepts_every_method() -> None:
     assert [parser().parse_args(["search", "smib", "--method", name]).method for name in METHODS] == list(METHODS)
 
 

@@ -58,7 +58,7 @@ def swept(tmp_path: Path, path: Path | str, *more: str) -> dict[str, Any]:
     return dict(json.loads(target.read_text()))
 
 
-def test_every_row_has_the_figures_that_simulate_gives(tmp_path: Path) -> None:
+def test_sweep_rows_have_the_figures_that_simulate_gives(tmp_path: Path) -> None:
     """All six, although they share a plant."""
     rows = swept(tmp_path, study(tmp_path))["rows"]
     assert [(row["delay"], row["controllers.0.parameters.gain"]) for row in rows] == [
@@ -158,7 +158,7 @@ def test_saturation_duty_is_the_share_of_frames_at_the_limit(tmp_path: Path) -> 
     assert 0.1 < row["saturation_duty"] < 1
 
 
-def test_every_picture_is_drawn_where_the_table_has_something_for_it(tmp_path: Path) -> None:
+def test_sweep_draws_every_picture_that_its_table_has_data_for(tmp_path: Path) -> None:
     """Two controllers with links of their own, so latencies vary; two numbers; seeds."""
     text = """
 run: two_area_decentralised
@@ -536,7 +536,7 @@ def test_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
     assert table(tmp_path / "dask") == table(tmp_path / "here")
 
 
-def test_no_scheduler_is_one_line(
+def test_scheduler_that_does_not_answer_is_told_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("facts_damping_studies.sweeps.pool.CONNECT_S", 0.5)

@@ -63,7 +63,7 @@ def test_every_controller_is_tuned_by_the_same_command(system: str) -> None:
 
 
 @pytest.mark.parametrize(("system", "row"), ROWS, ids=[f"{s}-{r.name}-{r.scheme}" for s, r in ROWS])
-def test_what_was_chosen_reaches_in_training_what_its_row_says(system: str, row: TunedController) -> None:
+def test_tuned_parameters_reach_their_stated_objective_in_training(system: str, row: TunedController) -> None:
     """All runs about a point stay in synchronism, and what its row says is as good as one, or between two of them.
 
     Most points need one run. Where a loop is hardly stable the last bit decides how long it swings: 0.24 to 0.48 within

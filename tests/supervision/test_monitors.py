@@ -143,7 +143,7 @@ def test_every_monitor_has_a_trial() -> None:
 
 
 @pytest.mark.parametrize("name", MONITORS)
-def test_what_is_a_monitor_s_to_see_it_sees_first(name: str) -> None:
+def test_monitor_acts_first_on_its_own_fault(name: str) -> None:
     trial = TRIALS[name]
     found = seen(*trial.wrong)
     assert name in found.acted
@@ -159,7 +159,7 @@ def test_what_is_a_monitor_s_to_see_it_sees_first(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MONITORS)
-def test_what_is_not_a_monitor_s_to_see_it_lets_pass(name: str) -> None:
+def test_monitor_does_not_act_on_what_it_lets_pass(name: str) -> None:
     found = seen(*TRIALS[name].sound)
     assert name not in found.acted
     assert len(found.record.time_ns) == 540
@@ -172,7 +172,7 @@ SOUND = [
 
 @pytest.mark.parametrize("sets", SOUND, ids=str)
 @pytest.mark.parametrize("scenario", ["small", "large", "multiple"])
-def test_nothing_acts_in_a_sound_run(scenario: str, sets: list[str]) -> None:
+def test_monitors_do_not_act_in_a_sound_run(scenario: str, sets: list[str]) -> None:
     found = seen(f"scenario={scenario}", *sets)
     assert found.acted == {}
     assert [state for _, state, _ in found.states] == ["armed"]

@@ -65,7 +65,7 @@ def test_filters_of_pmus_are_known() -> None:
 
 @pytest.mark.parametrize("system", LATEST)
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 5.0, -1.0])
-def test_what_the_way_down_multiplies_by_is_the_gain(system: str, factor: float) -> None:
+def test_probe_finds_the_gain_of_the_downlink(system: str, factor: float) -> None:
     report, state, refused = probed(*LATEST[system], down(model="scale", factor=factor))
     found = report["probe_gain"] * np.exp(1j * report["probe_phase"])
     assert abs(found - factor) < 0.04 * abs(factor)
@@ -135,7 +135,7 @@ def test_probe_is_over_when_it_is_said_to_be(monkeypatch: pytest.MonkeyPatch) ->
     assert [(state, refused) for _, state, refused in found] == [("armed", ""), ("shadow", "no probe")]
 
 
-def test_what_a_probe_says_of_damping_is_what_the_controller_adds() -> None:
+def test_probe_reports_the_damping_that_the_controller_adds() -> None:
     """Added damping and margin of phase: of a lead-lag controller about a tenth of 1/s; the other way round, less."""
     good, _, _ = probed(*QUIET)
     turned, _, _ = probed(*QUIET, down(model="scale", factor=-1))

@@ -31,7 +31,9 @@ def fixed(page: Path) -> tuple[list[str], list[list[str]]]:
     ]
 
 
-def test_all_rows_pass_and_the_page_in_docs_is_up_to_date(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_validation_rows_pass_and_the_page_in_docs_is_up_to_date(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     page, figures = tmp_path / "validation.md", tmp_path / "validation.json"
     assert main(["validate", "--out", str(page), "--json", str(figures)]) == 0, capsys.readouterr().err
     tables = json.loads(figures.read_text())
@@ -63,7 +65,7 @@ def test_unknown_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert_one_line(2, ["validate", "nonsense"], "TABLE: 'nonsense' given; allowed: power-flow-two-area", capsys)
 
 
-def test_what_is_no_number_fails() -> None:
+def test_validation_row_without_a_number_fails() -> None:
     assert not Row("x", "1", "", "", float("nan"), 1.0).passed
     assert not within("x", "1", [0.0, float("nan")], 1.0).passed
 

@@ -68,7 +68,7 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return Recorded(folder, read(folder), texts["foxglove.json"], texts["plotjuggler.xml"])
 
 
-def test_every_path_leads_to_what_its_panel_can_show(recorded: Recorded) -> None:
+def test_foxglove_paths_lead_to_what_their_panels_can_show(recorded: Recorded) -> None:
     assert len(list(foxglove_paths(recorded.foxglove))) > 40
     assert foxglove_faults(recorded.foxglove, recorded.bag) == []
 
@@ -163,7 +163,7 @@ def test_labels_of_tables_row_by_row(recorded: Recorded) -> None:
         assert len(given) == len(getattr(message, field))
 
 
-def test_all_topics_but_setpoints_are_shown(recorded: Recorded) -> None:
+def test_foxglove_layout_shows_all_topics_but_setpoints(recorded: Recorded) -> None:
     """What was asked for and what is in force are in the states: setpoints as such beside a supervisor's alone.
 
     Nor is shown what is told in words.
