@@ -50,7 +50,6 @@ FILES = {
     "compiling": "reads the package's source, writes kernels",
     "nodes/launching/forked.py": "writes what nodes say",
     "nodes/launching/processes.py": "what nodes say",
-    "nodes/launching/starting.py": "writes the run file",
     "facts_damping_testing/loopback": "writes what nodes say; reads parameter files of the command line",
     "facts_damping_testing/tap_relay.py": "opens a device of the system's for virtual networks, by its name",
     "recording/export.py": "writes",

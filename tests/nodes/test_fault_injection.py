@@ -12,7 +12,7 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import RunError
-from facts_damping.nodes.launching import graph
+from facts_damping.nodes.launching import processes
 from facts_damping.parameters.security import add_key
 from facts_damping.simulation import loop
 from facts_damping_studies.campaigns import fault_injection
@@ -63,7 +63,7 @@ def test_message_forged_with_the_key_of_the_graph_changes_no_bit(loopback: Any, 
 def test_graph_ends_when_it_is_not_wanted_any_more(
     domain: int, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(graph, "STOP_S", PATIENCE_S)
+    monkeypatch.setattr(processes, "STOP_S", PATIENCE_S)
     with pytest.raises(RunError, match="interrupted"):
         run_with_fault(load_case(RUN, ["duration=1000"]), LOCKSTEP, tmp_path, NOTHING, domain, lambda: False)
     assert {node.process.exitcode for node in started.values()} == {0}
