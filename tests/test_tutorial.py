@@ -15,11 +15,12 @@ from facts_damping.cli.main import main
 from facts_damping.plant.build import build
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation import loop
-from facts_damping.small_signal.linearisation import linearise, modes
+from facts_damping.small_signal.eigenmodes import modes
+from facts_damping.small_signal.linearisation import linearise
 from facts_damping_studies.sweeps.sweep import plan
 
 if TYPE_CHECKING:
-    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.small_signal.eigenmodes import Eigenmode
 
 TEXT = (Path(__file__).parents[1] / "docs" / "tutorial_grid.md").read_text(encoding="utf-8")
 

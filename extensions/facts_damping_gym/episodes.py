@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 AGENT = "agent"  # its controller name
 KEPT = ("devices", "signals", "link", "namespace", "fallback_of")  # fields taken from the replaced controller

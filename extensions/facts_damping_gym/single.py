@@ -17,7 +17,7 @@ from facts_damping_gym.window import each_scale
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 class Setting:

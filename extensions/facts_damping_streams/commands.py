@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import argparse
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def pmu_serve(arguments: argparse.Namespace) -> None:

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.interpolate import AAA
 
 from facts_damping.case.loading import load_system
+from facts_damping.parameters.events import Scenario
 from facts_damping.parameters.plant.pmus import Signal
-from facts_damping.parameters.run import Scenario
 from facts_damping.plant.build import build
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.grid.power_flow import solve

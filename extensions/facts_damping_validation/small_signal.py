@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.small_signal.eigenmodes import Eigenmode
 
 CLOSE = 0.01  # 1/s
 SAME_EQUATIONS = 1e-5  # 1/s, what differences of the derivatives leave of the eigenvalues

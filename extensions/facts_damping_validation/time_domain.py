@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.case.loading import load_case, load_system
-from facts_damping.parameters.run import Scenario
+from facts_damping.parameters.events import Scenario
 from facts_damping.plant.build import build
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure

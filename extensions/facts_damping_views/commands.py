@@ -18,8 +18,8 @@ from facts_damping.terminal import Progress, note, put, write_whole
 if TYPE_CHECKING:
     import argparse
 
-    from facts_damping.signals import Record
-    from facts_damping_views.cockpit.server import Content
+    from facts_damping.record import Record
+    from facts_damping_views.cockpit.application import Content
 
 
 def cockpit(arguments: argparse.Namespace) -> None:
@@ -38,7 +38,8 @@ def cockpit(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace) -> None:
     from facts_damping.analysis import summary  # noqa: F401 (while what nodes need is loaded, too)
     from facts_damping.nodes.launching import forked, graph
-    from facts_damping.nodes.launching.starting import Cockpit, Parts
+    from facts_damping.nodes.launching.starting import Cockpit as GraphCockpit
+    from facts_damping.nodes.launching.starting import Parts
 
     forked.load()
     case = loading.load_case(arguments.what, arguments.set, arguments.supervised)
@@ -50,7 +51,7 @@ def _run(arguments: argparse.Namespace) -> None:
         say(arguments, f"cockpit: {address}")
         put("", flush=True)
 
-    served = Cockpit(arguments.host, arguments.port, tell)
+    served = GraphCockpit(arguments.host, arguments.port, tell)
     with Progress(name) as progress:
         outcome = graph.run(case, "realtime", folder, progress, arguments.timeout, parts=Parts(cockpit=served))
     tell_graph(arguments, name, outcome, folder)
@@ -61,6 +62,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     from facts_damping.nodes.base.asyncio_thread import AsyncioThread
     from facts_damping.recording.reader import load
     from facts_damping_views.cockpit import server
+    from facts_damping_views.cockpit.application import Cockpit
 
     if arguments.set or arguments.supervised is not None:
         given = f"--set {arguments.set[0]}" if arguments.set else "--supervised"
@@ -71,7 +73,7 @@ def _replay(arguments: argparse.Namespace) -> None:
         for i, path in enumerate(paths):
             progress(i, len(paths))
             records.append(load(path))
-    shown = server.Cockpit(content(paths, records), host=arguments.host)
+    shown = Cockpit(content(paths, records), host=arguments.host)
     serving = server.Server(shown, arguments.host, arguments.port)
     clean_up_first()
     thread = AsyncioThread()
@@ -89,7 +91,8 @@ def _replay(arguments: argparse.Namespace) -> None:
 def content(paths: list[str], records: list[Record]) -> Content:
     """What a cockpit shows of recordings, one panel each. Raises `InputError` for one without its run."""
     from facts_damping.findings import names
-    from facts_damping_views.cockpit import layout, samples, server, words
+    from facts_damping_views.cockpit import layout, samples, words
+    from facts_damping_views.cockpit.application import Content
 
     for path, record in zip(paths, records, strict=True):
         check_has_run(record, path, WITH_RUN)
@@ -103,7 +106,7 @@ def content(paths: list[str], records: list[Record]) -> Content:
         events[name] = words.of_record(record)
     end = max(float(record.time_s[-1]) for record in records)
     shown: dict[str, Any] = {"type": "layout", "title": ", ".join(labels), "mode": "replay", "panels": panels}
-    return server.Content(shown | {"duration": end}, data, events, dict(zip(labels, map(str, paths), strict=True)))
+    return Content(shown | {"duration": end}, data, events, dict(zip(labels, map(str, paths), strict=True)))
 
 
 def views(arguments: argparse.Namespace) -> None:

@@ -14,7 +14,7 @@ from facts_damping.terminal import table
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 JUDGED = (*INDICES, "roughness")  # figures that improvement is computed for
 PARTS = ("up", "wait", "down")  # hops; the summary has the whole way

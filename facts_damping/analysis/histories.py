@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.analysis.measures import inline_system
-from facts_damping.signals import group_by
+from facts_damping.record import group_by
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 WHOLE = "system"  # area of machines without one
 

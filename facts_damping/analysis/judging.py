@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from facts_damping.analysis.modes.ringdown import Fit
     from facts_damping.analysis.response import Swings, Twin
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 RESPONSE, RUN, AMBIENT, PULSE = "response", "run", "ambient noise", "response to a pulse"  # what a verdict is of
 CLEAR_DB = 10.0  # signal-to-residual ratio of a ringdown of a response that may decide

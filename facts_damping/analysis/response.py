@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SHORTEST = 10.0  # s, of a response whose ringdown is fitted
 WINDOW, FEWEST = 20.0, 3  # s, and number, of windows of noise whose variances are compared

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.analysis.modes.ringdown import Fit
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 # Rows of the table: label, path into a summary, format.
 ROWS = (

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from facts_damping.parameters.link import Link
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
     Series = list[float | None]
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from facts_damping.nodes.launching.graph import Outcome
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping.simulation.policies import StepTimes
 
     Named = list[tuple[str, Record]]
@@ -200,8 +200,8 @@ def analyze(arguments: argparse.Namespace) -> None:
     """Print figures and make plots of recordings."""
     from facts_damping.analysis import details
     from facts_damping.findings import names, without_control
+    from facts_damping.record import Record
     from facts_damping.recording.reader import load
-    from facts_damping.signals import Record
 
     files.check_writable(arguments.report, "--report", standard=False)
     if arguments.spwvd is None and (arguments.windows or arguments.band):

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping.control.neuro_fuzzy import PlantPrior
+    from facts_damping.control.parameter_tables import Parameter, Value
     from facts_damping.parameters.plant.pmus import Signal
     from facts_damping.parameters.run import Controller
 
@@ -152,7 +153,7 @@ def settings(controller: Controller, rows: NDArray[Any], swing: Float1) -> NDArr
     return rows
 
 
-def put(rows: NDArray[Any], name: str, parameter: table.Parameter, value: table.Value, swing: Float1) -> None:
+def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing: Float1) -> None:
     """Write a parameter's value to SETTINGS records.
 
     A single value holds for every device. For a parameter of signals it holds for the first signal, and `swing`, the

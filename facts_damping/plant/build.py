@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.compiling.structs import Float1, Float2
+    from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
-    from facts_damping.parameters.run import Event
 
 
 LARGE = 100  # machines, infinite buses and ports, above which factors are faster than a dense matrix

@@ -14,8 +14,9 @@ import numpy as np
 
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
+from facts_damping.record import GridEvent, RunChange
 from facts_damping.recording.decode import time_ns
-from facts_damping.signals import NANOSECONDS, GridEvent, RunChange
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -15,7 +15,7 @@ from facts_damping.terminal import replacing
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 ANDES = ".lst"
 KINDS = (".parquet", ".csv", ANDES)

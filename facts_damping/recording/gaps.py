@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.record import Absence
 from facts_damping.recording import decode
-from facts_damping.signals import Absence
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.record import RunChange
     from facts_damping.recording.decode import Series
-    from facts_damping.signals import RunChange
 
 OF_LINKS = ("delivered", "applied")  # each link has its own topics of these kinds
 ROLES = {

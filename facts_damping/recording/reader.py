@@ -13,12 +13,13 @@ from facts_damping.errors import OLD_NAMES, InputError, RecordingError, one_line
 from facts_damping.parameters.recorded_run import recorded_run
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.recording import decode, events, gaps
+from facts_damping.record import Record
+from facts_damping.recording import decode, decoded_tables, events, gaps
 from facts_damping.recording.gaps import OF_LINKS
 from facts_damping.recording.scan import scan
 from facts_damping.recording.validation import drop_foreign, expected, sender
 from facts_damping.recording.writer import CONFIGURATION
-from facts_damping.signals import NANOSECONDS, Record
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -123,8 +124,8 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     pmus = _named(of, "pmu", measured, "frames")
     devices, machines = (_named(of, kind, state, f"{kind}s") for kind in ("device", "machine"))
     controllers, issued = _controllers(cut["issued"], cut["applied"])
-    applied = decode.setpoints(cut["applied"], controllers, devices)
-    frames, measured_ns, status = decode.frames(measured, pmus)
+    applied = decoded_tables.setpoints(cut["applied"], controllers, devices)
+    frames, measured_ns, status = decoded_tables.frames(measured, pmus)
     return Record(
         configuration=configuration,
         pmus=pmus,
@@ -135,15 +136,15 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         frames=frames,
         measured_ns=measured_ns,
         status=status,
-        delivered=decode.deliveries(cut["delivered"], pmus),
-        issued=decode.setpoints(issued, controllers, devices),
-        applied=applied if len(cut["applied"]) < 2 else decode.merged(applied),
-        supervised=decode.setpoints(cut["supervised"], controllers, devices),
-        supervision=decode.supervision(cut["supervision"], controllers),
-        machines=decode.truth(state, "machines", "machine", machines),
-        devices=decode.truth(state, "devices", "device", devices),
-        estimates=decode.estimates(cut["estimates"], devices),
-        learning=decode.learning(cut["learning"], cut["estimates"]),
+        delivered=decoded_tables.deliveries(cut["delivered"], pmus),
+        issued=decoded_tables.setpoints(issued, controllers, devices),
+        applied=applied if len(cut["applied"]) < 2 else decoded_tables.merged(applied),
+        supervised=decoded_tables.setpoints(cut["supervised"], controllers, devices),
+        supervision=decoded_tables.supervision(cut["supervision"], controllers),
+        machines=decoded_tables.truth(state, "machines", "machine", machines),
+        devices=decoded_tables.truth(state, "devices", "device", devices),
+        estimates=decoded_tables.estimates(cut["estimates"], devices),
+        learning=decoded_tables.learning(cut["learning"], cut["estimates"]),
         in_synchronism=decode.column(state, attrgetter("in_synchronism"), np.bool_),
         links=len(found["delivered"]),
         events=events.events(untimed["events"]),
@@ -151,9 +152,9 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         joined=events.joined(untimed["diagnostics"]),
         changes=changes,
         absences=away,
-        latest=decode.latest("controller", cut["learning"], attrgetter("controller"))
-        | decode.latest("identifier", cut["estimates"], attrgetter("identifier"))
-        | decode.latest("supervisor", cut["supervision"], attrgetter("controller")),
+        latest=decoded_tables.latest("controller", cut["learning"], attrgetter("controller"))
+        | decoded_tables.latest("identifier", cut["estimates"], attrgetter("identifier"))
+        | decoded_tables.latest("supervisor", cut["supervision"], attrgetter("controller")),
         publishers=content.publishers,
         versions=content.versions,
         notes=notes,

@@ -19,9 +19,9 @@ from facts_damping.recording.writer import RecordingWriter
 from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
+    from facts_damping.record import Record
     from facts_damping.recording.bagfile import TopicInfo
     from facts_damping.recording.scan import Content, RawMessage
-    from facts_damping.signals import Record
 
 
 def seal(folder: Path | str) -> Record:

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from bokeh.models import Model
 
+    from facts_damping.record import Record
     from facts_damping.report.contents import Report
-    from facts_damping.signals import Record
 
 LONG = 24  # characters: longer table entries are wrapped
 MARKS = {"best": "▲", "worst": "▼"}

@@ -34,7 +34,8 @@ from facts_damping.plant.load_noise import draw as draw_noise
 from facts_damping.plant.load_noise import noisy_loads
 from facts_damping.plant.model import copy
 from facts_damping.plant.watchdog import settings as watchdog_settings
-from facts_damping.signals import CHANNELS, GridEvent
+from facts_damping.record import GridEvent
+from facts_damping.signals import CHANNELS
 from facts_damping.small_signal import own_linear
 from facts_damping.small_signal.residues import Residues, residues
 from facts_damping.supervision.model import Supervisors, SupervisorState, Watched, supervisors

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.link import Link
     from facts_damping.plant.build import Built
     from facts_damping.plant.model import Plant, PlantState
-    from facts_damping.signals import GridEvent, Record, RunChange
+    from facts_damping.record import GridEvent, Record, RunChange
     from facts_damping.simulation.tick import Loop
     from facts_damping.supervision.model import Supervisors, SupervisorState
 

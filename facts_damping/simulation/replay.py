@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 # Fields of a controller whose change makes its stored parameters invalid.
 SHAPES = ("name", "scheme", "devices", "signals", "profile")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.plant.build import Built, build
-from facts_damping.small_signal import linearisation
+from facts_damping.small_signal import eigenmodes, linearisation
 from facts_damping.small_signal.descriptor import NEAREST, SHIFTS_HZ, is_partial
 from facts_damping.small_signal.residues import FREQUENCIES_HZ, Interaction, interactions
 from facts_damping.terminal import table
@@ -31,7 +31,7 @@ class Modal(NamedTuple):
     devices: list[str]
     built: Built
     model: linearisation.LinearModel
-    modes: list[linearisation.Eigenmode]
+    modes: list[eigenmodes.Eigenmode]
     interactions: list[Interaction]
 
     def __repr__(self) -> str:
@@ -44,7 +44,7 @@ class Modal(NamedTuple):
         return "<pre>" + "\n".join(modes_text(self)) + "</pre>"
 
     @property
-    def swings(self) -> list[linearisation.Eigenmode]:
+    def swings(self) -> list[eigenmodes.Eigenmode]:
         """The electromechanical modes."""
         return [mode for mode in self.modes if mode.swings]
 
@@ -53,7 +53,7 @@ def analyse(system: System, devices: Sequence[str]) -> Modal:
     """Power flow, equilibrium, linear model and modes."""
     built = build(system, devices, [])
     model = linearisation.linear_model(built, system.signals, [s.name for s in system.pmus])
-    modes = linearisation.modes(model.matrix, built.state_names, system, model, devices)
+    modes = eigenmodes.modes(model.matrix, built.state_names, system, model, devices)
     return Modal(system, list(devices), built, model, modes, interactions(built, system, devices))
 
 
@@ -83,7 +83,7 @@ def _pair(value: complex) -> list[float]:
     return [float(value.real), float(value.imag)]
 
 
-def figures(mode: linearisation.Eigenmode) -> dict[str, Any]:
+def figures(mode: eigenmodes.Eigenmode) -> dict[str, Any]:
     """A mode's eigenvalue, frequency, damping ratio and kind, for JSON."""
     return {
         "real": mode.eigenvalue.real,
@@ -94,7 +94,7 @@ def figures(mode: linearisation.Eigenmode) -> dict[str, Any]:
     }
 
 
-def _mode(mode: linearisation.Eigenmode) -> dict[str, Any]:
+def _mode(mode: eigenmodes.Eigenmode) -> dict[str, Any]:
     return {
         **figures(mode),
         "participation": mode.participation,
@@ -153,7 +153,7 @@ def modes_text(modal: Modal) -> Iterator[str]:
     yield from _interactions_text(modal)
 
 
-def shown_modes(modal: Modal) -> list[linearisation.Eigenmode]:
+def shown_modes(modal: Modal) -> list[eigenmodes.Eigenmode]:
     """The modes with drawn shapes: all, or for a large system the least damped ones in the band."""
     if len(modal.swings) <= MAX_MODES:
         return modal.swings

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.plant.grid.power_flow import PowerFlow
     from facts_damping.small_signal.bus_places import Places
-    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.small_signal.eigenmodes import Eigenmode
 
 NAMED = 40  # buses, up to which all are labelled
 LABELS = 12  # number of labelled flows, the largest

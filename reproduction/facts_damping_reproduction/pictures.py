@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.analysis.plotting.pictures import Panel
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 BY_STEM = {picture.stem: picture for picture in PICTURES}
 WIDTH, ROW = 11.0, 1.7  # inch

@@ -23,7 +23,7 @@ from facts_damping.simulation import loop
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def test_centre_of_angle_weighs_by_stored_energy() -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def told(record: Record) -> dict[str, Any]:

@@ -31,8 +31,8 @@ from tests.passed import inputs
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from facts_damping.record import Record
     from facts_damping.report.contents import Report
-    from facts_damping.signals import Record
 
 pytestmark = inputs(
     contents=["facts_damping/**/*", "extensions/**/*", "config/**/*", "tests/analysis/conftest.py", "tests/chromium.py"]

@@ -13,12 +13,13 @@ from facts_damping.analysis.judging import AMBIENT, LOST_TWIN, PULSE, RESPONSE, 
 from facts_damping.analysis.modes.ambient import fit_ambient
 from facts_damping.analysis.response import MIRROR, WITHOUT_EVENTS, Swings, Twin, variance_ratio
 from facts_damping.analysis.summary import summarise
-from facts_damping.signals import NANOSECONDS, GridEvent
+from facts_damping.record import GridEvent
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 T = np.arange(0.0, 40.0, 1 / 60)
 EVENT = [GridEvent(NANOSECONDS, "fault", "B7")]

@@ -18,7 +18,7 @@ from facts_damping.errors import InputError
 from facts_damping.plant.build import build as build_plant
 from facts_damping.simulation import loop
 from facts_damping.simulation.loop import run
-from facts_damping.small_signal import linearisation
+from facts_damping.small_signal import eigenmodes, linearisation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -199,7 +199,7 @@ def test_small_disturbance_shows_the_mode_of_the_linearised_plant() -> None:
     case = load_case("two_area_small", ["controllers=[]", step])
     built = build_plant(case.system, case.run.devices, case.scenario.events)
     known = min(
-        linearisation.modes(linearisation.linearise(built)[0], built.state_names),
+        eigenmodes.modes(linearisation.linearise(built)[0], built.state_names),
         key=lambda mode: abs(mode.frequency_hz - 0.6),
     )
     record = run(case)

@@ -10,12 +10,13 @@ import pytest
 from facts_damping.analysis.run_warnings import limit_warnings
 from facts_damping.analysis.summary import summarise
 from facts_damping.api import simulate
-from facts_damping.signals import NANOSECONDS, GridEvent
+from facts_damping.record import GridEvent
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SYSTEM: dict[str, Any] = {
     "name": "pair",

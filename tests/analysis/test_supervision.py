@@ -32,7 +32,7 @@ from facts_damping.simulation import loop
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SETTLED = ("supervision=standard", "arm_at=0.5")
 WRONG_SIGN = "controllers.0.faults=[{kind: wrong_sign, start: 2}]"

@@ -20,8 +20,8 @@ from facts_damping.simulation import loop
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from facts_damping.record import Record
     from facts_damping.report.contents import Report
-    from facts_damping.signals import Record
 
 SUPERVISED = ["supervision=standard", "arm_at=0.5", "duration=8"]
 WRONG_SIGN = "controllers.0.faults=[{kind: wrong_sign, start: 2}]"

@@ -13,13 +13,14 @@ from facts_damping.analysis.measures import recorded
 from facts_damping.analysis.plotting.time_frequency_plots import Settings, distribution_figures, draw_distribution, save
 from facts_damping.analysis.time_frequency import analyse
 from facts_damping.errors import InputError
-from facts_damping.signals import NANOSECONDS, GridEvent
+from facts_damping.record import GridEvent
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def test_signals_by_name(swing_record: Callable[..., Record]) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.monitor_table import STATES
 from facts_damping.recording.reader import load
-from facts_damping_views.cockpit import server
+from facts_damping_views.cockpit import application
 from tests.chromium import CHROMIUM, START, needs_browser
 from tests.cockpit.serving import serving
 from tests.passed import inputs
@@ -146,7 +146,7 @@ def test_link_on_another_site_opens_the_page() -> None:
         "controls": [],
         "duration": None,
     }
-    with serving(server.Cockpit(server.Content(layout))) as (served, _), sync_playwright() as driver:
+    with serving(application.Cockpit(application.Content(layout))) as (served, _), sync_playwright() as driver:
         started = driver.chromium.launch(executable_path=CHROMIUM, args=START)
         page, origin = started.new_page(), served.address.partition("?")[0]
         page.goto(origin.replace("127.0.0.1", "localhost"))

@@ -12,7 +12,8 @@ from facts_damping.analysis.measures import columns, event_times, speed_differen
 from facts_damping.analysis.verdict import DAMPED, judge
 from facts_damping.case.loading import load_case
 from facts_damping.control.compensation import MAX_LEAD, compensate, compensators, lead, phasor
-from facts_damping.control.table import COMPENSATION_PARAMETERS, SETTINGS
+from facts_damping.control.parameter_tables import COMPENSATION_PARAMETERS
+from facts_damping.control.table import SETTINGS
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.signal import cont2discrete, dlsim, freqs, lsim
 
 from facts_damping.control.lead_lag import step
-from facts_damping.control.table import CONTROLLERS, LEAD_LAG_PARAMETERS
+from facts_damping.control.parameter_tables import LEAD_LAG_PARAMETERS
+from facts_damping.control.table import CONTROLLERS
 from facts_damping.parameters.run import Controller
 from tests.control.bench import settings_of
 

@@ -14,7 +14,7 @@ from facts_damping.case.loading import load_case, make_case
 from facts_damping.control.linear_law import matrices
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.signals import CHANNELS, Record
+from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
 from tests.appendix_b import DEN, NUM, bilinear
 from tests.commands import assert_one_line
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
+    from facts_damping.record import Record
 
 SPEED = list(CHANNELS).index("speed_deviation")
 

@@ -20,7 +20,7 @@ from tests.control.test_identifier import LIMIT, Observer, asked
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 TURN = 0.998 * cmath.exp(2j * math.pi * 0.6 / FRAMES)  # of the oscillator from frame to frame
 CLOSE = 1e-6  # of the scale: the period between frames is cut to a nanosecond

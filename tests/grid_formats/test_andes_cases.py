@@ -13,9 +13,10 @@ import pytest
 
 from facts_damping.case.loading import load_system
 from facts_damping.cli.main import main
-from facts_damping.parameters.run import Scenario
+from facts_damping.parameters.events import Scenario
 from facts_damping.plant.build import build
-from facts_damping.small_signal.linearisation import linearise, modes
+from facts_damping.small_signal.eigenmodes import modes
+from facts_damping.small_signal.linearisation import linearise
 from tests.andes_cases import CASES
 from tests.plant.running import follow
 

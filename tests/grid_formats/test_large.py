@@ -20,7 +20,7 @@ from tests.andes_cases import CASES
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping.small_signal.modal_analysis import Modal
 
 

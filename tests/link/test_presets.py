@@ -22,7 +22,7 @@ from tests.link.test_models import anything, waits
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 # Shortest, mean and longest delay from measurement to device, s; standard deviation of a single one.
 PRESETS: dict[str, tuple[float, float, float, float]] = {

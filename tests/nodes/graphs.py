@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 ARRAYS = (
     *("time_ns", "frames", "measured_ns", "status", "delivered", "issued", "applied"),

@@ -31,7 +31,7 @@ from tests.nodes.test_graph import EXAMPLES
 from tests.nodes.test_policies import diagnostics
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 NODE = str(EXAMPLES / "lead_lag_node.py")
 SETS = ["scenario=large", "link=pdci", "watchdog=off"]

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SECONDS = float(os.environ.get("STREAM_S", "3"))  # 60 was run, too
 WAIT_S = 5.0  # for what a loaded machine is late with, and for what a link has lost at the end

@@ -43,7 +43,7 @@ from tests.nodes.test_joining import Graph
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 pytestmark = pytest.mark.usefixtures("loopback")
 

@@ -8,7 +8,7 @@ import pytest
 
 from facts_damping.case.loading import make_case
 from facts_damping.errors import InputError
-from facts_damping.parameters.run import Event
+from facts_damping.parameters.events import Event
 from facts_damping.plant.events import timeline, topology_intervals
 from tests.plant.running import changed, events, follow, frame_times, plant, shipped, slopes
 

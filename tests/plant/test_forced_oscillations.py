@@ -15,7 +15,8 @@ from facts_damping.nodes.live_plant import LivePlant
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
-from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, RunChange
+from facts_damping.record import RunChange
+from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import apply
 from facts_damping.simulation.twins import mirrored

@@ -13,7 +13,8 @@ from facts_damping.findings import itae
 from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation.loop import run
-from facts_damping.small_signal.linearisation import linearise, modes
+from facts_damping.small_signal.eigenmodes import modes
+from facts_damping.small_signal.linearisation import linearise
 from facts_damping_studies.margins import delay_margin
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from tests.plant.running import REFERENCES, figures, follow, plant, shipped

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from facts_damping.plant.grid.power_flow import solve
-from facts_damping.small_signal.linearisation import linearise, modes
+from facts_damping.small_signal.eigenmodes import modes
+from facts_damping.small_signal.linearisation import linearise
 from tests.plant.running import figures, follow, frame_times, plant, shipped
 
 GENERATED = {  # MATPOWER, case39 solved: MW and Mvar

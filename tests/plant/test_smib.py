@@ -11,13 +11,14 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
-from facts_damping.small_signal.linearisation import linearise, modes
+from facts_damping.small_signal.eigenmodes import modes
+from facts_damping.small_signal.linearisation import linearise
 from tests.plant.channels import ACTIVE, ANGLE, VOLTAGE
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
 if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 LOADINGS = ("nominal", "light", "heavy")
 

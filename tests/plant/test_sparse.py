@@ -16,7 +16,7 @@ from facts_damping.plant import build as plant_build
 from facts_damping.plant.build import build
 from facts_damping.plant.grid import power_flow, sparse
 from facts_damping.simulation import loop
-from facts_damping.small_signal import descriptor, linearisation, residues
+from facts_damping.small_signal import descriptor, eigenmodes, linearisation, residues
 from facts_damping_grids.matpower import import_case
 from tests.andes_cases import CASES
 
@@ -121,7 +121,7 @@ def test_sparse_linear_plant_has_the_same_modes_and_residues(monkeypatch: pytest
     pmus = [pmu.name for pmu in system.pmus]
     built = build(system, devices, [])
     dense = linearisation.linear_model(built, system.signals, pmus)
-    known = {mode.eigenvalue: mode for mode in linearisation.modes(dense.A, built.state_names, system, dense, devices)}
+    known = {mode.eigenvalue: mode for mode in eigenmodes.modes(dense.A, built.state_names, system, dense, devices)}
     at_mode = residues.residues(built, system, devices, 60)
     monkeypatch.setattr(plant_build, "LARGE", 0)
     monkeypatch.setattr(descriptor, "ALL_MODES", 0)
@@ -129,7 +129,7 @@ def test_sparse_linear_plant_has_the_same_modes_and_residues(monkeypatch: pytest
     built = build(system, devices, [])
     model = linearisation.linear_model(built, system.signals, pmus)
     assert np.abs(model.response(3j) - dense.response(3j)).max() < 1e-6 * np.abs(dense.response(3j)).max()
-    found = linearisation.modes(model.matrix, built.state_names, system, model, devices)
+    found = eigenmodes.modes(model.matrix, built.state_names, system, model, devices)
     swings = [mode for mode in found if mode.swings]
     assert len(swings) == 8  # of 15
     for mode in swings:

@@ -20,7 +20,7 @@ from tests.commands import assert_one_line
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 RUN = ["duration=2", "link=plc", "controllers.0.name=HBsWC", "scenario=large", "frame_rate=50"]
 

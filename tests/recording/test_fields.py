@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 TYPES = sorted({message_type for message_type, _ in KINDS.values()})
 # A number as another one, wider and narrower, as text, as a message, in a sequence or an array; text as numbers.

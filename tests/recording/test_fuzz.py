@@ -28,7 +28,7 @@ from tests.mutations import damaged, mutated
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SETS = ["duration=1", "link=plc", "controllers.0.name=ANFTSC", "scenario=large"]
 PACKAGE = "facts_damping_msgs/msg/"

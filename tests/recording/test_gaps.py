@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from facts_damping.record import Absence
 from facts_damping.recording.decode import Series
 from facts_damping.recording.gaps import find_absences, first_missing, gap_notes
-from facts_damping.signals import Absence
 
 LEFT, FOUND = 10, 14  # the first tick without them; the first at which the recorder heard the link again
 

@@ -29,7 +29,7 @@ from tests.nodes.bags import copy
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 COMMANDS = {
     "report": ["analyze", "{}", "--report", "report.html", "--out", "out"],

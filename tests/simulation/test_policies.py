@@ -21,7 +21,7 @@ from facts_damping.simulation.user_code import find
 from tests.commands import assert_one_line, changes
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 ROOT = Path(__file__).parents[2]
 LEAD_LAG = f"{ROOT / 'examples' / 'lead_lag.py'}:LeadLag"

@@ -14,13 +14,13 @@ from facts_damping.analysis import releases
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.signals import RunChange
+from facts_damping.record import RunChange
 from facts_damping.simulation import loop, replay
 from facts_damping.simulation.changes import rerun
 from tests.two_devices import centralised, decentralised
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping.simulation.replayed_nodes import Played
 
 NETWORKS = list(zip([*VARIANTS, "gaussian+fourier"], itertools.cycle(("direct", "indirect")), strict=False))

@@ -12,7 +12,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES, cause_name
 from facts_damping.parameters.faults import ControllerFault
-from facts_damping.signals import RunChange
+from facts_damping.record import RunChange
 from facts_damping.simulation import loop, replay
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.loop import build_loop, record, run_loop
@@ -20,7 +20,7 @@ from facts_damping.simulation.stepping import Stepper
 from tests.two_devices import decentralised
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 TABLES = ("delivered", "issued", "supervised", "supervision", "applied", "devices", "machines", "estimates", "learning")
 ON = ["supervision=standard", "arm_at=0.5", "scenario=large", "duration=5"]

@@ -12,7 +12,7 @@ from facts_damping.analysis.response import MIRROR, OUTAGE, PULSED, WITHOUT_EVEN
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.case.supervision import unsupervised
-from facts_damping.signals import Record, RunChange
+from facts_damping.record import Record, RunChange
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.twins import mirrored, twin, twin_of, with_pulse

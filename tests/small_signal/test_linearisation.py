@@ -16,7 +16,8 @@ from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import CHANNELS
 from facts_damping.small_signal import modal_analysis
-from facts_damping.small_signal.linearisation import _label, modes, transfer_functions
+from facts_damping.small_signal.eigenmodes import _label, modes
+from facts_damping.small_signal.linearisation import transfer_functions
 from tests.plant.running import changed, follow, frame_times, plant, shipped
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.plant.system import System
-    from facts_damping.small_signal.linearisation import Eigenmode, Residue
+    from facts_damping.small_signal.eigenmodes import Eigenmode, Residue
     from facts_damping.small_signal.modal_analysis import Modal
 
 BOTH = ("sssc", "statcom")

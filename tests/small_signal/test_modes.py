@@ -9,7 +9,8 @@ from facts_damping.case.loading import read_system
 from facts_damping.parameters.files import shipped as names
 from facts_damping.parameters.plant.placement import place
 from facts_damping.small_signal import linearisation
-from facts_damping.small_signal.linearisation import Eigenmode, linearise, modes
+from facts_damping.small_signal.eigenmodes import Eigenmode, modes
+from facts_damping.small_signal.linearisation import linearise
 from tests.independent.reference import Model
 from tests.plant.running import changed, figures, plant, shipped
 

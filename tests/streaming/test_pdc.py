@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER, Record
+from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER
 from facts_damping.simulation import loop
 from facts_damping_streams.c37118 import data, mapping, session, stat
 from facts_damping_streams.c37118.session import Instant, Receiver
 from facts_damping_streams.streaming import recorded, serving
 from facts_damping_streams.streaming.pdc import Pdc, grid_pmus
 from facts_damping_streams.streaming.serving import Serving
+
+if TYPE_CHECKING:
+    from facts_damping.record import Record
 
 EPOCH = 1_700_000_000
 NAME = "two_area_large"

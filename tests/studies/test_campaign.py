@@ -14,7 +14,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.files import shipped
 from facts_damping.simulation import loop
 from facts_damping.terminal import Progress
-from facts_damping_studies.campaigns import campaign, campaign_pages, invariants
+from facts_damping_studies.campaigns import campaign, campaign_tables, invariants
 from facts_damping_studies.campaigns.faults import FAULTS, ONLY_REAL
 from facts_damping_studies.campaigns.parameters import Campaign
 from tests.commands import assert_one_line
@@ -129,7 +129,7 @@ def test_harmful_trips_are_counted_of_all_healthy_draws() -> None:
     harmful = [drawn_row(**off, ITAE=1.06), drawn_row(**off, ITAE=None)]
     others = [drawn_row(**off, ITAE=0.9), drawn_row(**off, ITAE=1.04), drawn_row(ITAE=2.0), drawn_row(armed_s=None)]
     rows = [*harmful, *others, drawn_row(**off, ITAE=9.0, fault="wrong_sign")]
-    of_all = campaign_pages.healthy_table(rows).rows[0]
+    of_all = campaign_tables.healthy_table(rows).rows[0]
     assert of_all[:4] == ["smib", "all", "6", "1"]
     assert [(cell.number, cell.percent) for cell in of_all[4:]] == [(4, 66.67), (2, 33.33), (1, 16.67)]
 
@@ -137,7 +137,7 @@ def test_harmful_trips_are_counted_of_all_healthy_draws() -> None:
 def test_wrong_sign_that_was_never_found_is_missed() -> None:
     long = [drawn_row(fault="wrong_sign", detected_s=found) for found in (2.0, None)]
     beside = [drawn_row(fault="wrong_sign", lasts="0.1"), drawn_row(fault="wrong_sign", armed_s=None), drawn_row()]
-    *_, row = campaign_pages.missed_table([*long, *beside]).markdown()
+    *_, row = campaign_tables.missed_table([*long, *beside]).markdown()
     assert "| 2 | 1: 50.00 % (9.45 to 90.55) | 0 |" in row
 
 
@@ -147,7 +147,7 @@ def test_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pyte
     assert main(given) == 0
     text, rows = (folder / "page.md").read_text(), json.loads(told.read_text())["draws"]
     assert "{{" not in text
-    assert all(words in text for name, words in campaign_pages.WORDS.items() if name in invariants.INVARIANTS)
+    assert all(words in text for name, words in campaign_tables.WORDS.items() if name in invariants.INVARIANTS)
     assert len(rows) == 6
     assert "6 cases with" in capsys.readouterr().out
     assert (folder / "draws.parquet").is_file()

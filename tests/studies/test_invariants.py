@@ -18,7 +18,7 @@ from facts_damping_studies.campaigns.invariants import HARM, SETTLED_S, TOLERANC
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 LIMIT = 0.1  # p.u., of the SSSC
 # Values at the edge of what is allowed, one step of a number beyond, and far away.

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.control.table import Value
+    from facts_damping.control.parameter_tables import Value
     from facts_damping_studies.search.scoring import Draw
     from facts_damping_studies.sweeps.enumerated_axes import Scheme
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from facts_damping.control.table import Value
+    from facts_damping.control.parameter_tables import Value
 
 SYSTEMS = ("two_area", "smib")
 EVENT = {"time": 1.0, "kind": "load_step", "load": "load_A", "change": 0.2}

@@ -14,7 +14,7 @@ from facts_damping.monitor_table import MONITORS, STATES, cause_name
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 AT = 3.0  # s, when things go wrong: 2 s after an event, while the grid swings
 

@@ -15,7 +15,7 @@ from facts_damping_streams.c37118.data import Data
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping_streams.c37118.session import Instant
     from facts_damping_streams.streaming.pdc import Pdc
     from facts_damping_streams.streaming.server import Server

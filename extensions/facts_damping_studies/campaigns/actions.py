@@ -11,7 +11,7 @@ from facts_damping.monitor_table import ARMED, CODES, FALLBACK, NO_CAUSE, TRIPPE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def doings(record: Record, start_s: float) -> dict[str, Any]:

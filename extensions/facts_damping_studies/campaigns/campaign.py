@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping.terminal import Progress
     from facts_damping_studies.campaigns.faults import Source
     from facts_damping_studies.campaigns.parameters import BaseRun

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.nodes.launching.graph import Outcome
     from facts_damping.nodes.launching.processes import Process
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 DOMAINS = range(215, 233)  # domains of faulted graphs: their DDS ports are free on Linux; 0 to 101 are left to others
 DOMAIN = "ROS_DOMAIN_ID"

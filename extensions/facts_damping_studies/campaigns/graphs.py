@@ -16,13 +16,14 @@ from facts_damping.interruption import clean_up_first
 from facts_damping.parameters.files import new_folder
 from facts_damping.parameters.security import add_key
 from facts_damping.terminal import write_whole
+from facts_damping_studies.campaigns.campaign_tables import holds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping.terminal import Progress
     from facts_damping_studies.campaigns.campaign import Draw, Plan
     from facts_damping_studies.campaigns.fault_injection import FaultedRun
@@ -40,7 +41,7 @@ def graphs(plan: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict
     Graphs that violate a condition are kept below `folder`, with their runs as files. Raises `InputError` if the folder
     belongs to another campaign, `RunError` if the graphs cannot continue.
     """
-    from facts_damping_studies.campaigns import campaign, campaign_pages
+    from facts_damping_studies.campaigns import campaign
     from facts_damping_studies.sweeps.journal import Journal
 
     clean_up_first()
@@ -59,7 +60,7 @@ def graphs(plan: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict
             each.shutdown(cancel_futures=True)
         rows = [journal.rows[str(number)] for number in range(count)]
     for row in rows:
-        if not campaign_pages.holds(row):
+        if not holds(row):
             text = campaign.run_file(plan, campaign.draw(plan, row["number"], real=True))
             write_whole(new_folder(folder / campaign.FAILED) / f"graph-{row['number']}.yaml", text)
     return rows
@@ -70,7 +71,7 @@ def one_graph(plan: Plan, folder: Path, number: int, wanted: Callable[[], bool])
 
     Runs in a thread of its own: graphs run in processes and share the one that nodes are forked from.
     """
-    from facts_damping_studies.campaigns import campaign, campaign_pages
+    from facts_damping_studies.campaigns import campaign
 
     row: dict[str, Any] = {"number": number, "graph": True, "error": None}
     place = folder / FOLDER / str(number)
@@ -83,7 +84,7 @@ def one_graph(plan: Plan, folder: Path, number: int, wanted: Callable[[], bool])
         row["error"] = one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a graph dies of, the others go on)
         row["error"] = f"{type(error).__name__}: {one_line(error)}"
-    if campaign_pages.holds(row):
+    if holds(row):
         shutil.rmtree(place, ignore_errors=True)
     return str(number), row
 

@@ -11,7 +11,7 @@ from facts_damping.parameters.files import new_folder
 from facts_damping.terminal import table, write_whole
 from facts_damping_studies.campaigns import campaign as study
 from facts_damping_studies.campaigns import invariants
-from facts_damping_studies.campaigns.campaign_pages import WORDS
+from facts_damping_studies.campaigns.campaign_tables import WORDS
 from facts_damping_studies.campaigns.faults import FAULTS, NOTHING
 from facts_damping_studies.campaigns.hunt import ARMS, draw_of, margin
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 TOLERANCE = 1e-9  # p.u., for a reference at zero or at its limit
 SETTLED_S = 1.0  # after the ramp of a trip: pending setpoints have arrived, and the device has followed

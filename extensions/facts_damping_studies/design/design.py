@@ -14,7 +14,7 @@ from facts_damping.case.loading import make_case, read_system
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.build import build
-from facts_damping.small_signal import linearisation
+from facts_damping.small_signal import eigenmodes, linearisation
 from facts_damping_studies.design import lead_lag, places, scenario_generation
 from facts_damping_studies.margins import delay_margin
 from facts_damping_studies.sweeps.pool import run_all
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from facts_damping.parameters.plant.system import System
-    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.small_signal.eigenmodes import Eigenmode
     from facts_damping_studies.design.lead_lag import Tuned
     from facts_damping_studies.design.places import Tried
     from facts_damping_studies.margins.delay_margin import Around
@@ -124,7 +124,7 @@ def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
     """
     placed = place(system)
     built = build(placed, [], [])
-    found = linearisation.modes(linearisation.state_matrix(built)[0], built.state_names, placed)
+    found = eigenmodes.modes(linearisation.state_matrix(built)[0], built.state_names, placed)
     low, high = BAND_HZ
     swings = [m for m in found if m.swings and low <= m.frequency_hz <= high]
     if not swings:

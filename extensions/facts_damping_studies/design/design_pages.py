@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.small_signal.eigenmodes import Eigenmode
     from facts_damping_studies.design.design import Design, Pair
     from facts_damping_studies.margins.delay_margin import Around
 

@@ -19,8 +19,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from facts_damping.case.loading import make_case
-from facts_damping.control.table import LEAD_LAG_PARAMETERS
-from facts_damping.small_signal import linearisation
+from facts_damping.control.parameter_tables import LEAD_LAG_PARAMETERS
+from facts_damping.small_signal import eigenmodes
 from facts_damping_studies.margins.delay_margin import STILL, followed, oscillations
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from facts_damping.case.model import Case
-    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.small_signal.eigenmodes import Eigenmode
     from facts_damping_studies.margins.linear_closed_loop import DelayedLoop
 
 WASHOUT = 10.0  # s
@@ -82,7 +82,7 @@ def lead_lag(residue: complex, eigenvalue: complex, delay: float, frame_rate: in
     """The sections and the sign for a residue (1/s) with a delay (s)."""
     washed = eigenvalue * WASHOUT / (1.0 + eigenvalue * WASHOUT)
     angle = float(np.rad2deg(np.angle(residue * washed * late(eigenvalue, delay, frame_rate))))
-    sign, lead = linearisation.sign_and_lead(angle)
+    sign, lead = eigenmodes.sign_and_lead(angle)
     w = abs(eigenvalue)
 
     def beyond(exponent: float) -> float:
@@ -122,7 +122,7 @@ def tune(
         listed.append(_oscillations(loop, gain, delay, case))
     progress(len(gains), len(gains))
     before = [one for one in listed[0] if one.swings]
-    target = int(np.argmin(linearisation.unlike([mode], before)))
+    target = int(np.argmin(eigenmodes.unlike([mode], before)))
     tracks = [[start, *later] for start, later in zip(before, followed(before, listed[1:]), strict=True)]
     ratios = [_ratio(one) for one in tracks[target]]
     good, limit = _harmless(listed, tracks, target, wanted)

@@ -22,7 +22,7 @@ from facts_damping.parameters.plant.devices import AtMachine, Parallel, Series, 
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.pmus import Pmu, Signal
 from facts_damping.plant.build import build
-from facts_damping.small_signal import linearisation
+from facts_damping.small_signal import eigenmodes, linearisation
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from facts_damping.compiling.structs import Complex1, Complex2, Float1
     from facts_damping.parameters.plant.pmus import Channel
     from facts_damping.parameters.plant.system import Device, System
-    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.small_signal.eigenmodes import Eigenmode
 
 NEW = "damper"  # name of a new device in the system
 # Data of new devices by kind: the STATCOM as in two_area, power of 50 MW on a base of 100 MVA.
@@ -48,7 +48,7 @@ LONGEST = 3.0  # p.u., largest reactance of a line for a TCSC
 SPEED: Channel = "speed_deviation"
 FLOW: Channel = "active_power"
 MAX_AREAS = 8  # with more areas there are too many pairs
-NEAR = 0.5  # largest `linearisation.unlike` of the same mode
+NEAR = 0.5  # largest `modes.unlike` of the same mode
 
 
 class Place(NamedTuple):
@@ -235,7 +235,7 @@ def _tried(system: System, devices: Sequence[str], modes: Sequence[Eigenmode]) -
     system = place(system)
     built = build(system, devices, [])
     model = linearisation.linear_model(built, system.signals, [s.name for s in system.pmus])
-    values, left, right = linearisation.eigenvectors(model.matrix)
+    values, left, right = eigenmodes.eigenvectors(model.matrix)
     speeds = np.array([name.endswith(".omega") for name in built.state_names])
     control = np.full((len(modes), len(devices)), np.nan + 0j)
     observe = np.full((len(modes), len(system.signals)), np.nan + 0j)
@@ -244,9 +244,9 @@ def _tried(system: System, devices: Sequence[str], modes: Sequence[Eigenmode]) -
             (values.imag > 0.0) & (np.abs(values - wanted.eigenvalue) < NEAR * abs(wanted.eigenvalue))
         )
         named = {
-            k: linearisation.mode(values[k], right[:, k], left[:, k], built.state_names, system) for k in near.tolist()
+            k: eigenmodes.mode(values[k], right[:, k], left[:, k], built.state_names, system) for k in near.tolist()
         }
-        apart = linearisation.unlike([wanted], list(named.values()))[0]
+        apart = eigenmodes.unlike([wanted], list(named.values()))[0]
         if apart.min(initial=1.0) > NEAR:
             continue
         best = list(named)[np.argmin(apart)]

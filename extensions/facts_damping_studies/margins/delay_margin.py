@@ -10,7 +10,7 @@ from scipy.optimize import brentq, linear_sum_assignment
 
 from facts_damping.case.supervision import unsupervised
 from facts_damping.parameters.study import DAMPING_RATIO
-from facts_damping.small_signal import linearisation
+from facts_damping.small_signal import eigenmodes
 from facts_damping_studies.margins.linear_closed_loop import approximate, delayed_loop, eigen, link_delays, sampled
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class Track(NamedTuple):
     """A mode followed over the delays: its kind at the start, and the mode at each delay; None where it is absent."""
 
     label: str
-    modes: list[linearisation.Eigenmode | None]
+    modes: list[eigenmodes.Eigenmode | None]
 
 
 class Margin(NamedTuple):
@@ -46,7 +46,7 @@ class Margin(NamedTuple):
     stable: list[tuple[float, float]]  # s, intervals in which the loop is stable
     damped: list[tuple[float, float]]  # s, intervals in which all electromechanical modes have DAMPING_RATIO or more
     margin: float | None  # s, smallest delay with an unstable loop; None: stable at all delays considered
-    critical: linearisation.Eigenmode | None  # the mode at the stability limit
+    critical: eigenmodes.Eigenmode | None  # the mode at the stability limit
     pade: dict[str, float | None]  # s, margin in continuous time with a Pade approximation; empty: not requested
 
 
@@ -79,7 +79,7 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
     return Margin(case, link_delays(case), delays, worst, follow(listed), stable, damped, limit, critical, by_pade)
 
 
-def _lacking(eigen: Eigen, modes: Sequence[linearisation.Eigenmode]) -> float:
+def _lacking(eigen: Eigen, modes: Sequence[eigenmodes.Eigenmode]) -> float:
     """Above zero where the loop grows or a mode has less than DAMPING_RATIO."""
     lowest = min((mode.damping_ratio for mode in modes if mode.swings), default=1.0)
     return max(eigen.growth, DAMPING_RATIO - lowest)
@@ -90,7 +90,7 @@ class Around(NamedTuple):
 
     low: float  # s; 0: stable from zero delay on
     high: float | None  # s; None: stable up to the longest delay considered
-    critical: linearisation.Eigenmode  # the mode at the upper limit, or the one with the largest real part there
+    critical: eigenmodes.Eigenmode  # the mode at the upper limit, or the one with the largest real part there
 
 
 def stable_around(case: Case, delay: float, longest: float, progress: Callable[[int, int], None]) -> Around | None:
@@ -126,19 +126,19 @@ def looks(longest: float, frame_rate: int) -> NDArray[np.float64]:
     return np.unique(np.round([*steps, *frames, longest], 9))
 
 
-def oscillations(loop: DelayedLoop, eigen: Eigen, case: Case) -> list[linearisation.Eigenmode]:
+def oscillations(loop: DelayedLoop, eigen: Eigen, case: Case) -> list[eigenmodes.Eigenmode]:
     """The modes up to 10 Hz that oscillate or grow."""
     shown = (eigen.values.imag > 0.0) | ((eigen.values.imag == 0.0) & (eigen.values.real > STILL))
     return [
-        linearisation.mode(complex(eigen.values[i]), eigen.right[:, i], eigen.left[:, i], loop.names, case.system)
+        eigenmodes.mode(complex(eigen.values[i]), eigen.right[:, i], eigen.left[:, i], loop.names, case.system)
         for i in np.flatnonzero(shown & (np.abs(eigen.values) < FASTEST))
     ]
 
 
-def _critical(loop: DelayedLoop, delay: float, case: Case) -> linearisation.Eigenmode:
+def _critical(loop: DelayedLoop, delay: float, case: Case) -> eigenmodes.Eigenmode:
     found = eigen(loop, sampled(loop, delay))
     i = int(np.argmax(found.values.real + 1e-12 * (found.values.imag >= 0.0)))
-    return linearisation.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)
+    return eigenmodes.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)
 
 
 def intervals(
@@ -181,7 +181,7 @@ def _pade_margin(loop: DelayedLoop, delays: NDArray[np.float64], order: int, hol
     return first_limit(intervals(growth, delays[: len(values)], np.array(values)), float(delays[-1]))
 
 
-def follow(listed: Sequence[Sequence[linearisation.Eigenmode]]) -> list[Track]:
+def follow(listed: Sequence[Sequence[eigenmodes.Eigenmode]]) -> list[Track]:
     """Tracks of modes over the delays (s): electromechanical modes at zero delay, then others that become unstable."""
     swings = [mode for mode in listed[0] if mode.swings]
     columns = followed(swings, listed[1:])
@@ -195,14 +195,14 @@ def follow(listed: Sequence[Sequence[linearisation.Eigenmode]]) -> list[Track]:
 
 
 def followed(
-    first: Sequence[linearisation.Eigenmode], listed: Sequence[Sequence[linearisation.Eigenmode]]
-) -> list[list[linearisation.Eigenmode | None]]:
+    first: Sequence[eigenmodes.Eigenmode], listed: Sequence[Sequence[eigenmodes.Eigenmode]]
+) -> list[list[eigenmodes.Eigenmode | None]]:
     """The continuation of each first mode in the following lists, each mode used once; None after it is lost."""
-    columns: list[list[linearisation.Eigenmode | None]] = [[] for _ in first]
-    now: list[linearisation.Eigenmode | None] = list(first)
+    columns: list[list[eigenmodes.Eigenmode | None]] = [[] for _ in first]
+    now: list[eigenmodes.Eigenmode | None] = list(first)
     for modes in listed:
         there = [(i, mode) for i, mode in enumerate(now) if mode is not None]
-        cost = linearisation.unlike([mode for _, mode in there], modes)
+        cost = eigenmodes.unlike([mode for _, mode in there], modes)
         now = [None] * len(first)
         for row, column in zip(*linear_sum_assignment(cost), strict=True):
             if cost[row, column] < LOST:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from facts_damping.small_signal import linearisation
+    from facts_damping.small_signal import eigenmodes
     from facts_damping_studies.margins.delay_margin import Margin, Track
     from facts_damping_studies.margins.delay_margin_runs import Beside
 
@@ -108,7 +108,7 @@ def _limit(value: float | None, longest: float) -> str:
     return f"beyond {_ms(longest)}" if value is None else _ms(value)
 
 
-def _cell(mode: linearisation.Eigenmode | None) -> str:
+def _cell(mode: eigenmodes.Eigenmode | None) -> str:
     return "-" if mode is None else f"{mode.frequency_hz:.4f}  {mode.damping_ratio:7.4f}"
 
 
@@ -125,7 +125,7 @@ def _runs(margin: Margin, beside: Beside) -> Iterator[str]:
             yield f"{1e3 * delay:8.0f}   {mode.frequency_hz:15.4f}  {mode.damping_ratio:7.4f}  {_cell(other):>26}"
 
 
-def nearest(margin: Margin, delay: float, hertz: float) -> linearisation.Eigenmode | None:
+def nearest(margin: Margin, delay: float, hertz: float) -> eigenmodes.Eigenmode | None:
     """The followed linear mode with the nearest frequency."""
     i = int(np.argmin(np.abs(margin.delays - delay)))
     there = [track.modes[i] for track in margin.tracks]

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from facts_damping.analysis.modes.ringdown import RingdownMode
     from facts_damping.analysis.response import Swings, Twin
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping_studies.margins.delay_margin import Margin as LinearMargin
 
 PULSE = 1e-4  # p.u. of a load or of a mechanical power

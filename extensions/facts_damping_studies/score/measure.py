@@ -20,7 +20,7 @@ from facts_damping.simulation.twins import grid_changes, twin
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SETTLED = 5.0  # s of noise that do not count
 

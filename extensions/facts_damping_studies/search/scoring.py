@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from facts_damping.analysis.response import Twin
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 LOST, UNDAMPED, PRICE = 10.0, 1.0, 0.1
 REFERENCE = "LLC-tuned"

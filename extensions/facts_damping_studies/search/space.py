@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.control.table import Range, four_digits
+from facts_damping.control.parameter_tables import Range, four_digits
 from facts_damping.neurofuzzy.table import has_dilation
 
 if TYPE_CHECKING:
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.control.table import ControllerKind, Value
+    from facts_damping.control.parameter_tables import Value
+    from facts_damping.control.table import ControllerKind
     from facts_damping.small_signal.residues import Residues
 
 

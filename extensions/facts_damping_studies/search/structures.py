@@ -11,7 +11,8 @@ from facts_damping.case.changes import read_profile
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import changed_case, load_case
 from facts_damping.control.compensation import OF_IDENTIFIERS
-from facts_damping.control.table import OFF_ON, kind
+from facts_damping.control.parameter_tables import OFF_ON
+from facts_damping.control.table import kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.parameters.profile import DEFAULT_PROFILE
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.control.table import Value
+    from facts_damping.control.parameter_tables import Value
     from facts_damping.parameters.plant.system import System
     from facts_damping_studies.sweeps.enumerated_axes import Scheme
 

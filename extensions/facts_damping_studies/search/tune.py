@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.control.table import Value
+    from facts_damping.control.parameter_tables import Value
     from facts_damping.small_signal.residues import Residues
 
 POPULATION = 24

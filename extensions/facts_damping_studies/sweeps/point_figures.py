@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping_studies.sweeps.axes import Point
     from facts_damping_studies.sweeps.sweep import Plan
 

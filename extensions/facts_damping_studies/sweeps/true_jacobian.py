@@ -15,7 +15,7 @@ from facts_damping.errors import InputError
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
-from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, Record
+from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_plant
 from facts_damping.simulation.measured_plant import tick_ns
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.plant.model import PlantState
+    from facts_damping.record import Record
 
 MOVE = 1e-4  # p.u., of a reference
 EVERY = 6  # frames between two evaluations

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping_testing.loopback.processes import World
     from facts_damping_testing.storm.model import Event, Storm
 

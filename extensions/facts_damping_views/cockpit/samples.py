@@ -10,7 +10,8 @@ from scipy.sparse import csr_array
 
 from facts_damping.analysis.modes.ringdown import fit_ringdown
 from facts_damping.case.names import controller_names
-from facts_damping.signals import NANOSECONDS, NEVER, group_by
+from facts_damping.record import group_by
+from facts_damping.signals import NANOSECONDS, NEVER
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping_views.cockpit.layout import Curve, Mode, Panel
 
 RATE = 20  # values per second

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.monitor_table import STATES, cause_name
-from facts_damping.signals import NANOSECONDS, group_by
+from facts_damping.record import group_by
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 LEVELS = {"tripped": "error", "fallback": "warn", "disarmed": "warn"}  # of a supervisor's state; others: info
 SWITCHES = {"line_out": True, "line_in": False, "reset": False}  # kinds after which a branch, or all, is out or in

@@ -32,7 +32,7 @@ from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_
 from facts_damping.nodes.recorder import topics
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.signals import NANOSECONDS
-from facts_damping_views.cockpit import controls, layout, samples, server, words
+from facts_damping_views.cockpit import application, controls, layout, samples, server, words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -112,8 +112,8 @@ class Cockpit:
 
     def __init__(self, node: ManagedNode) -> None:
         self.case = case = read_case(node)
-        self.host: str = declare(node, "host", server.HOST, descriptor("address that the server listens at"))
-        self.port: int = declare(node, "port", server.PORT, descriptor("its port; 0: a free one", "", 0, 65535))
+        self.host: str = declare(node, "host", application.HOST, descriptor("address that the server listens at"))
+        self.port: int = declare(node, "port", application.PORT, descriptor("its port; 0: a free one", "", 0, 65535))
         text = "true: the program that started it carries out the lines `kill NODE` and `restart NODE`"
         launched: bool = declare(node, "launched", False, descriptor(text))
         recording: str = declare(node, "recording", "", descriptor("the run's recording, for reports; empty: none"))
@@ -121,11 +121,11 @@ class Cockpit:
         title = label(case.summary())
         self.panel = layout.panel(case, title)
         shown = {"type": "layout", "title": title, "mode": "live", "panels": [self.panel.shown]}
-        content = server.Content(
+        content = application.Content(
             shown | {"duration": case.run.duration}, recordings={title: recording} if recording else {}
         )
         asks = controls.controls(case, launched=launched)
-        self.cockpit = server.Cockpit(content, asks, self.ask, host=self.host)
+        self.cockpit = application.Cockpit(content, asks, self.ask, host=self.host)
         self.asked: SimpleQueue[tuple[Request, Callable[[bool, str], None]]] = SimpleQueue()
         self.values = samples.Live(self.panel)
         self.newest: dict[str, bytes] = {}  # of a topic, until it is decoded

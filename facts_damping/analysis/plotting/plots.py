@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.analysis.indices import Regions
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 WIDTH, PANEL_HEIGHT, MARGIN = 9.0, 2.3, 1.3  # inch
 DPI = 150

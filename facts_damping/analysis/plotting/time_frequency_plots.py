@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.analysis.time_frequency import Analysed, Distribution
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SIZE = (10.0, 7.5)  # inch
 MAP = "RdBu_r"  # white is zero, blue is negative (interference)

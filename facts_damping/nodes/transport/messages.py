@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.control.bank import BankState
     from facts_damping.control.identifier_model import IdentifierState
-    from facts_damping.signals import GridEvent
+    from facts_damping.record import GridEvent
 
 
 M = TypeVar("M", bound=Any)  # a message

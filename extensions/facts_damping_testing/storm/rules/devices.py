@@ -18,7 +18,7 @@ from facts_damping_testing.storm.stage import MARK
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping_testing.storm.running import Trace
 
 

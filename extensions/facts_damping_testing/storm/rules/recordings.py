@@ -14,7 +14,7 @@ from facts_damping_testing.storm.events import KINDS
 from facts_damping_testing.storm.rules.foreign import may_be_replaced
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping_testing.storm.running import Trace
 
 
