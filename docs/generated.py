@@ -26,7 +26,7 @@ from facts_damping.parameters.events import Scenario
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.measurement import Measurement
-from facts_damping.parameters.plant.blocks import MODELS
+from facts_damping.parameters.plant.block_models import MODELS
 from facts_damping.parameters.plant.devices import DeviceModel
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.profile import Profile

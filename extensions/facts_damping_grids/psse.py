@@ -9,7 +9,8 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.plant.blocks import MODELS, SHORTEST, TABLES, quantity_of
+from facts_damping.parameters.plant.block_models import MODELS, quantity_of
+from facts_damping.parameters.plant.blocks import SHORTEST, TABLES
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.validation import check
 from facts_damping_grids import conversion
