@@ -7,7 +7,7 @@ signals, and issues a setpoint for each of its devices. Between arrivals the set
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from facts_damping.control import neuro_fuzzy, state_space, table
 from facts_damping.control.called import Calls, call, calls
 from facts_damping.control.compensation import Compensated, Compensators, compensate, compensators
 from facts_damping.control.faults import Faults, corrupt, faults, misbehave, silent
-from facts_damping.control.inputs import UNSET, Inputs, LatestSamples, compute_signals, ingest, inputs
+from facts_damping.control.inputs import UNSET, Inputs, LatestSamples, Wiring, compute_signals, ingest, inputs
 from facts_damping.control.neuro_fuzzy import AllActuators, Memories, memories
 from facts_damping.control.state_space import Observers, StateSpace, state_spaces
 from facts_damping.control.table import kind_of
@@ -31,11 +31,10 @@ from facts_damping.phasors import angles, magnitudes, over, times
 from facts_damping.signals import NANOSECONDS, Deliveries, Setpoints
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from facts_damping.control.neuro_fuzzy import PlantPrior
     from facts_damping.control.parameter_tables import Parameter, Value
-    from facts_damping.parameters.plant.pmus import Signal
     from facts_damping.parameters.run import Controller
 
 law_of = branching(table.LAWS)  # arguments: a code, then those of a law
@@ -77,34 +76,28 @@ class BankState(Struct):
     calls: Calls
 
 
-def bank(
-    controllers: Sequence[Controller],
-    signals: Mapping[str, Signal],
-    pmus: Sequence[str],
-    limits: Mapping[str, tuple[float, float]],
-    frame_rate: int,
-    known: Sequence[PlantPrior | None],
-    omega: Sequence[float] | None = None,
-    designs: Sequence[StateSpace | None] = (),
-    nominal: float = 60.0,
-    seed: int = 0,
-) -> tuple[Bank, BankState]:
-    """Build the controllers of a run.
+class Known(NamedTuple):
+    """What a controller knows of the plant."""
 
-    `limits`: magnitude (p.u.) and rate (p.u./s) limits of all installed devices in order. For each controller, `known`
-    (None without a network), `omega` (rad/s, for compensation) and `designs` (None without an observer). `nominal`:
-    frequency, Hz; `seed`: of the run.
-    """
+    prior: PlantPrior | None = None  # None: without a network
+    omega: float = 0.0  # of the mode whose delay is compensated, rad/s
+    observer: StateSpace | None = None  # None: without one
+
+
+def bank(
+    controllers: Sequence[Controller], wiring: Wiring, known: Sequence[Known], seed: int = 0
+) -> tuple[Bank, BankState]:
+    """Build the controllers of a run; `known`: of each; `seed`: of the run."""
     n = len(controllers)
     kinds = [kind_of(c) for c in controllers]
     nets = [controller_network(c) for c in controllers]
     max_signals = max([len(c.signals) for c in controllers], default=0)
     max_devices = max([len(c.devices) for c in controllers], default=0)
-    given, held = inputs([c.signals for c in controllers], signals, pmus, nominal)
+    given, held = inputs([c.signals for c in controllers], wiring.signals, wiring.pmus, wiring.nominal)
     names = [controller.compensation for controller in controllers]
-    optimal, estimate = state_spaces(designs or [None] * n, max_signals, max_devices)
-    compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, max_signals)
-    made = Bank(
+    optimal, estimate = state_spaces([row.observer for row in known], max_signals, max_devices)
+    compensation, compensated = compensators(names, [row.omega for row in known], max_signals)
+    controls = Bank(
         code=np.array([k.code(c.scheme) for c, k in zip(controllers, kinds, strict=True)], np.int64),
         law=np.array([table.LAWS.index(k.law) if k.law else 0 for k in kinds], np.int64),
         settings=np.zeros((n, max(max_signals, max_devices)), table.SETTINGS),
@@ -115,22 +108,13 @@ def bank(
         sensitivity=np.zeros((n, max_signals, max_devices)),
         device=np.full((n, max_devices), UNSET, np.int64),
         actuators=AllActuators(*np.ones((2, n, max_devices))),
-        period_ns=np.full(n, NANOSECONDS // frame_rate, np.int64),
+        period_ns=np.full(n, NANOSECONDS // wiring.frame_rate, np.int64),
         optimal=optimal,
-        faults=faults([c.faults for c in controllers], frame_rate, seed),
+        faults=faults([c.faults for c in controllers], wiring.frame_rate, seed),
     )
-    order = list(limits)
     for c, controller in enumerate(controllers):
-        for d, device in enumerate(controller.devices):
-            made.device[c, d] = order.index(device)
-            made.actuators.limit[c, d], made.actuators.rate[c, d] = limits[device]
-        own = known[c]
-        if own is not None:
-            made.mode_shape[c, : len(controller.signals)] = magnitudes(own.mode_shape)
-        settings(controller, made.settings[c], made.mode_shape[c])
-        if own is not None:
-            made.sensitivity[c, : len(controller.signals), : len(controller.devices)] = own.sign
-    starts = [_start(nets[c], made.settings[c], controllers[c], known[c]) for c in range(n)]
+        _fill(controls, c, controller, wiring, known[c].prior)
+    starts = [_start(nets[c], controls.settings[c], controllers[c], known[c].prior) for c in range(n)]
     state = BankState(
         held=held,
         compensated=compensated,
@@ -141,9 +125,21 @@ def bank(
         learner=learners(nets, starts),
         memory=memories(n, max_signals, max_devices),
         estimate=estimate,
-        calls=calls(n, max_signals, len(pmus)),
+        calls=calls(n, max_signals, len(wiring.pmus)),
     )
-    return made, state
+    return controls, state
+
+
+def _fill(controls: Bank, c: int, controller: Controller, wiring: Wiring, prior: PlantPrior | None) -> None:
+    """Write the devices and settings of controller c."""
+    order = list(wiring.limits)
+    for d, device in enumerate(controller.devices):
+        controls.device[c, d] = order.index(device)
+        controls.actuators.limit[c, d], controls.actuators.rate[c, d] = wiring.limits[device]
+    if prior is not None:
+        controls.mode_shape[c, : len(controller.signals)] = magnitudes(prior.mode_shape)
+        controls.sensitivity[c, : len(controller.signals), : len(controller.devices)] = prior.sign
+    settings(controller, controls.settings[c], controls.mode_shape[c])
 
 
 def settings(controller: Controller, rows: NDArray[Any], swing: Float1) -> NDArray[Any]:

@@ -11,11 +11,11 @@ import numpy as np
 from facts_damping.caching import shared
 from facts_damping.case.supervision import ends, reserves
 from facts_damping.control import identifier_model
-from facts_damping.control.bank import Bank, BankState, bank, controller_network
+from facts_damping.control.bank import Bank, BankState, Known, bank, controller_network
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.identifier import identifiers
 from facts_damping.control.identifier_model import Identified, Identifiers, IdentifierState
-from facts_damping.control.inputs import TURN, UNSET
+from facts_damping.control.inputs import TURN, UNSET, Wiring
 from facts_damping.control.neuro_fuzzy import PlantPrior
 from facts_damping.control.table import kind_of
 from facts_damping.elementary import exp_complex
@@ -154,23 +154,28 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
     Raises `InputError` if a neuro-fuzzy controller's sensitivity has the wrong sign for the plant, or if an LQG design
     for the plant fails.
     """
-    devices = [case.system.device(name) for name in case.run.devices]
-    limits = {d.name: (d.setpoint_max, d.rate_max) for d in devices}
-    pmus = [pmu.name for pmu in case.system.pmus]
     if plant is None and needs_residues(case):
         plant = plant_residues(case)
-    known = [_known(case, i, plant) for i in range(len(case.controllers))]
-    omega = [_compensated(case, i, plant) for i in range(len(case.controllers))]
-    designs = [_designed(case, i, plant) for i in range(len(case.controllers))]
-    rate, nominal = case.run.frame_rate, case.system.frequency
-    plan = pmus, limits, rate, known, omega, designs, nominal, case.run.seed
-    made, state = bank(case.controllers, case.system.signals, *plan)
-    rows = [
-        _identified(case, i, made, own)
-        for i, own in enumerate(known)
-        if own is not None and case.controllers[i].scheme == "indirect"
+    known = [
+        Known(_known(case, i, plant), _compensated(case, i, plant), _designed(case, i, plant))
+        for i in range(len(case.controllers))
     ]
-    return made, state, *identifiers(rows, case.system.signals, pmus, rate, nominal)
+    wiring = wired(case)
+    controls, state = bank(case.controllers, wiring, known, case.run.seed)
+    rows = [
+        _identified(case, i, controls, own.prior)
+        for i, own in enumerate(known)
+        if own.prior is not None and case.controllers[i].scheme == "indirect"
+    ]
+    return controls, state, *identifiers(rows, wiring)
+
+
+def wired(case: Case) -> Wiring:
+    """What the controllers of a case are connected to."""
+    devices = [case.system.device(name) for name in case.run.devices]
+    limits = {device.name: (device.setpoint_max, device.rate_max) for device in devices}
+    pmus = [pmu.name for pmu in case.system.pmus]
+    return Wiring(case.system.signals, pmus, limits, case.run.frame_rate, case.system.frequency)
 
 
 def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Supervisors, SupervisorState]:
@@ -186,11 +191,8 @@ def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Superv
         for c, controller in enumerate(case.controllers)
         if controller.fallback_of is None and case.supervision is not None
     ]
-    limits = {name: case.system.device(name).setpoint_max for name in case.run.devices}
-    pmus, rate = [pmu.name for pmu in case.system.pmus], case.run.frame_rate
     given = case.supervision or Supervision()
-    known = given, case.system.signals, pmus, limits, rate, case.system.frequency, ends(case.system)
-    made, state = supervisors(watched, case.controllers, *known)
+    made, state = supervisors(watched, case.controllers, given, wired(case), ends(case.system))
     _check_probes(case, given, made, plant)
     return made, state
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.control.bank import act, bank
-from facts_damping.control.inputs import IMPLAUSIBLE
+from facts_damping.control.inputs import IMPLAUSIBLE, Wiring
 from facts_damping.control.lead_lag import step
 from facts_damping.parameters.plant.pmus import Signal
 from facts_damping.parameters.run import Controller
@@ -131,7 +131,7 @@ def test_controllers_do_not_see_each_other() -> None:
 
 
 def test_empty_bank_has_no_controllers() -> None:
-    made, state = bank([], SIGNALS, PMUS, LIMITS, FRAMES, [])
+    made, state = bank([], Wiring(SIGNALS, PMUS, LIMITS, FRAMES), [])
     assert made.code.size == state.held.newest_ns.size == 0
 
 

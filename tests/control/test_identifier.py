@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from facts_damping.control.identifier import identifiers, identify, store_setpoints, write_estimates
 from facts_damping.control.identifier_model import Identified
+from facts_damping.control.inputs import Wiring
 from facts_damping.neurofuzzy.table import IDENTIFIERS
 from facts_damping.signals import ESTIMATE, NANOSECONDS, SETPOINT, to_ns
 from tests.control.bench import (
@@ -49,7 +50,7 @@ class Observer:
     """Identifiers that are given frames of one PMU, and setpoints."""
 
     def __init__(self, *rows: Identified, rate: int = FRAMES) -> None:
-        self.made, self.state = identifiers(rows, SIGNALS, PMUS, rate)
+        self.made, self.state = identifiers(rows, Wiring(SIGNALS, PMUS, {}, rate))
         self.rate = rate
 
     def ns(self, k: int) -> int:

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.control.bank import bank, pull
+from facts_damping.control.bank import Known, bank, pull
 from facts_damping.control.identifier import identifiers, identify, store_setpoints
 from facts_damping.control.identifier_model import Identified
+from facts_damping.control.inputs import Wiring
 from facts_damping.control.neuro_fuzzy import PlantPrior
 from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
@@ -229,13 +230,13 @@ class Observer:
 
     def __init__(self, jacobian: Any, horizon: int = 1, plant: PlantPrior | None = None, **parameters: Any) -> None:
         row = mimo("ANFTSC", "indirect", identifier_horizon=horizon, loop_delay=0.0, **parameters)
-        self.made, _ = bank([row], SIGNALS, PMUS, THREE, FRAMES, [known(2, 2)])
+        self.made, _ = bank([row], Wiring(SIGNALS, PMUS, THREE, FRAMES), [Known(known(2, 2))])
         self.scale = self.made.settings["scale"][0]
         self.limits = np.array([THREE[name][0] for name in row.devices])
         J = np.array(jacobian) * self.scale[:, None] / self.limits
         own = (plant or known(2, 2))._replace(jacobian=J)
         asked = Identified(0, self.made.settings[0], "ANFTSI", row.signals, [0, 1], self.limits.tolist(), own, None)
-        self.ids, self.state = identifiers([asked], SIGNALS, PMUS, FRAMES)
+        self.ids, self.state = identifiers([asked], Wiring(SIGNALS, PMUS, THREE, FRAMES))
 
     def frame(self, k: int, y: Any, u: Any) -> None:
         measured = frame_ns(k) / MS

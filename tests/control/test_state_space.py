@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import dlsim
 
-from facts_damping.control.bank import act, bank
-from facts_damping.control.inputs import IMPLAUSIBLE
+from facts_damping.control.bank import Known, act, bank
+from facts_damping.control.inputs import IMPLAUSIBLE, Wiring
 from facts_damping.control.state_space import MAX_MISSED, StateSpace
 from facts_damping.control.table import defaults, kind
 from facts_damping.parameters.run import Controller
@@ -54,7 +54,8 @@ class Given:
         )
         plain = {"power": SIGNALS["power"].model_copy(update={"deviation": False})}
         rows = [llc("power", "second"), row]
-        self.made, self.state = bank(rows, {**SIGNALS, **plain}, PMUS, limits, FRAMES, [None] * 2, None, [None, own])
+        wiring = Wiring({**SIGNALS, **plain}, PMUS, limits, FRAMES)
+        self.made, self.state = bank(rows, wiring, [Known(), Known(observer=own)])
 
     def frame(self, k: int, y: NDArray[np.float64]) -> NDArray[np.float64]:
         """The setpoints on frame k; empty where there are none."""
