@@ -12,6 +12,7 @@ from facts_damping.case.names import controller_addresses, identifier_addresses,
 from facts_damping.control.bank import act, set_estimate
 from facts_damping.control.table import kind_of
 from facts_damping.nodes.admission.member import CONTROLLER, Member
+from facts_damping.nodes.admission.publishers import Reading
 from facts_damping.nodes.base import lines
 from facts_damping.nodes.base.live_parameters import declare_settings
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
@@ -65,7 +66,7 @@ class ControllerNode:
         member.subscribe_frames(link.topic("pmu/delivered"), self.ticks.frames)
         if identifier:
             topic, estimates = f"{member.graph}{identifier}/estimate", Estimates(self.case, self.index)
-            member.message_filter.subscribe(JacobianEstimate, topic, self.ticks.receive, estimates.read)
+            member.message_filter.subscribe(JacobianEstimate, topic, self.ticks.receive, Reading(estimates.read))
         member.message_filter.subscribe_run_state()
         self.spinner, self.activation = member.spin(), member.joining
         extra = int(self.options.recorder)

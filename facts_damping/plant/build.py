@@ -67,13 +67,7 @@ def build(
     rotating = _machines(system, flow, states)
     if rotating.violations:
         raise InputError(str(rotating.violations[0]))
-    ports = _Ports()
-    for g, m in enumerate(system.machines):
-        rotating.rows[g]["column"] = g
-        if rotating.rows[g]["saliency"].any():
-            port = ports.add(SALIENT, g, Place(m.bus, machine=m.name))
-            rotating.rows[g]["column"] = len(system.machines) + len(system.infinite_buses) + port
-            rotating.rows[g]["salient"] = 1.0
+    ports = _salient_ports(system, rotating)
     magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
     loads = port_loads(system, noisy)
     own, oscillating = {load.name for load in loads}, oscillating_loads(listed)
@@ -82,14 +76,13 @@ def build(
     placed = _devices(system, in_service(system, installed), flow, magnitude, states, ports)
     if watchdog is not None:
         placed["watchdog"] = watchdog
-    norton = rotating.rows["admittance"]
     at = {m.name: g for g, m in enumerate(system.machines)}
     pmus = [-1 if s.machine is None else at[s.machine] for s in system.pmus]
     online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
-    given = [(system, ports.places, norton, s.topology, magnitude) for s in steps]
+    given = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
     sources = [*(m.bus for m in system.machines), *(i.bus for i in system.infinite_buses)]
-    large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
+    large = len(sources) + len(ports.rows) > LARGE
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=to_ns(system.step),
@@ -120,6 +113,18 @@ def build(
     lines = line([system.device(name).dead_time for name in installed])
     state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), initial_watch(n), source, *lines)
     return Built(plant, state, flow, states.names)
+
+
+def _salient_ports(system: System, rotating: _Rotating) -> _Ports:
+    """Ports of machines whose subtransient reactances differ by axis; the columns of all machines are set."""
+    ports = _Ports()
+    for g, m in enumerate(system.machines):
+        rotating.rows[g]["column"] = g
+        if rotating.rows[g]["saliency"].any():
+            port = ports.add(SALIENT, g, Place(m.bus, machine=m.name))
+            rotating.rows[g]["column"] = len(system.machines) + len(system.infinite_buses) + port
+            rotating.rows[g]["salient"] = 1.0
+    return ports
 
 
 def port_loads(system: System, noisy: Collection[str]) -> list[Load]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import reduce
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -118,6 +119,26 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     ends = [events.run_ended(messages[topic]) for topic in topics["run"]]
     lost = gaps.lost_messages(found, content.lost, ends[0][1] if ends and ends[0] else -1)
     _check_end(ticks, configuration, found["state"][0], content.complete, ends, notes)
+    return replace(
+        _tables(configuration, found, ticks, of),
+        links=len(found["delivered"]),
+        events=events.events(untimed["events"]),
+        refused=events.refused(untimed["refused"]),
+        joined=events.joined(untimed["diagnostics"]),
+        changes=changes,
+        absences=away,
+        publishers=content.publishers,
+        versions=content.versions,
+        notes=notes,
+        messages_lost=lost,
+        gap_tick=gaps.first_missing(found, away, ticks),
+    )
+
+
+def _tables(
+    configuration: dict[str, Any], found: Mapping[str, Sequence[Series]], ticks: NDArray[np.int64], of: Expected
+) -> Record:
+    """A record with the tables of its ticks; `of`: names that the run gives."""
     first, last = int(ticks[0]), int(ticks[-1])
     cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
     measured, state = (decode.select(cut[kind][0], ticks) for kind in REQUIRED)
@@ -146,20 +167,9 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         estimates=decoded_tables.estimates(cut["estimates"], devices),
         learning=decoded_tables.learning(cut["learning"], cut["estimates"]),
         in_synchronism=decode.column(state, attrgetter("in_synchronism"), np.bool_),
-        links=len(found["delivered"]),
-        events=events.events(untimed["events"]),
-        refused=events.refused(untimed["refused"]),
-        joined=events.joined(untimed["diagnostics"]),
-        changes=changes,
-        absences=away,
         latest=decoded_tables.latest("controller", cut["learning"], attrgetter("controller"))
         | decoded_tables.latest("identifier", cut["estimates"], attrgetter("identifier"))
         | decoded_tables.latest("supervisor", cut["supervision"], attrgetter("controller")),
-        publishers=content.publishers,
-        versions=content.versions,
-        notes=notes,
-        messages_lost=lost,
-        gap_tick=gaps.first_missing(found, away, ticks),
     )
 
 

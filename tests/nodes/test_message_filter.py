@@ -17,7 +17,7 @@ from rclpy.serialization import serialize_message
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import DEGRADED, main
 from facts_damping.nodes.admission.message_filter import MessageFilter
-from facts_damping.nodes.admission.publishers import KNOW_S
+from facts_damping.nodes.admission.publishers import KNOW_S, Reading
 from facts_damping.nodes.admission.refusals import MAXIMUM, TELL_S
 from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import SUBSCRIBER_QOS
@@ -67,7 +67,7 @@ class Listener:
         self.reports: list[bytes] = []
         self.message_filter = MessageFilter(node, CASE, options(realtime), send_refusals=self.reports.append)
         self.message_filter.subscribe(
-            PmuDataFrame, "topic", lambda *message: self.admitted.append(message), read, newest
+            PmuDataFrame, "topic", lambda *message: self.admitted.append(message), Reading(read, newest)
         )
         (self.state,) = self.message_filter.senders.topics
         self.state.publisher = OWN

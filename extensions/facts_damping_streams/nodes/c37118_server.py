@@ -11,6 +11,7 @@ from facts_damping.case.names import link_addresses
 from facts_damping.errors import InputError
 from facts_damping.nodes import clock
 from facts_damping.nodes.admission.message_filter import MessageFilter
+from facts_damping.nodes.admission.publishers import Reading
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import Options, declare, descriptor, read_case
@@ -52,7 +53,7 @@ class C37118Server:
         topic = FRAMES if link < 0 else links[link].topic("pmu/delivered")
         self.message_filter = MessageFilter(node, self.case, LISTENS, peer=False)
         frames = FramesMessage(self.case, seal(signing(self.case, LISTENS.start_timeout), topic))
-        self.message_filter.subscribe(PmuDataFrame, topic, self.on_frames, frames.read, leads=True)
+        self.message_filter.subscribe(PmuDataFrame, topic, self.on_frames, Reading(frames.read), leads=True)
         self.message_filter.subscribe_run_state(FRAMES)
         self.pdc: Pdc | None = None
         self.servers = serving.servers(self.case, self.asked, lambda: (clock.time_ns() // NANOSECONDS, 0))
