@@ -28,6 +28,7 @@ PR_SET_PDEATHSIG = 1  # constant of prctl(2)
 _came: list[tuple[int, float]] = []  # the interruption that is being handled: its number and time
 _holds: list[str] = []  # what an interruption tells besides
 _at_leave: list[Callable[[], object]] = []
+_starting_tracker = threading.Lock()  # several threads may start graphs at once
 
 
 def status() -> int:
@@ -138,14 +139,15 @@ def ensure_tracker(module: Any) -> None:
     After the end of this process it removes what was left, without warnings.
     """
     name = "PYTHONWARNINGS"
-    before = os.environ.get(name)
-    os.environ[name] = "ignore"
-    try:
-        with blocked():
-            module.ensure_running()
-    finally:
-        del os.environ[name]
-        os.environ.update({} if before is None else {name: before})
+    with _starting_tracker:
+        before = os.environ.get(name)
+        os.environ[name] = "ignore"
+        try:
+            with blocked():
+                module.ensure_running()
+        finally:
+            del os.environ[name]
+            os.environ.update({} if before is None else {name: before})
 
 
 def tie_to_parent(number: int = signal.SIGTERM, parent: int | None = None) -> None:

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -195,3 +196,17 @@ def test_struck_pool_leaves_no_line_and_nothing_in_memory(number: signal.Signals
     while left_by(popen.pid):
         assert time.monotonic() < deadline, left_by(popen.pid)
         time.sleep(0.05)
+
+
+def test_tracker_is_started_by_several_threads_at_once() -> None:
+    """As graphs of a campaign do; the environment is what it was."""
+
+    class Slow:
+        @staticmethod
+        def ensure_running() -> None:
+            time.sleep(0.005)
+
+    before = os.environ.get("PYTHONWARNINGS")
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(lambda _: interruption.ensure_tracker(Slow), range(16)))
+    assert os.environ.get("PYTHONWARNINGS") == before

@@ -771,11 +771,11 @@ def test_progress_tells_what_is_left_and_leaves_out_what_was_there_before(monkey
     now, shown = [0.0], Terminal()
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     monkeypatch.setattr(sys, "stderr", shown)
-    progress = Progress("mine", "runs")
-    progress.resume(100)
-    progress(100, 200)
-    now[0] = 10.0
-    progress(120, 200)
+    with Progress("mine", "runs") as progress:
+        progress.resume(100)
+        progress(100, 200)
+        now[0] = 10.0
+        progress(120, 200)
     first, second = shown.getvalue().split("\r")[1:]
     assert "100/200 runs, 0 s\x1b" in first
     assert "120/200 runs, 10 s, 40 s left" in second
