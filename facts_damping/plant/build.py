@@ -61,23 +61,18 @@ def build(
     Raises `InputError` if the power flow does not converge, if limits exclude the initial state, or if an event is
     impossible.
     """
-    steps = topology_intervals(system, listed)
-    flow = solve(system, installed)
-    states = _States()
+    steps, flow, states = topology_intervals(system, listed), solve(system, installed), _States()
     rotating = _machines(system, flow, states)
     if rotating.violations:
         raise InputError(str(rotating.violations[0]))
     ports = _salient_ports(system, rotating)
     magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
-    loads = port_loads(system, noisy)
-    own, oscillating = {load.name for load in loads}, oscillating_loads(listed)
-    loads += [one for one in system.loads if one.name in oscillating and one.name not in own]  # after those with noise
+    loads = _loads_at_ports(system, noisy, listed)
     load_rows = _loads(system, loads, flow, magnitude, states, ports)
     placed = _devices(system, in_service(system, installed), flow, magnitude, states, ports)
     if watchdog is not None:
         placed["watchdog"] = watchdog
-    at = {m.name: g for g, m in enumerate(system.machines)}
-    pmus = [-1 if s.machine is None else at[s.machine] for s in system.pmus]
+    at: dict[str | None, int] = {m.name: g for g, m in enumerate(system.machines)}
     online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
     given = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
@@ -106,10 +101,9 @@ def build(
         oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
         network=np.zeros((0, 0, 0), np.complex128) if large else np.array([reduce_network(*one) for one in given]),
         sparse_networks=Table([sparse_network(*one) for one in given] if large else []),
-        pmu_machine=np.array(pmus),
+        pmu_machine=np.array([at.get(pmu.machine, -1) for pmu in system.pmus]),
     )
-    n = len(installed)
-    source = np.zeros(len(ports.rows), np.complex128)
+    n, source = len(installed), np.zeros(len(ports.rows), np.complex128)
     lines = line([system.device(name).dead_time for name in installed])
     state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), initial_watch(n), source, *lines)
     return Built(plant, state, flow, states.names)
@@ -125,6 +119,13 @@ def _salient_ports(system: System, rotating: _Rotating) -> _Ports:
             rotating.rows[g]["column"] = len(system.machines) + len(system.infinite_buses) + port
             rotating.rows[g]["salient"] = 1.0
     return ports
+
+
+def _loads_at_ports(system: System, noisy: Collection[str], listed: Sequence[Event]) -> list[Load]:
+    """The loads that have ports: those of `port_loads`, then those that oscillate."""
+    loads = port_loads(system, noisy)
+    names, oscillating = {load.name for load in loads}, oscillating_loads(listed)
+    return loads + [load for load in system.loads if load.name in oscillating and load.name not in names]
 
 
 def port_loads(system: System, noisy: Collection[str]) -> list[Load]:
