@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import subprocess
@@ -11,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from facts_damping import extensions
+from facts_damping import extending, extensions
 from facts_damping.analysis.indices import INDICES, Index
 from facts_damping.control.table import ControllerKind
 from facts_damping.errors import InputError
@@ -76,3 +77,14 @@ def test_command_ends_with_that_line(tmp_path: Path) -> None:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert re.fullmatch(r"facts-damping: entry point proportional = one:ROW .*\n", done.stderr)
+
+
+def test_names_of_extending_are_those_that_type_checkers_see() -> None:
+    tree = ast.parse(Path(extending.__file__).read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    seen = {alias.name: node.module for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    here = {name: f"facts_damping.{room}" for name, room in extending.NAMES.items()}
+    assert seen == here | dict.fromkeys(extending.MODULES, "facts_damping")
+    assert all(getattr(extending, name) is not None for name in dir(extending))
+    with pytest.raises(AttributeError, match=r"it has .*Antecedent, Consequent"):
+        _ = extending.Nothing

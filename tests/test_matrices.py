@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from facts_damping.matrices import (
+from facts_damping.numerics.matrices import (
     eigenvalue_near,
     exponential,
     least_squares,

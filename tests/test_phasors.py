@@ -7,7 +7,7 @@ import cmath
 import numpy as np
 import pytest
 
-from facts_damping import phasors
+from facts_damping.numerics import phasors
 
 DRAWN = np.random.default_rng(1).standard_normal((2, 50, 3)) @ np.array([1.0, 0.3, 1j])
 A, B = DRAWN[0], DRAWN[1]

@@ -170,7 +170,7 @@ def campaign(arguments: argparse.Namespace) -> None:
     """Run the draws of a campaign and check the conditions for each, or hunt for the worst; both write run files."""
     from facts_damping_studies.campaigns import campaign as study
     from facts_damping_studies.campaigns import campaign_pages as pages
-    from facts_damping_studies.campaigns import campaign_tables as pages_campaign_tables
+    from facts_damping_studies.campaigns.campaign_tables import holds
     from facts_damping_studies.sweeps import results
 
     made = study.plan(arguments.campaign, arguments.set, arguments.draws, arguments.graphs)
@@ -197,7 +197,7 @@ def campaign(arguments: argparse.Namespace) -> None:
     say(arguments, *(f"table: {path}" for path in pages.write_tables(rows, graphs, folder)))
     write_whole(folder / "page.md", text)
     say(arguments, f"page: {folder / 'page.md'}")
-    failed = [row for row in (*rows, *graphs) if not pages_campaign_tables.holds(row)]
+    failed = [row for row in (*rows, *graphs) if not holds(row)]
     if failed:
         say(arguments, f"{len(failed)} that violate a requirement: {folder / study.FAILED}")
     errors = [row for row in (*rows, *graphs) if row["error"] is not None]

@@ -26,8 +26,8 @@ from facts_damping.elementary import cos
 from facts_damping.neurofuzzy.learning import Learners, learners
 from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
+from facts_damping.numerics.phasors import angles, magnitudes, over, times
 from facts_damping.parameters.run import Weights
-from facts_damping.phasors import angles, magnitudes, over, times
 from facts_damping.signals import NANOSECONDS, Deliveries, Setpoints
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ from facts_damping.control.parameter_tables import (
     Parameter,
     Value,
 )
+from facts_damping.control.parameter_tables import powers as powers  # noqa: PLC0414 (for extensions of before)
 from facts_damping.errors import InputError, check_known
 from facts_damping.extensions import rows
 from facts_damping.neurofuzzy.table import (

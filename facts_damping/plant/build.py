@@ -10,9 +10,9 @@ import numpy as np
 from facts_damping.compiling.structs import Table
 from facts_damping.elementary import magnitude, phase, rect
 from facts_damping.errors import InputError
+from facts_damping.numerics.phasors import magnitudes, over, times
 from facts_damping.parameters.plant.block_models import MODELS
 from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
-from facts_damping.phasors import magnitudes, over, times
 from facts_damping.plant import load_noise
 from facts_damping.plant.converters import devices
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import InputError, check_known
-from facts_damping.parameters import events as events_events
+from facts_damping.parameters import events
 from facts_damping.plant.grid.network import FaultPlace, Topology, check_islands
 from facts_damping.signals import NEVER, to_ns
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.system import System
 
-    Lasting = events_events.Fault | events_events.Brake | events_events.ForcedOscillation
+    Lasting = events.Fault | events.Brake | events.ForcedOscillation
 
 
 OSCILLATION = np.dtype(
@@ -36,7 +36,7 @@ OSCILLATION = np.dtype(
         ("end_ns", "i8"),
     ]
 )
-LASTING = (events_events.Fault, events_events.Brake, events_events.ForcedOscillation)  # events that may have a duration
+LASTING = (events.Fault, events.Brake, events.ForcedOscillation)  # events that may have a duration
 
 
 @dataclass(frozen=True)
@@ -72,10 +72,10 @@ def timeline(listed: Sequence[Event]) -> list[Change]:
 
 
 def _end(event: Lasting, time: float) -> Event:
-    if isinstance(event, events_events.Fault):
-        return events_events.Clear(time=time, kind="clear", bus=event.bus, line=event.line)
-    if isinstance(event, events_events.Brake):
-        return events_events.Brake(time=time, kind="brake_out", bus=event.bus)
+    if isinstance(event, events.Fault):
+        return events.Clear(time=time, kind="clear", bus=event.bus, line=event.line)
+    if isinstance(event, events.Brake):
+        return events.Brake(time=time, kind="brake_out", bus=event.bus)
     return event.model_copy(update={"time": time, "amplitude": 0.0, "ramp": 0.0, "duration": None})
 
 
@@ -99,16 +99,16 @@ def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyI
     event, where, before = change.event, change.where, stage.topology
     lines = [line.name for line in system.lines]
     buses = [bus.name for bus in system.buses]
-    if isinstance(event, (events_events.Fault, events_events.Clear)):
+    if isinstance(event, (events.Fault, events.Clear)):
         if event.bus is not None:
             check_known(f"{where}.bus", event.bus, buses)
         elif event.line is not None:
             check_known(f"{where}.line", event.line, lines)
         return replace(stage, topology=_fault(before, event, where))
-    if isinstance(event, events_events.Brake):
+    if isinstance(event, events.Brake):
         check_known(f"{where}.bus", event.bus, buses)
         return replace(stage, topology=_brake(before, event, where, system.base_power))
-    if isinstance(event, events_events.LineSwitch):
+    if isinstance(event, events.LineSwitch):
         branches = lines + [t.name for t in system.transformers]
         closed = [name for name in branches if name not in before.lines_out]
         if event.kind == "line_out":
@@ -116,22 +116,22 @@ def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyI
             return replace(stage, topology=replace(before, lines_out=before.lines_out | {event.line}))
         check_known(f"{where}.line", event.line, [name for name in branches if name in before.lines_out])
         return replace(stage, topology=replace(before, lines_out=before.lines_out - {event.line}))
-    if isinstance(event, events_events.LoadStep):
+    if isinstance(event, events.LoadStep):
         check_known(f"{where}.load", event.load, [load.name for load in system.loads])
         return replace(
             stage, topology=replace(before, load_scale={**before.load_scale, event.load: 1.0 + event.change})
         )
-    if isinstance(event, events_events.ForcedOscillation):
+    if isinstance(event, events.ForcedOscillation):
         _check_oscillation(system, before, event, where)
         return stage
     running = [m.name for m in system.machines if m.name not in before.machines_out]
     check_known(f"{where}.machine", event.machine, running)
-    if isinstance(event, events_events.MechanicalPowerStep):
+    if isinstance(event, events.MechanicalPowerStep):
         return replace(stage, mechanical_scale={**stage.mechanical_scale, event.machine: 1.0 + event.change})
     return replace(stage, topology=replace(before, machines_out=before.machines_out | {event.machine}))
 
 
-def _check_oscillation(system: System, before: Topology, event: events_events.ForcedOscillation, where: str) -> None:
+def _check_oscillation(system: System, before: Topology, event: events.ForcedOscillation, where: str) -> None:
     if event.load is not None:
         check_known(f"{where}.load", event.load, [load.name for load in system.loads])
         if event.amplitude > 1.0:
@@ -144,7 +144,7 @@ def _check_oscillation(system: System, before: Topology, event: events_events.Fo
         raise InputError(f"{where}.frequency: {event.frequency:g} given; allowed: {allowed}")
 
 
-def _brake(before: Topology, event: events_events.Brake, where: str, base_power: float) -> Topology:
+def _brake(before: Topology, event: events.Brake, where: str, base_power: float) -> Topology:
     if event.power is None:  # `brake_out`
         if event.bus not in before.brakes:
             given = f"'{event.bus}' given, where no brake is inserted"
@@ -155,10 +155,10 @@ def _brake(before: Topology, event: events_events.Brake, where: str, base_power:
     return replace(before, brakes={**before.brakes, event.bus: event.power / base_power})
 
 
-def _fault(before: Topology, event: events_events.Fault | events_events.Clear, where: str) -> Topology:
+def _fault(before: Topology, event: events.Fault | events.Clear, where: str) -> Topology:
     element = event.bus or event.line or ""
     burning = [place for place in before.faults if (place.bus, place.line) == (event.bus, event.line)]
-    if isinstance(event, events_events.Clear):
+    if isinstance(event, events.Clear):
         if not burning:
             places = ", ".join(place.bus or place.line or "" for place in before.faults)
             raise InputError(f"{where}: '{element}' given, which has no fault; allowed: {places or 'none'}")
@@ -170,8 +170,8 @@ def _fault(before: Topology, event: events_events.Fault | events_events.Clear, w
     return replace(before, faults={**before.faults, place: complex(event.r, event.x)})
 
 
-def _oscillating(listed: Sequence[Event]) -> list[events_events.ForcedOscillation]:
-    return [event for event in listed if isinstance(event, events_events.ForcedOscillation) and event.amplitude > 0.0]
+def _oscillating(listed: Sequence[Event]) -> list[events.ForcedOscillation]:
+    return [event for event in listed if isinstance(event, events.ForcedOscillation) and event.amplitude > 0.0]
 
 
 def oscillating_loads(listed: Sequence[Event]) -> set[str]:

@@ -136,11 +136,11 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
 
 
 def _tables(
-    configuration: dict[str, Any], found: Mapping[str, Sequence[Series]], ticks: NDArray[np.int64], of: Expected
+    configuration: dict[str, Any], series: Mapping[str, Sequence[Series]], ticks: NDArray[np.int64], of: Expected
 ) -> Record:
     """A record with the tables of its ticks; `of`: names that the run gives."""
     first, last = int(ticks[0]), int(ticks[-1])
-    cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
+    cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in series.items()}
     measured, state = (decode.select(cut[kind][0], ticks) for kind in REQUIRED)
     pmus = _named(of, "pmu", measured, "frames")
     devices, machines = (_named(of, kind, state, f"{kind}s") for kind in ("device", "machine"))

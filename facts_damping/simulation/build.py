@@ -25,9 +25,9 @@ from facts_damping.link.stages import mean_delay
 from facts_damping.link.transfer import Links, links
 from facts_damping.measurement.build import make_pmus
 from facts_damping.neurofuzzy.start import groups
+from facts_damping.numerics.phasors import times
 from facts_damping.parameters.run import Weights
 from facts_damping.parameters.supervision import Supervision
-from facts_damping.phasors import times
 from facts_damping.plant.build import Built, build, with_noise
 from facts_damping.plant.events import timeline
 from facts_damping.plant.load_noise import draw as draw_noise

@@ -15,8 +15,8 @@ import numpy as np
 
 from facts_damping.compiling.structs import Table
 from facts_damping.errors import InputError
-from facts_damping.matrices import STEPS, product, shift_near
-from facts_damping.phasors import magnitudes, over
+from facts_damping.numerics.matrices import STEPS, product, shift_near
+from facts_damping.numerics.phasors import magnitudes, over
 from facts_damping.plant.converters.site import LOAD, SALIENT
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.grid.sparse import ComplexEntries, factors, solve_network, substitute

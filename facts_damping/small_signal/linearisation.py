@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.control.inputs import pmu_weights
-from facts_damping.matrices import product
-from facts_damping.phasors import exponentials, over, times
+from facts_damping.numerics.matrices import product
+from facts_damping.numerics.phasors import exponentials, over, times
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.caching import shared
-from facts_damping.matrices import eigenvalue_near, product
-from facts_damping.phasors import angles, over, times
+from facts_damping.numerics.matrices import eigenvalue_near, product
+from facts_damping.numerics.phasors import angles, over, times
 from facts_damping.small_signal import descriptor, eigenmodes, linearisation
 from facts_damping.small_signal.descriptor import Descriptor
 from facts_damping.small_signal.zero_order_hold import held_for

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.matrices import product
 from facts_damping.measurement.filters import Filter, taps
-from facts_damping.phasors import exponentials
+from facts_damping.numerics.matrices import product
+from facts_damping.numerics.phasors import exponentials
 from facts_damping.small_signal.zero_order_hold import held_for
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2, Int1, Int2, Struct
-from facts_damping.matrices import size_of_pivot, solve
+from facts_damping.numerics.matrices import size_of_pivot, solve
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -10,7 +10,7 @@ import numpy as np
 
 from facts_damping.elementary import rect
 from facts_damping.errors import InputError
-from facts_damping.matrices import least_squares
+from facts_damping.numerics.matrices import least_squares
 from facts_damping.parameters.plant.block_models import INPUTS, MODELS
 from facts_damping.parameters.plant.blocks import Block
 from facts_damping.plant.machines import blocks as kernel

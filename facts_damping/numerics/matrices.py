@@ -23,7 +23,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2
-from facts_damping.phasors import magnitudes, over
+from facts_damping.numerics.phasors import magnitudes, over
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
