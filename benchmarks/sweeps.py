@@ -68,7 +68,7 @@ def median_ms(function: Callable[[], object]) -> float:
     return 1e3 * statistics.median(times[1:])
 
 
-def parts_of_a_run(plan: sweep.Plan) -> None:
+def parts_of_a_run(plan: sweep.SweepPlan) -> None:
     """Print what the parts of one run take."""
     task = sweep._tasks(plan, {})[0]  # noqa: SLF001 (a run as the sweep makes it)
     case = batch.make(plan.base, task.changes)
@@ -91,7 +91,7 @@ def parts_of_a_run(plan: sweep.Plan) -> None:
         print(f"{name:<45} {one:8.2f} {one / took['a run of a sweep']:7.2f}")
 
 
-def many(plan: sweep.Plan) -> None:
+def many(plan: sweep.SweepPlan) -> None:
     """Print the time of many runs, one after the other, in threads, in processes."""
     tasks = sweep._tasks(plan, {})[:MANY]  # noqa: SLF001
     name = f"{len(tasks)} runs of {plan.study.run}"

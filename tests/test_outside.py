@@ -57,7 +57,7 @@ FILES = {
     "recording/writer.py": "writes",
     "simulation/fmus.py": "unpacks what the door has read",
     "small_signal/linear_plant.py": "writes",
-    "facts_damping_testing/storm/stage.py": "reads again what nodes say",
+    "facts_damping_testing/storm/storm_graph.py": "reads again what nodes say",
     "facts_damping_studies/campaigns/campaign_pages.py": "reads shipped pages",
     "facts_damping_studies/sweeps/journal.py": "appends to its own file, once the door has let it",
     "facts_damping_validation/table.py": "reads shipped references",

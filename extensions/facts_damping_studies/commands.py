@@ -19,8 +19,8 @@ from facts_damping_studies.sweeps.batch import make
 if TYPE_CHECKING:
     import argparse
 
-    from facts_damping_studies.campaigns.campaign import Plan as Campaign
-    from facts_damping_studies.sweeps.sweep import Plan
+    from facts_damping_studies.campaigns.campaign import CampaignPlan
+    from facts_damping_studies.sweeps.sweep import SweepPlan
 
 
 def tune(arguments: argparse.Namespace) -> None:
@@ -69,7 +69,7 @@ def design(arguments: argparse.Namespace) -> None:
             progress.close()
     written = []
     if folder is not None:
-        written = [*pages.write(found, folder), pages.draw(found, folder / "places.png")]
+        written = [*pages.write(found, folder), pages.plot(found, folder / "places.png")]
         write_json(str(folder / "result.json"), pages.document(found))
     write_json(arguments.json, pages.document(found))
     say(arguments, *pages.text(found), *(f"written: {path}" for path in written))
@@ -129,15 +129,15 @@ def sweep(arguments: argparse.Namespace) -> None:
         write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
         say(arguments, f"tables: {folder / 'tables.md'}")
     say(arguments, *(f"table: {path}" for path in results.write(folder, rows, margins, fractions)))
-    pictures = tables.draw(rows, asked, folder) if asked else []
-    pictures += sweep_plots.draw(rows, study.swept(plan), margins, across, folder)
-    pictures += point_figures.draw(plan, folder, arguments.jobs)
+    pictures = tables.plot(rows, asked, folder) if asked else []
+    pictures += sweep_plots.plot(rows, study.swept(plan), margins, across, folder)
+    pictures += point_figures.plot(plan, folder, arguments.jobs)
     say(arguments, *(f"picture: {path}" for path in pictures))
     if arguments.report is not None:
         _report(arguments, plan)
 
 
-def _check_report(path: str | None, plan: Plan, folder: Path) -> None:
+def _check_report(path: str | None, plan: SweepPlan, folder: Path) -> None:
     """Raise `InputError` if a study's runs do not fit on one page, or the page cannot be written."""
     from facts_damping.analysis.plotting.plots import COLOURS
 
@@ -152,7 +152,7 @@ def _check_report(path: str | None, plan: Plan, folder: Path) -> None:
     files.check_writable(path, "--report", standard=False)
 
 
-def _report(arguments: argparse.Namespace, plan: Plan) -> None:
+def _report(arguments: argparse.Namespace, plan: SweepPlan) -> None:
     """Write one page that compares the runs of a study, each named by what differs; the runs are made again."""
     from facts_damping.analysis import details
 
@@ -205,7 +205,7 @@ def campaign(arguments: argparse.Namespace) -> None:
         raise RunError(f"{len(errors)} draws failed, the first: {errors[0]['number']}: {errors[0]['error']}")
 
 
-def _hunt(arguments: argparse.Namespace, campaign: Campaign, folder: Path) -> None:
+def _hunt(arguments: argparse.Namespace, campaign: CampaignPlan, folder: Path) -> None:
     """Search for the worst cases of a campaign; what was found is written after an interrupt, too."""
     from facts_damping_studies.campaigns import hunt, hunt_pages
 
@@ -265,6 +265,6 @@ def margin(arguments: argparse.Namespace) -> None:
             runs = beside(found, progress)
     if arguments.out is not None:
         folder = files.new_folder(Path(arguments.out))
-        pictures += [pages.draw(found, runs, folder / "margin.png"), pages.draw_loops(found, folder / "one_line.png")]
+        pictures += [pages.plot(found, runs, folder / "margin.png"), pages.plot_loops(found, folder / "one_line.png")]
     write_json(arguments.json, pages.document(found, runs))
     say(arguments, *pages.margin_text(found, runs), *(f"plot: {path}" for path in pictures))

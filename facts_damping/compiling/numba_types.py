@@ -22,7 +22,7 @@ from numba.extending import NativeValue, infer_getattr, lower_builtin, lower_get
 
 from facts_damping.compiling.structs import (
     HOST,
-    NUMBERS,
+    WORD_TYPES,
     Array,
     Struct,
     Table,
@@ -64,7 +64,7 @@ def type_of(kind: Any) -> Any:
     """Numba's type of a kind of field or argument."""
     if isinstance(kind, Array):
         return types.Array(numba.from_dtype(np.dtype(kind.dtype)), kind.ndim, "C")
-    if kind in NUMBERS:
+    if kind in WORD_TYPES:
         return {float: types.float64, int: types.int64, bool: types.boolean}[kind]
     if is_numbers(kind):
         return numba.typeof(kind(*(word() for word in words_of(kind))))

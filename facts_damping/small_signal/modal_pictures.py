@@ -25,7 +25,7 @@ def plot(modal: Modal, folder: Path) -> list[Path]:
     """Draw one_line.png, mode_shapes.png, and with installed devices transfer_functions.png into a folder."""
     interarea = [mode for mode in modal.swings if mode.label == "interarea"] or shown_modes(modal)
     minimum = min(interarea, key=lambda mode: mode.damping_ratio, default=None)
-    made = [one_line.draw(modal.system, modal.built.flow, modal.devices, minimum, folder / "one_line.png")]
+    made = [one_line.plot(modal.system, modal.built.flow, modal.devices, minimum, folder / "one_line.png")]
     if modal.swings:
         made.append(_plot_shapes(modal, folder / "mode_shapes.png"))
     if modal.devices and modal.system.signals:

@@ -70,7 +70,7 @@ def flows(system: System, flow: PowerFlow, installed: Sequence[str] = ()) -> lis
     return found
 
 
-def draw(
+def plot(
     system: System,
     flow: PowerFlow,
     installed: Sequence[str],

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from facts_damping.analysis.measures import recorded
-from facts_damping.analysis.plotting.time_frequency_plots import Settings, distribution_figures, draw_distribution, save
+from facts_damping.analysis.plotting.time_frequency_plots import Settings, distribution_figures, plot_distribution, save
 from facts_damping.analysis.time_frequency import analyse
 from facts_damping.errors import InputError
 from facts_damping.record import GridEvent
@@ -105,7 +105,7 @@ def test_bar_is_the_distribution(swing_record: Callable[..., Record]) -> None:
     record = swing_record()
     analysed = analyse(record.time_s, recorded(record, "w12")[0])
     figure = Figure()
-    draw_distribution(figure, analysed, "p.u.")
+    plot_distribution(figure, analysed, "p.u.")
     (image,) = (image for axes in figure.axes for image in axes.images)
     np.testing.assert_allclose(np.asarray(image.get_array()).T * 1e-6, analysed.distribution.values, atol=1e-18)
     left, right, bottom, top = image.get_extent()

@@ -16,7 +16,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
-from facts_damping_testing.loopback.lifecycle import GRAPH, NUMBERS, STATES
+from facts_damping_testing.loopback.lifecycle import GRAPH, STATE_NUMBERS, STATES
 from tests.nodes.graphs import PATIENCE_S, assert_replayed, assert_same, ticks
 from tests.nodes.test_joining import RATE, Graph
 
@@ -49,7 +49,9 @@ def test_loopback_has_the_states_and_transitions_of_ros() -> None:
     node = LifecycleNode("managed", context=context, enable_communication_interface=False)
     machine: Any = node._state_machine
     assert dict(machine.available_states) == STATES
-    assert sorted(machine.transition_graph) == sorted((n, by, NUMBERS[a], a, NUMBERS[b], b) for n, by, a, b in GRAPH)
+    assert sorted(machine.transition_graph) == sorted(
+        (n, by, STATE_NUMBERS[a], a, STATE_NUMBERS[b], b) for n, by, a, b in GRAPH
+    )
     node.destroy_node()
     context.try_shutdown()
 

@@ -106,7 +106,7 @@ def test_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatch: 
     asked: list[int] = []
     one_draw = campaign.one_draw
 
-    def noted(made: campaign.Plan, number: int) -> tuple[str, dict[str, Any]]:
+    def noted(made: campaign.CampaignPlan, number: int) -> tuple[str, dict[str, Any]]:
         asked.append(number)
         return one_draw(made, number)
 

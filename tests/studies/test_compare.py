@@ -44,12 +44,12 @@ Rows = list[dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
-def plans() -> list[sweep.Plan]:
+def plans() -> list[sweep.SweepPlan]:
     return [sweep.plan("comparison", [f"system={system}"]) for system in ("two_area", "smib")]
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory: pytest.TempPathFactory, plans: list[sweep.Plan]) -> Rows:
+def rows(tmp_path_factory: pytest.TempPathFactory, plans: list[sweep.SweepPlan]) -> Rows:
     """Of networks every third in each scenario, each in some; all findings; all others in all scenarios."""
     found = []
     for plan in plans:
@@ -75,7 +75,7 @@ def place(row: dict[str, Any]) -> tuple[str, str, str, str]:
     return row["system"], row["scenario"], row["controller"], row["scheme"]
 
 
-def test_comparison_has_all_controllers_and_schemes_on_all_scenarios(plans: list[sweep.Plan]) -> None:
+def test_comparison_has_all_controllers_and_schemes_on_all_scenarios(plans: list[sweep.SweepPlan]) -> None:
     networks = [name for name, row in CONTROLLERS.items() if row.network is not None]
     assert len(networks) == 11
     points = [point.columns for plan in plans for point in plan.points]

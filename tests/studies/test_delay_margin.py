@@ -21,7 +21,7 @@ from facts_damping.small_signal.zero_order_hold import halvings
 from facts_damping_studies.margins import delay_margin_runs
 from facts_damping_studies.margins.criteria import CRITERIA
 from facts_damping_studies.margins.delay_margin import Margin, first_limit, intervals, margin
-from facts_damping_studies.margins.delay_margin_pages import document, draw, margin_text
+from facts_damping_studies.margins.delay_margin_pages import document, margin_text, plot
 from facts_damping_studies.margins.delay_margin_runs import HORIZONS, bears, beside, holding, pulse_margin, pulsed
 from facts_damping_studies.margins.linear_closed_loop import (
     DelayedLoop,
@@ -394,7 +394,7 @@ def test_loop_that_is_not_stable_without_delay_has_no_margin(gain: float, tmp_pa
     assert (one.margin, one.stable) == (0.0, [])
     assert document(one, None)["margin_s"] == 0.0
     assert any("0 ms: there a mode of 0.6" in line for line in margin_text(one, None))
-    assert draw(one, None, tmp_path / "margin.png").is_file()
+    assert plot(one, None, tmp_path / "margin.png").is_file()
 
 
 def test_loop_that_bears_every_delay_looked_at_says_so(tmp_path: Path) -> None:
@@ -402,7 +402,7 @@ def test_loop_that_bears_every_delay_looked_at_says_so(tmp_path: Path) -> None:
     assert (one.margin, one.stable, one.critical) == (None, [(0.0, 0.1)], None)
     assert document(one, None)["margin_s"] is None
     assert any("beyond 100 ms" in line for line in margin_text(one, None))
-    assert draw(one, None, tmp_path / "margin.png").is_file()
+    assert plot(one, None, tmp_path / "margin.png").is_file()
 
 
 def test_linear_law_of_ones_own_has_the_margin_of_the_shipped_one() -> None:

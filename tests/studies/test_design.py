@@ -173,7 +173,7 @@ def test_files_run(found: design.Design, tmp_path: Path) -> None:
     assert case.scenario.name in found.scenarios
     result = summarise(loop.run(case))
     assert result["verdict"] == "damped"
-    assert design_pages.draw(found, tmp_path / "places.png").stat().st_size > 10_000
+    assert design_pages.plot(found, tmp_path / "places.png").stat().st_size > 10_000
     text = "\n".join(design_pages.text(found))
     assert "damping ratio: 0.1" in text
     assert design_pages.document(found)["reached"] is True

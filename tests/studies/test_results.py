@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from facts_damping_studies.sweeps.margin_plots import draw_margins
+from facts_damping_studies.sweeps.margin_plots import plot_margins
 from facts_damping_studies.sweeps.results import margin_table
 
 
@@ -65,7 +65,7 @@ def test_margin_table_begins_with_the_largest_and_marks_open_margins() -> None:
 
 def test_picture_has_a_panel_for_each_place_and_a_diamond_also_where_it_fails_at_once() -> None:
     at_once = margin("not_damped", "large", "plc", "C", 0.0, margin_s=None, low_s=None, high_s=0.0, beyond="low")
-    figure = draw_margins([*MARGINS, margin("unstable", "large", "plc", "C", 0.2), at_once], "link")
+    figure = plot_margins([*MARGINS, margin("unstable", "large", "plc", "C", 0.2), at_once], "link")
     titles = [axes.get_title() for axes in figure.axes]
     assert titles == [f"{s}, {link}, horizon 20 s" for s in ("small", "large") for link in ("fibre", "plc")]
     diamonds = [line for line in figure.axes[-1].lines if line.get_marker() == "D"]

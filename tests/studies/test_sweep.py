@@ -693,7 +693,7 @@ Place = tuple[tuple[str, str], ...]  # columns that tell a margin apart, with wh
 BRACKET = re.compile(r"[\d.]+ \[([\d.]+), ([\d.]+)\]|> ([\d.]+)|< ([\d.]+)")
 
 
-def listed_margins(table: str, plan: sweep.Plan) -> Iterator[tuple[str, Place, str]]:
+def listed_margins(table: str, plan: sweep.SweepPlan) -> Iterator[tuple[str, Place, str]]:
     """Criterion, what tells a margin apart, and its bracket, of a table in the docs, as `sweep` writes it."""
     assert plan.study.margin is not None
     named = ("controller", "scheme", "scenario", "architecture", "gain", plan.study.margin.across)

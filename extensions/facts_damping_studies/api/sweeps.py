@@ -23,7 +23,7 @@ from facts_damping_studies.sweeps.results import cell, sweep_tables
 if TYPE_CHECKING:
     from os import PathLike
 
-    from facts_damping_studies.sweeps.sweep import Plan
+    from facts_damping_studies.sweeps.sweep import SweepPlan
 
 SHOWN = 20  # runs, in a notebook
 
@@ -35,7 +35,7 @@ class Sweep:
     name: str
     rows: list[dict[str, Any]]  # a run each: columns of its point, figures (docs/studies.md)
     margins: list[dict[str, Any]]  # a margin each, where the study asks for them
-    _plan: Plan = field(repr=False)
+    _plan: SweepPlan = field(repr=False)
 
     def to_pandas(self) -> Any:
         """The rows as a DataFrame. Needs pandas."""
@@ -50,7 +50,7 @@ class Sweep:
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
         across = studies.across(self._plan)
-        return list(sweep_plots.draw(self.rows, studies.swept(self._plan), self.margins, across, place))
+        return list(sweep_plots.plot(self.rows, studies.swept(self._plan), self.margins, across, place))
 
     def __repr__(self) -> str:
         """In a line."""

@@ -46,7 +46,7 @@ UNCONTROLLED: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at"
 _uncontrolled: dict[str, Record] = {}
 
 
-class Plan(NamedTuple):
+class CampaignPlan(NamedTuple):
     """A campaign after reading, with the contents of its runs."""
 
     name: str
@@ -79,7 +79,7 @@ class Draw(NamedTuple):
     chosen: dict[str, str]
 
 
-def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: int | None = None) -> Plan:
+def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: int | None = None) -> CampaignPlan:
     """Read a campaign by name or path, with `--set` applied to its runs. Raises `InputError`, also for base runs."""
     path = find("campaigns", name)
     campaign = check(Campaign, read_table(path), str(path))
@@ -92,7 +92,7 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
     campaign = _without_lists(campaign, changed)
     rests_on = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
     digest = hashlib.sha256(json.dumps(rests_on, sort_keys=True, default=str).encode()).hexdigest()
-    made = Plan(path.stem, read_text(path), campaign, contents, changed, digest)
+    made = CampaignPlan(path.stem, read_text(path), campaign, contents, changed, digest)
     try:
         for base_run in campaign.base_runs:
             _check(made, base_run)
@@ -117,7 +117,7 @@ def _without_lists(campaign: Campaign, changed: dict[str, Any]) -> Campaign:
     return campaign.model_copy(update={"base_runs": kept})
 
 
-def _check(plan: Plan, base_run: str) -> None:
+def _check(plan: CampaignPlan, base_run: str) -> None:
     """Raise `InputError` if a base run is impossible with any single choice, with the first of all other lists."""
     lists = plan.campaign.base_runs[base_run].choose
     first = {name: next(iter(choices)) for name, choices in lists.items()}
@@ -127,7 +127,7 @@ def _check(plan: Plan, base_run: str) -> None:
             raise InputError(f"base_runs.{base_run}: a run without supervision given; allowed: one with `supervision`")
 
 
-def _case(plan: Plan, base_run: str, changes: dict[str, Any]) -> Case:
+def _case(plan: CampaignPlan, base_run: str, changes: dict[str, Any]) -> Case:
     content, source = plan.contents[base_run]
     return changed_case(deepcopy(content), source, {**plan.campaign.base_runs[base_run].set, **changes})
 
@@ -159,13 +159,13 @@ def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
     return {NOTHING: healthy, **({} if campaign.healthy == 1.0 else found)} if campaign.healthy else found
 
 
-def draw(plan: Plan, number: int, *, real: bool = False) -> Draw:
+def draw(plan: CampaignPlan, number: int, *, real: bool = False) -> Draw:
     """A draw of a campaign by its number; always the same for the same number."""
     random = np.random.default_rng((plan.campaign.seed, number))
     return drawn(plan, number, choose(plan, random, real=real), random, real=real)
 
 
-def choose(plan: Plan, random: Source, *, real: bool = False) -> Choice:
+def choose(plan: CampaignPlan, random: Source, *, real: bool = False) -> Choice:
     """Choose base run, labels, fault, its time, and the seed."""
     campaign = plan.campaign
     base_run = list(campaign.base_runs)[int(random.integers(len(campaign.base_runs)))]
@@ -180,7 +180,7 @@ def choose(plan: Plan, random: Source, *, real: bool = False) -> Choice:
     return Choice(base_run, chosen, fault, start, duration, int(random.integers(2**31)))
 
 
-def drawn(plan: Plan, number: int, choice: Choice, random: Source, *, real: bool = False) -> Draw:
+def drawn(plan: CampaignPlan, number: int, choice: Choice, random: Source, *, real: bool = False) -> Draw:
     """The draw of a choice; `random` gives the sizes of its fault."""
     base_run, chosen, fault, start, duration, seed = choice
     changes = {**plan.set, **_chosen(plan.campaign.base_runs[base_run], chosen)}
@@ -193,26 +193,26 @@ def drawn(plan: Plan, number: int, choice: Choice, random: Source, *, real: bool
     return Draw(number, base_run, changes, fault, start, chosen | lasts)
 
 
-def healthy(plan: Plan, drawn: Draw) -> Draw:
+def healthy(plan: CampaignPlan, drawn: Draw) -> Draw:
     """A draw without its fault, which is applied to the nodes of a graph instead."""
     kept: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
     chosen = _chosen(plan.campaign.base_runs[drawn.base_run], drawn.chosen)
     return drawn._replace(changes={**plan.set, **chosen, **kept})
 
 
-def case_of(plan: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:
+def case_of(plan: CampaignPlan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:
     """The case of a draw, with optional further changes."""
     return _case(plan, drawn.base_run, {**drawn.changes, **(more or {})})
 
 
-def run_file(plan: Plan, drawn: Draw, what: str = "Draw") -> str:
+def run_file(plan: CampaignPlan, drawn: Draw, what: str = "Draw") -> str:
     """A draw as a run file: everything inline. `what`: how the number is called."""
     document = case_of(plan, drawn).document()
     kept = {name: value for name, value in document.items() if value is not None and name != "asked"}
     return f"# {what} {drawn.number} of the campaign {plan.name}: {drawn.fault} at {drawn.start:g} s.\n" + dump(kept)
 
 
-def one_draw(plan: Plan, number: int) -> tuple[str, dict[str, Any]]:
+def one_draw(plan: CampaignPlan, number: int) -> tuple[str, dict[str, Any]]:
     """Key and row of a draw; a failed draw has a row too, with the reason in `error`."""
     row: dict[str, Any] = {"number": number, "error": None}
     try:
@@ -251,7 +251,7 @@ def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int
     return row | invariants.alone(case, record, late)
 
 
-def uncontrolled(plan: Plan, drawn: Draw) -> Record:
+def uncontrolled(plan: CampaignPlan, drawn: Draw) -> Record:
     """The same run without control: only the plant and its events matter."""
     plain = {path: value for path, value in drawn.changes.items() if path.partition(".")[0] in OF_PLANT}
     key = json.dumps([plan.fingerprint, drawn.base_run, plain], default=str, sort_keys=True)
@@ -263,7 +263,7 @@ def uncontrolled(plan: Plan, drawn: Draw) -> Record:
     return shared(_uncontrolled, key, lambda: loop.run(changed_case(deepcopy(content), source, changes)))
 
 
-def run(plan: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:
+def run(plan: CampaignPlan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:
     """The rows of all draws; only those missing in the folder are made.
 
     Draws that violate an invariant are written as run files. Raises `InputError` if the folder belongs to another

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from facts_damping_studies.campaigns.campaign import Plan
+    from facts_damping_studies.campaigns.campaign import CampaignPlan
 
     Rows = Sequence[dict[str, Any]]
 
 
-def page(plan: Plan, rows: Rows, graphs: Rows, command: str) -> str:
+def page(plan: CampaignPlan, rows: Rows, graphs: Rows, command: str) -> str:
     """The page of a campaign: the text beside its file, or a default one, with the tables inserted."""
     folder = share_folder() / "config" / "campaigns"
     own = folder / f"{plan.name}.md"

@@ -99,7 +99,7 @@ def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> Table:
     for name in names:
         asked = [row for row in rows if row.get(name) is not None]
         failed = [row for row in asked if not row[name]]
-        places = _max(failed, lambda row: f"{row['fault']}, {row['base_run']} {row.get('scenario', '')}".strip())
+        places = _largest(failed, lambda row: f"{row['fault']}, {row['base_run']} {row.get('scenario', '')}".strip())
         lines.append([WORDS[name], str(len(asked)), Fraction.of(len(failed), len(asked)), places])
     heads = ["what must hold", "cases that can violate it", "violated", "most frequent"]
     return Table(heads, lines)
@@ -206,7 +206,7 @@ def fault_table(rows: Rows) -> Table:
         if own:
             counts = [sum(row[name] is not None for row in own) for name in ("fallback_s", "tripped_s")]
             detected = [row for row in own if row["detected_s"] is not None]
-            causes = _max(detected, lambda row: str(row["fallback_cause"] or row["cause"]))
+            causes = _largest(detected, lambda row: str(row["fallback_cause"] or row["cause"]))
             lines.append(
                 [fault, str(len(own)), *map(str, counts), *_times([row["detected_s"] for row in detected]), causes]
             )
@@ -297,7 +297,7 @@ def holds(row: dict[str, Any]) -> bool:
     return study.holds(row, tuple(WORDS))
 
 
-def _max(rows: Rows, what: Callable[[dict[str, Any]], str]) -> str:
+def _largest(rows: Rows, what: Callable[[dict[str, Any]], str]) -> str:
     found: dict[str, int] = {}
     for row in rows:
         found[what(row)] = found.get(what(row), 0) + 1

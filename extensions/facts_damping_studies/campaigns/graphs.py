@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.record import Record
     from facts_damping.terminal import Progress
-    from facts_damping_studies.campaigns.campaign import Draw, Plan
+    from facts_damping_studies.campaigns.campaign import CampaignPlan, Draw
     from facts_damping_studies.campaigns.fault_injection import FaultedRun
 
 JOURNAL, FOLDER = "graphs.jsonl", "graphs"
@@ -35,7 +35,7 @@ _computing = Lock()  # runs in process share what they compile
 SAME = ("time_ns", "delivered", "issued", "supervised", "supervision", "applied", "machines", "devices")
 
 
-def graphs(plan: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict[str, Any]]:
+def graphs(plan: CampaignPlan, folder: Path, jobs: int, progress: Progress) -> list[dict[str, Any]]:
     """Rows of the draws that run as graphs, the first ones of the campaign; only missing ones are run.
 
     Graphs that violate a condition are kept below `folder`, with their runs as files. Raises `InputError` if the folder
@@ -66,7 +66,7 @@ def graphs(plan: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict
     return rows
 
 
-def one_graph(plan: Plan, folder: Path, number: int, wanted: Callable[[], bool]) -> tuple[str, dict[str, Any]]:
+def one_graph(plan: CampaignPlan, folder: Path, number: int, wanted: Callable[[], bool]) -> tuple[str, dict[str, Any]]:
     """Key and row of a draw run as a graph; if it fails, the row has the reason in `error`.
 
     Runs in a thread of its own: graphs run in processes and share the one that nodes are forked from.
@@ -89,7 +89,7 @@ def one_graph(plan: Plan, folder: Path, number: int, wanted: Callable[[], bool])
     return str(number), row
 
 
-def _run(plan: Plan, draw: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
+def _run(plan: CampaignPlan, draw: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
     """Run a draw as a graph in its own domain, and also in process and without control."""
     from facts_damping.simulation import loop
     from facts_damping_studies.campaigns import campaign, fault_injection, faults

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping_studies.campaigns.campaign import Choice, Draw, Plan
+    from facts_damping_studies.campaigns.campaign import CampaignPlan, Choice, Draw
 
     Rows = Sequence[dict[str, Any]]
 
@@ -54,13 +54,13 @@ class Hunt(NamedTuple):
     complete: bool
 
 
-def amounts(plan: Plan) -> NDArray[np.bool_]:
+def amounts(plan: CampaignPlan) -> NDArray[np.bool_]:
     """Which coordinates are amounts: start, duration and sizes of a fault; the others choose."""
     lists = max(len(one.choose) for one in plan.campaign.base_runs.values())
     return np.array([*[False] * (lists + 2), True, True, False, False, *[True] * SIZES])
 
 
-def case_of(plan: Plan, numbers: Sequence[float]) -> tuple[Choice, list[float]]:
+def case_of(plan: CampaignPlan, numbers: Sequence[float]) -> tuple[Choice, list[float]]:
     """What a point chooses, and its coordinates for the size of the fault."""
     source = Numbers(numbers)
     choice = study.choose(plan, source)
@@ -69,13 +69,13 @@ def case_of(plan: Plan, numbers: Sequence[float]) -> tuple[Choice, list[float]]:
     return choice, list(sizes.values[: sizes.taken])
 
 
-def margins_of(plan: Plan, drawn: Draw) -> dict[str, float | None]:
+def margins_of(plan: CampaignPlan, drawn: Draw) -> dict[str, float | None]:
     """Run a case; its margins by rule."""
     case = study.case_of(plan, drawn)
     return invariants.margins(case, loop.run(case), study.uncontrolled(plan, drawn))
 
 
-def evaluate(plan: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, Any]]:
+def evaluate(plan: CampaignPlan, task: tuple[str, list[float]]) -> tuple[str, dict[str, Any]]:
     """Key and row of a point; a case that fails has a row too, with the reason in `error`."""
     key, numbers = task
     began = time.process_time()
@@ -94,7 +94,7 @@ def evaluate(plan: Plan, task: tuple[str, list[float]]) -> tuple[str, dict[str, 
     return key, row | {"took_s": time.process_time() - began}
 
 
-def search(plan: Plan, rule: str, cases: int) -> list[dict[str, Any]]:
+def search(plan: CampaignPlan, rule: str, cases: int) -> list[dict[str, Any]]:
     """Rows of so many cases, one after the other, hunted for the smallest margin of a rule."""
     rows: dict[str, dict[str, Any]] = {}
     for i in range(cases):
@@ -103,7 +103,7 @@ def search(plan: Plan, rule: str, cases: int) -> list[dict[str, Any]]:
     return list(rows.values())
 
 
-def _another(plan: Plan, seen: set[str], propose: Callable[[], NDArray[np.float64]]) -> list[float]:
+def _another(plan: CampaignPlan, seen: set[str], propose: Callable[[], NDArray[np.float64]]) -> list[float]:
     """The first point proposed, of a few, whose case differs from those seen by more than its seed; notes it."""
     for _ in range(TRIES):
         numbers: list[float] = propose().tolist()
@@ -114,7 +114,7 @@ def _another(plan: Plan, seen: set[str], propose: Callable[[], NDArray[np.float6
     return numbers
 
 
-def content(plan: Plan, numbers: Sequence[float]) -> str:
+def content(plan: CampaignPlan, numbers: Sequence[float]) -> str:
     """What distinguishes a case, without its seed: many coordinates are used by some faults only."""
     try:
         choice, sizes = case_of(plan, numbers)
@@ -123,7 +123,7 @@ def content(plan: Plan, numbers: Sequence[float]) -> str:
     return str((choice._replace(seed=None), sizes))
 
 
-def mildest(plan: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[str, Any]]:
+def mildest(plan: CampaignPlan, task: tuple[str, str, list[float]]) -> tuple[str, dict[str, Any]]:
     """Key and row of the mildest form of a point that violates a rule; the task: key, rule and point."""
     key, rule, numbers = task
     asked = 0
@@ -141,12 +141,12 @@ def mildest(plan: Plan, task: tuple[str, str, list[float]]) -> tuple[str, dict[s
     return key, {"arm": SHRUNK, "number": int(key.split()[-1]), **found}
 
 
-def _drawn(plan: Plan, number: int, choice: Choice, sizes: list[float]) -> Draw:
+def _drawn(plan: CampaignPlan, number: int, choice: Choice, sizes: list[float]) -> Draw:
     """The draw of a choice; another stage of a fault may take more numbers, which are those of the smallest sizes."""
     return study.drawn(plan, number, choice, Numbers([*sizes, *([0.0] * SIZES)]))
 
 
-def draw_of(plan: Plan, row: dict[str, Any]) -> Draw:
+def draw_of(plan: CampaignPlan, row: dict[str, Any]) -> Draw:
     """The draw of a row."""
     if row["arm"] == SHRUNK:
         return _drawn(plan, row["number"], study.Choice(**row["choice"]), row["sizes"])
@@ -160,7 +160,12 @@ def margin(row: dict[str, Any], rule: str) -> float:
 
 
 def run(
-    plan: Plan, folder: Path, minutes: float, jobs: int, scheduler: str | None, progress: Callable[[int, int], None]
+    plan: CampaignPlan,
+    folder: Path,
+    minutes: float,
+    jobs: int,
+    scheduler: str | None,
+    progress: Callable[[int, int], None],
 ) -> Hunt:
     """Hunt for so many minutes, those of earlier starts included; a journal keeps all cases.
 
@@ -213,7 +218,7 @@ def violating(rows: dict[str, dict[str, Any]]) -> list[tuple[str, str, list[floa
 
 
 def points_of(
-    plan: Plan,
+    plan: CampaignPlan,
     rows: dict[str, dict[str, Any]],
     first: int,
     many: int,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from facts_damping_studies.campaigns.campaign import Draw, Plan
+    from facts_damping_studies.campaigns.campaign import CampaignPlan, Draw
     from facts_damping_studies.campaigns.hunt import Hunt
 
     Rows = Sequence[dict[str, Any]]
@@ -79,7 +79,7 @@ def counts(hunt: Hunt) -> str:
     return f"Cases hunted: {hunted} of computing; drawn: {drawn}{rate}"
 
 
-def words(plan: Plan, drawn: Draw) -> str:
+def words(plan: CampaignPlan, drawn: Draw) -> str:
     """A case in words: base run, what was chosen, the fault, when, and its sizes."""
     labels = [f"{name} {label}" for name, label in drawn.chosen.items() if name != "lasts"]
     where = ", ".join([drawn.base_run, *labels])
@@ -91,7 +91,7 @@ def words(plan: Plan, drawn: Draw) -> str:
     return f"{where}: `{drawn.fault}` from {drawn.start:g} s {until} ({what})"
 
 
-def _sizes(plan: Plan, drawn: Draw) -> dict[str, Any]:
+def _sizes(plan: CampaignPlan, drawn: Draw) -> dict[str, Any]:
     """What the fault sets, without its time; of a link, in the stages that it adds."""
     sound = study.healthy(plan, drawn)
     changes = [value for path, value in drawn.changes.items() if sound.changes.get(path) != value and path != "link"]
@@ -104,13 +104,13 @@ def _sizes(plan: Plan, drawn: Draw) -> dict[str, Any]:
     return {name: value for part in parts for name, value in part.items() if name not in (*SPAN, "clock")}
 
 
-def document(plan: Plan, hunt: Hunt) -> dict[str, Any]:
+def document(plan: CampaignPlan, hunt: Hunt) -> dict[str, Any]:
     """The result for JSON."""
     found = [one._asdict() | {"shrunk": hunt.shrunk.get(one.rule)} for one in compared(hunt.rows)]
     return {"campaign": plan.name, "seed": plan.campaign.seed, "cases": len(hunt.rows), "rules": found}
 
 
-def write(plan: Plan, hunt: Hunt, folder: Path, command: str) -> list[Path]:
+def write(plan: CampaignPlan, hunt: Hunt, folder: Path, command: str) -> list[Path]:
     """Write the page and the run files; return their paths."""
     found, written = compared(hunt.rows), [folder / PAGE]
     lines = [f"# {plan.name}: the worst cases", "", plan.campaign.description, "", f"    {command}", ""]

@@ -201,7 +201,7 @@ def document(design: Design) -> dict[str, Any]:
     }
 
 
-def draw(design: Design, path: Path) -> Path:
+def plot(design: Design, path: Path) -> Path:
     """A picture with a column per mode: the strongest places and the clearest speed signals."""
     modes = len(design.modes)
     figure = Figure(figsize=(1.0 + 3.2 * modes, 5.0), layout="constrained")

@@ -171,7 +171,7 @@ def document(margin: Margin, beside: Beside | None) -> dict[str, Any]:
     return made
 
 
-def draw_loops(margin: Margin, path: Path) -> Path:
+def plot_loops(margin: Margin, path: Path) -> Path:
     """The one-line diagram with the paths of the control loops, and the mode at the margin, as PNG."""
     from facts_damping.small_signal import one_line
 
@@ -183,10 +183,10 @@ def draw_loops(margin: Margin, path: Path) -> Path:
         late = _ms(margin.own[case.used_links[c]])
         loops.append(one_line.Loop(f"{name}: {', '.join(row.signals)}, {late}", pmus, list(row.devices)))
     flow = power_flow.solve(case.system, case.run.devices)
-    return one_line.draw(case.system, flow, case.run.devices, margin.critical, path, loops)
+    return one_line.plot(case.system, flow, case.run.devices, margin.critical, path, loops)
 
 
-def draw(margin: Margin, beside: Beside | None, path: Path) -> Path:
+def plot(margin: Margin, beside: Beside | None, path: Path) -> Path:
     """Damping ratio and frequency of the modes against delay, with the margin marked, as PNG."""
     figure = Figure(figsize=(7.5, 6.5), layout="constrained")
     damping, frequency = figure.subplots(2, 1, sharex=True, height_ratios=[1.4, 1.0])

@@ -121,10 +121,10 @@ def ranked(cards: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 def write_ranking(cards: Sequence[Mapping[str, Any]], folder: Path) -> list[Path]:
     """Write `ranking.csv` and `ranking.png`; return the paths."""
     csv.write_csv(arrow(ranked(cards)), folder / "ranking.csv")
-    return [folder / "ranking.csv", draw(cards, folder / "ranking.png")]
+    return [folder / "ranking.csv", plot(cards, folder / "ranking.png")]
 
 
-def draw(cards: Sequence[Mapping[str, Any]], path: Path) -> Path:
+def plot(cards: Sequence[Mapping[str, Any]], path: Path) -> Path:
     """Change of the index in each kind of cases, with intervals: a colour for each card."""
     kinds = list(cards[0]["kinds"])
     figure = Figure(figsize=(6.5, 1.6 + 0.42 * len(kinds)), layout="constrained")
@@ -154,7 +154,7 @@ def _ratio(percent: float) -> float:
 def write(case_set: Set, cards: Sequence[Mapping[str, Any]], folder: Path) -> list[Path]:
     """Write `card.json`, `card.md` and `card.png` of the first card beside the others; return the paths."""
     first = cards[0]
-    picture = draw(cards, folder / "card.png")
+    picture = plot(cards, folder / "card.png")
     kinds = [f"- **{kind}**: {text}" for kind, text in case_set.content.kinds.items()]
     lines = [
         f"# {first['controller']}",

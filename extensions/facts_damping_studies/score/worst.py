@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from facts_damping_studies.campaigns.campaign import Plan
+from facts_damping_studies.campaigns.campaign import CampaignPlan
 from facts_damping_studies.campaigns.hunt import margin, search
 from facts_damping_studies.campaigns.invariants import HARM
 from facts_damping_studies.campaigns.parameters import BaseRun, Campaign
@@ -20,13 +20,15 @@ if TYPE_CHECKING:
 RULE = "does_no_harm"
 
 
-def campaign_of(case_set: Set, rows: Controllers, seed: int = 0) -> Plan:
+def campaign_of(case_set: Set, rows: Controllers, seed: int = 0) -> CampaignPlan:
     """The fault campaign whose base runs are the cases of a set, with controllers."""
     cases = case_set.content.cases
     base_runs = {str(i): BaseRun(set=case.set) for i, case in enumerate(cases)}
     campaign = Campaign(seed=seed, draws=1, base_runs=base_runs, healthy=0.0)
     run = run_of(case_set, rows)
-    return Plan(case_set.name, "", campaign, dict.fromkeys(base_runs, (run, case_set.name)), {}, case_set.digest)
+    return CampaignPlan(
+        case_set.name, "", campaign, dict.fromkeys(base_runs, (run, case_set.name)), {}, case_set.digest
+    )
 
 
 def worst(case_set: Set, rows: Controllers, cases: int) -> dict[str, Any]:

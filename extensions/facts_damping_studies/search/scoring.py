@@ -122,7 +122,7 @@ def draws(
     return found
 
 
-def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFILE) -> sweep.Plan:
+def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFILE) -> sweep.SweepPlan:
     """The draws of a system in a profile; for a shipped system all have the training scenario or their own events.
 
     `study`: the ensemble; None: `search_SYSTEM` in the profile thesis, `search_SYSTEM_PROFILE` in other profiles.

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SCHEMES = {None: COLOURS[6], "direct": COLOURS[0], "indirect": COLOURS[1]}
 
 
-def draw_margins(margins: Rows, across: str) -> Figure:
+def plot_margins(margins: Rows, across: str) -> Figure:
     """Bars of margins, the largest on top, other criteria as diamonds: a panel for each value of `across`.
 
     Scenarios are below each other unless `across` is the scenario.

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.record import Record
     from facts_damping_studies.sweeps.axes import Point
-    from facts_damping_studies.sweeps.sweep import Plan
+    from facts_damping_studies.sweeps.sweep import SweepPlan
 
 HORIZON = 10  # frames, for a picture of a Jacobian if the study sets none
 MINIMUM = 1e-9  # lower limit of logarithmic axes
@@ -48,7 +48,7 @@ MIDST_S = 2.0  # s after the first event
 RULES = COLOURS[:2]  # of the two rules
 
 
-def draw(plan: Plan, folder: Path, jobs: int) -> list[Path]:
+def plot(plan: SweepPlan, folder: Path, jobs: int) -> list[Path]:
     """Draw all pictures of all feasible points, named by the swept values: `jacobian_large_ANFTSC.png`."""
     todo = [(kind, point) for point in plan.points for kind in plan.study.pictures]
     if not todo:
@@ -72,7 +72,7 @@ def _one(base: Base, folder: Path, what: tuple[str, Point]) -> Path | None:
     return path
 
 
-def draw_jacobian(case: Case, horizon: int, path: Path) -> None:
+def plot_jacobian(case: Case, horizon: int, path: Path) -> None:
     """One PNG of a run: estimated and true derivatives, learning rates, Lyapunov functions.
 
     `horizon`: frames of a second true derivative, in addition to the identifier's own horizon.
@@ -151,7 +151,7 @@ def surface(
     return degrees, output
 
 
-def draw_portrait(case: Case, baselines: dict[str, Case], path: Path) -> None:
+def plot_portrait(case: Case, baselines: dict[str, Case], path: Path) -> None:
     """One PNG of a run: memberships of both inputs, the output of the network, the response beside the baselines."""
     one = portrait(case)
     figure = Figure(figsize=(13.0, 3.2), layout="constrained")
@@ -189,7 +189,7 @@ def _response(axes: Axes, record: Record, name: str, baselines: dict[str, Record
 
 
 def _jacobian(base: Base, changes: dict[str, Any], path: Path) -> None:
-    draw_jacobian(make(base, changes), base.jacobian or HORIZON, path)
+    plot_jacobian(make(base, changes), base.jacobian or HORIZON, path)
 
 
 def _portrait(base: Base, changes: dict[str, Any], path: Path) -> None:
@@ -198,7 +198,7 @@ def _portrait(base: Base, changes: dict[str, Any], path: Path) -> None:
     others = candidates(names(base, changes)["system"], case)
     own: dict[str, Any] = {"controllers.*.scheme": None, "controllers.*.parameters": {}}
     beside = {name: make(base, {**changes, **own, **others[name]}) for name in BASELINES if name in others}
-    draw_portrait(case, beside, path)
+    plot_portrait(case, beside, path)
 
 
 DRAWN: dict[str, Callable[[Base, dict[str, Any], Path], None]] = {"jacobian": _jacobian, "portrait": _portrait}

@@ -44,7 +44,7 @@ Rows = list[dict[str, Any]]
 ALWAYS = ("unstable", "not_damped")  # criteria whose failed fractions every study counts
 
 
-class Plan(NamedTuple):
+class SweepPlan(NamedTuple):
     """A study after reading: its points, and the common data of its runs."""
 
     name: str
@@ -55,7 +55,7 @@ class Plan(NamedTuple):
     fingerprint: str  # hash of everything that its rows depend on
 
 
-def plan(name: str, sets: Sequence[str], only: Sequence[str] = (), *, check_step: bool = False) -> Plan:
+def plan(name: str, sets: Sequence[str], only: Sequence[str] = (), *, check_step: bool = False) -> SweepPlan:
     """Read a study by name or path, with `--set` applied to its base run; `check_step` overrides the study's value.
 
     `only`: the points to run; each text is a column with value patterns, such as `kind=LLC*,HBsWC direct`.
@@ -72,7 +72,7 @@ def plan(name: str, sets: Sequence[str], only: Sequence[str] = (), *, check_step
 
 def planned(
     study: Study, name: str, source: str, text: str, sets: Sequence[str] = (), only: Sequence[str] = ()
-) -> Plan:
+) -> SweepPlan:
     """The plan of a study: `source` begins its error messages, `text` is the copy stored with the results."""
     try:
         fields = {**study.set, **read_sets(sets)[0]}
@@ -91,7 +91,7 @@ def planned(
         raise InputError(str(error) if source in str(error) else f"{source}: {error}") from error
     rests_on = [study.model_dump(), *only, base.content, base.set, first.document(), __version__, *code]
     digest = hashlib.sha256(json.dumps(rests_on, sort_keys=True, default=str).encode()).hexdigest()
-    return Plan(name, text, study, base, points, digest)
+    return SweepPlan(name, text, study, base, points, digest)
 
 
 def _programs(content: Any) -> Iterator[tuple[str, str]]:
@@ -120,7 +120,7 @@ def _check_tables(study: Study, first: Point, case: Case) -> None:
         check_known("tables.figures", name, [*figure_names(modes=study.modes, check_step=study.check_step), *compared])
 
 
-def run(plan: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
+def run(plan: SweepPlan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
     """The rows of a study's points; only runs missing in the folder are made.
 
     Raises `InputError` if the folder belongs to another study, `RunError` if the runs cannot continue.
@@ -145,7 +145,7 @@ def rows(point_states: Sequence[PointState]) -> list[dict[str, Any]]:
     return [seen[value] for seen in point_states for value in sorted(seen, key=lambda value: value or 0.0)]
 
 
-def _seen(plan: Plan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
+def _seen(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
     found: list[PointState] = [{} for _ in plan.points]
     for key, row in rows.items():
         point, _, value = key.partition(" ")
@@ -153,7 +153,7 @@ def _seen(plan: Plan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
     return found
 
 
-def _tasks(plan: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
+def _tasks(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
     """The next runs; empty when the study is complete. Runs with the same network are adjacent, to share it."""
     found = [
         _task(plan, i, value)
@@ -169,7 +169,7 @@ def _tasks(plan: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
     return [task for tasks in networks.values() for task in tasks]
 
 
-def _ends(plan: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
+def _ends(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
     margin = plan.study.margin
     if margin is None:
         return []
@@ -186,7 +186,7 @@ def _bracket_ends(failed: Mapping[float, bool | None]) -> list[float]:
     return [value for value in (one.low, one.high) if value is not None]
 
 
-def _task(plan: Plan, i: int, value: float | None) -> RunRequest:
+def _task(plan: SweepPlan, i: int, value: float | None) -> RunRequest:
     point = plan.points[i]
     if plan.study.margin is None or value is None:
         return RunRequest(str(i), point.changes, point.columns)
@@ -209,7 +209,7 @@ def _failed(margin: Margin, seen: PointState, criterion: str) -> dict[float, boo
     }
 
 
-def found_margins(plan: Plan, point_states: Sequence[PointState]) -> list[dict[str, Any]]:
+def found_margins(plan: SweepPlan, point_states: Sequence[PointState]) -> list[dict[str, Any]]:
     """A margin for each point and criterion, combining points that differ only by seed or draw."""
     margin = plan.study.margin
     if margin is None:
@@ -239,23 +239,23 @@ def differ(rows: Sequence[dict[str, Any]], criterion: str) -> list[bool] | None:
     return [fails(criterion, row) != fails(criterion, {"verdict": half}) for row, half in zip(rows, finer, strict=True)]
 
 
-def swept(plan: Plan) -> list[str]:
+def swept(plan: SweepPlan) -> list[str]:
     """Columns that were swept, including the margin's."""
     return [*plan.points[0].columns, *([plan.study.margin.column] if plan.study.margin else [])]
 
 
-def across(plan: Plan) -> str:
+def across(plan: SweepPlan) -> str:
     """Column whose values are side by side in tables of margins."""
     return plan.study.margin.across if plan.study.margin else "scenario"
 
 
-def _place(plan: Plan) -> list[str]:
+def _place(plan: SweepPlan) -> list[str]:
     """Columns that identify a run, without its seed and random values."""
     random = {"seed", *(name for axis in plan.study.sweep for name in axes.drawn_columns(axis))}
     return [name for name in dict.fromkeys([*IDENTITY, *plan.points[0].columns, "horizon_s"]) if name not in random]
 
 
-def found_fractions(plan: Plan, point_states: Sequence[PointState]) -> list[dict[str, Any]]:
+def found_fractions(plan: SweepPlan, point_states: Sequence[PointState]) -> list[dict[str, Any]]:
     """The fraction of failed runs over seeds and random values, with Wilson's interval.
 
     A row for each place and criterion; empty if no two runs share a place.

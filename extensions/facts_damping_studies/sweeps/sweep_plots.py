@@ -14,7 +14,7 @@ from facts_damping_studies.margins.margins import failed_fraction
 from facts_damping_studies.pages import save
 from facts_damping_studies.sweeps.batch import LATENCIES, QUANTILES
 from facts_damping_studies.sweeps.column_names import axis_label, value_label
-from facts_damping_studies.sweeps.margin_plots import draw_margins
+from facts_damping_studies.sweeps.margin_plots import plot_margins
 from facts_damping_studies.sweeps.results import by_scenario, counted, label, varying
 from facts_damping_studies.sweeps.sweep import differ
 
@@ -47,20 +47,20 @@ LEFT_OUT = "Runs that do otherwise with half the integration step are left out."
 MAX_DISTINCT = 60  # a column with more values counts as random
 
 
-def draw(rows: Rows, swept: Sequence[str], margins: Rows, across: str, folder: Path) -> list[Path]:
+def plot(rows: Rows, swept: Sequence[str], margins: Rows, across: str, folder: Path) -> list[Path]:
     """Draw all pictures for which the table has data; `swept`: the swept columns."""
     sound = [row for row in rows if not row["error"]]
     axes = sorted(numeric(sound, swept), key=lambda name: -len({row[name] for row in sound}))
-    made: dict[str, Figure | None] = {"margins": draw_margins(margins, across) if margins else None}
+    made: dict[str, Figure | None] = {"margins": plot_margins(margins, across) if margins else None}
     few = len(groups(sound, swept, axes)) <= MAX_GROUPS
     if axes and sound and few:
         x = next((m["field"] for m in margins), axes[0])
-        made["curves"] = draw_curves(sound, x, swept, axes)
+        made["curves"] = plot_curves(sound, x, swept, axes)
         others = [name for name in axes if name != x]
         for criterion, ending in zip(FRACTIONS, ("", "_not_damped"), strict=True):
-            made[f"probability{ending}"] = draw_probability(sound, x, swept, axes, criterion)
-            made[f"map{ending}"] = draw_map(sound, x, others[0], swept, criterion) if others else None
-    made["latency"] = draw_latency(sound, swept) if few else None
+            made[f"probability{ending}"] = plot_probability(sound, x, swept, axes, criterion)
+            made[f"map{ending}"] = plot_map(sound, x, others[0], swept, criterion) if others else None
+    made["latency"] = plot_latency(sound, swept) if few else None
     return [save(figure, folder / f"{stem}.png") for stem, figure in made.items() if figure is not None]
 
 
@@ -139,7 +139,7 @@ def _legend(figure: Figure) -> None:
         figure.legend(entries.values(), entries, loc="outside right center", fontsize="small", frameon=False)
 
 
-def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
+def plot_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
     """Index, damping ratio and roughness against a numeric axis: medians, with points for random values.
 
     A run that loses synchronism counts as worse than all others: a median has a gap where half of the runs do, and an
@@ -209,7 +209,7 @@ def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]
     return [float((edges[i] + edges[i + 1]) / 2) for i in kept], [at == i for i in kept]
 
 
-def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str], criterion: str) -> Figure | None:
+def plot_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str], criterion: str) -> Figure | None:
     """Fraction of failed runs against a numeric axis with Wilson's interval; None if no two runs share a value."""
     columns = settings(rows, axes, x)
     figure, panels = _panels(columns, [f"{_fraction_label(rows, criterion)}, 95 % interval".replace(", ", ",\n", 1)], x)
@@ -234,7 +234,7 @@ def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
     return figure if several else None
 
 
-def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -> Figure:
+def plot_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -> Figure:
     """Fraction of failed runs over two numeric axes: a panel for each scenario and group, at most twelve.
 
     `~`: at least one of these runs changes its result with half the integration step.
@@ -284,7 +284,7 @@ def _ticked(axis: Axis, values: Sequence[float]) -> Sequence[float]:
     return range(len(values))
 
 
-def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
+def plot_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
     """Distribution of the latency over all setpoints of a group's runs, from each run's quantiles.
 
     For swept numbers, at the least value of each. None if no latency varies.

@@ -47,7 +47,7 @@ def figure_tables(rows: Sequence[dict[str, Any]], asked: Tables) -> list[str]:
     return lines
 
 
-def draw(rows: Sequence[dict[str, Any]], asked: Tables, folder: Path) -> list[Path]:
+def plot(rows: Sequence[dict[str, Any]], asked: Tables, folder: Path) -> list[Path]:
     """Draw figures.png: the first numeric figure, a panel per place, a mark per value of `across`."""
     sound = [row for row in rows if row.get("stable") and row.get("converged") is not False]
     numbers = (name for name in asked.figures if any(type(row[name]) is float for row in sound))

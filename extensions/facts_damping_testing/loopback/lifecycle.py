@@ -50,7 +50,7 @@ ENDED = (
     ("errorprocessing", "transition_failure", Transition.TRANSITION_ON_ERROR_FAILURE, "finalized"),
     ("errorprocessing", "transition_error", Transition.TRANSITION_ON_ERROR_ERROR, "finalized"),
 )  # fmt: skip
-NUMBERS = {label: number for number, label in STATES.items()}
+STATE_NUMBERS = {label: number for number, label in STATES.items()}
 GRAPH = [
     *((number, label, start, meanwhile) for start, number, label, meanwhile, *_ in ASKED),
     *((number, result, meanwhile, to) for meanwhile, result, number, to in ENDED),
@@ -92,7 +92,7 @@ class LifecycleStateMachine(Destroyable):
 
     @property
     def current_state(self) -> tuple[int, str]:
-        return NUMBERS[self.label], self.label
+        return STATE_NUMBERS[self.label], self.label
 
     @property
     def available_states(self) -> list[tuple[int, str]]:
@@ -100,7 +100,9 @@ class LifecycleStateMachine(Destroyable):
 
     @property
     def transition_graph(self) -> list[tuple[int, str, int, str, int, str]]:
-        return [(number, label, NUMBERS[start], start, NUMBERS[to], to) for number, label, start, to in GRAPH]
+        return [
+            (number, label, STATE_NUMBERS[start], start, STATE_NUMBERS[to], to) for number, label, start, to in GRAPH
+        ]
 
     @property
     def available_transitions(self) -> list[tuple[int, str, int, str, int, str]]:

@@ -25,7 +25,7 @@ class Kind(NamedTuple):
     group: str  # middleware, process, operator or foreign
     text: str  # with the fields of an event in braces
     draw: Callable[[Chance], Drawn]
-    act: Callable[[Any, Event], None]  # of the stage and an event
+    act: Callable[[Any, Event], None]  # of the graph of a storm and an event
     modes: tuple[str, ...] = ALL
     harmless: tuple[str, ...] = ()  # modes in which the graph must reach its end in spite of it
     weight: float = 1.0

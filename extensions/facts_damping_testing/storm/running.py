@@ -26,7 +26,7 @@ from facts_damping_testing.loopback.opening import opened
 from facts_damping_testing.loopback.processes import process
 from facts_damping_testing.storm.choices import nodes
 from facts_damping_testing.storm.events import KINDS
-from facts_damping_testing.storm.stage import PATIENCE_S, Disk, Done, Stage, disk_error
+from facts_damping_testing.storm.storm_graph import PATIENCE_S, Disk, Done, StormGraph, disk_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -96,23 +96,23 @@ def run(storm: Storm, folder: Path) -> Trace:
     trace = Trace(case, storm.mode, storm=storm)
     with opened(storm.seed) as world:
         foreign = case_of(storm, folder, "other_keys.yaml") if storm.signed else case
-        stage = _prepared(world, storm, case, foreign)
-        with _watched(stage):
+        storm_graph = _prepared(world, storm, case, foreign)
+        with _watched(storm_graph):
             last_s = max([0.0, *(one.at for one in storm.events)])  # a plant may be paused until then
-            world.at(to_ns(LIMIT_S + last_s + case.ticks / case.run.frame_rate), lambda: _break_off(stage))
+            world.at(to_ns(LIMIT_S + last_s + case.ticks / case.run.frame_rate), lambda: _break_off(storm_graph))
             failed = io.StringIO()
-            world.start("outsider", stage.conduct, (), {}, failed, failed)
-            _start_own(stage)
+            world.start("outsider", storm_graph.conduct, (), {}, failed, failed)
+            _start_own(storm_graph)
             try:
-                _run_graph(stage, folder / "graph")
+                _run_graph(storm_graph, folder / "graph")
             except FactsDampingError as error:
                 trace.reason = one_line(error)
         if failed.getvalue():
             raise RunError(f"storm {storm.seed}: {failed.getvalue()}")
         trace.world_s = 1e-9 * world.now_ns
         trace.logs, trace.lost, trace.longest_queue = world.logs, world.middleware.lost, world.longest_queue
-    trace.timeline, trace.sent, trace.overdue = stage.timeline, stage.outsider.sent, stage.overdue
-    trace.nodes, trace.memory = _ends(stage), stage.memory
+    trace.timeline, trace.sent, trace.overdue = storm_graph.timeline, storm_graph.outsider.sent, storm_graph.overdue
+    trace.nodes, trace.memory = _ends(storm_graph), storm_graph.memory
     try:
         trace.record = reader.load(folder / "graph" / "recording")
     except FactsDampingError as error:
@@ -128,54 +128,54 @@ def _check(storm: Storm, case: Case) -> None:
             check_known(f"events.{i}.{field_}", getattr(event, field_), known)
 
 
-def _prepared(world: World, storm: Storm, case: Case, foreign: Case) -> Stage:
-    """The stage with the storm's middleware, and the events that concern the start of nodes."""
+def _prepared(world: World, storm: Storm, case: Case, foreign: Case) -> StormGraph:
+    """The graph of a storm with the storm's middleware, and the events that concern the start of nodes."""
     middleware = world.middleware
     middleware.seed, middleware.discovery_ns = storm.seed, to_ns(storm.discovery)
     middleware.lease_ns = to_ns(storm.lease)
-    stage = Stage(world, storm, case, foreign)
+    storm_graph = StormGraph(world, storm, case, foreign)
     for event in storm.events:
         if KINDS[event.kind].starts:
-            stage.do(event)
-    return stage
+            storm_graph.do(event)
+    return storm_graph
 
 
-def _start_own(stage: Stage) -> None:
+def _start_own(storm_graph: StormGraph) -> None:
     """Start the user's own nodes, which a graph waits for; whether they survive is the user's affair."""
-    for address, controller in zip(controller_addresses(stage.case), stage.case.controllers, strict=True):
+    for address, controller in zip(controller_addresses(storm_graph.case), storm_graph.case.controllers, strict=True):
         if controller.external:
             arguments = ["--ros-args", "-r", f"__node:={address.name}"]
-            stage.world.start(str(address), own_controller.main, arguments, {}, sys.stdout, io.StringIO())
+            storm_graph.world.start(str(address), own_controller.main, arguments, {}, sys.stdout, io.StringIO())
 
 
-def _run_graph(stage: Stage, out: Path) -> None:
+def _run_graph(storm_graph: StormGraph, out: Path) -> None:
     """Run the graph to its end."""
-    if stage.storm.mode != "free":
-        graph.run(stage.case, stage.storm.mode, out, lambda _done, _of: None, TIMEOUT_S, stage.look)
+    if storm_graph.storm.mode != "free":
+        graph.run(storm_graph.case, storm_graph.storm.mode, out, lambda _done, _of: None, TIMEOUT_S, storm_graph.look)
         return
     out.mkdir(parents=True)
-    with started(stage.case, "free", out, TIMEOUT_S) as running:
+    with started(storm_graph.case, "free", out, TIMEOUT_S) as running:
         while running[PLANT].process.exitcode is None:
-            stage.look(0, running)
+            storm_graph.look(0, running)
             clock.sleep(POLL_S)
         clock.sleep(AFTER_S)
 
 
-def _break_off(stage: Stage) -> None:
-    stage.overdue = True
-    for one in stage.world.processes[1:]:
+def _break_off(storm_graph: StormGraph) -> None:
+    storm_graph.overdue = True
+    for one in storm_graph.world.processes[1:]:
         one.kill()
 
 
 @contextmanager
-def _watched(stage: Stage) -> Iterator[None]:
+def _watched(storm_graph: StormGraph) -> Iterator[None]:
     """Take note of each node that starts; let its disk fail when an event says so."""
     start, open_new, whole = processes.start, writer._open_new, terminal.write_whole  # noqa: SLF001 (the place to fail)
 
     def watched(name: str, module: str, parameters: dict[str, Any], *given: Any) -> processes.Process:
         given_s = {} if module == COCKPIT else {"start_timeout": PATIENCE_S}
         made: processes.Process = start(name, module, {**parameters, **given_s}, *given)
-        return stage.launched(name, made)
+        return storm_graph.launched(name, made)
 
     def write_whole(path: Path, text: str) -> None:
         if what := process().values.get("disk"):
@@ -198,11 +198,11 @@ def _watched(stage: Stage) -> Iterator[None]:
         yield
 
 
-def _ends(stage: Stage) -> list[NodeEnd]:
+def _ends(storm_graph: StormGraph) -> list[NodeEnd]:
     found = []
-    for name, own, output, errors in stage.ever:
+    for name, own, output, errors in storm_graph.ever:
         said, failed = _text(output), _text(errors)
-        found.append(NodeEnd(name, own.exitcode, said, failed, own.pid in stage.killed or not own.began))
+        found.append(NodeEnd(name, own.exitcode, said, failed, own.pid in storm_graph.killed or not own.began))
     return found
 
 

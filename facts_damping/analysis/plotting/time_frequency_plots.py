@@ -57,7 +57,7 @@ def distribution_figures(
             if analysed.filled:
                 notes.append(f"{title}: {name}: {analysed.filled} ticks are missing and were filled by straight lines")
             figure = Figure(figsize=SIZE, layout="constrained")
-            draw_distribution(figure, analysed, unit, settings.band, modes, record)
+            plot_distribution(figure, analysed, unit, settings.band, modes, record)
             heading = _heading(name, title, settings)
             figure.suptitle(heading, fontsize="medium", fontweight="bold", x=0.01, ha="left")
             figures[f"spwvd_{name}" + (f"_{number}" if len(records) > 1 else "")] = figure
@@ -77,7 +77,7 @@ def _heading(name: str, title: str, settings: Settings) -> str:
     return f"{kind} of {name}, {title}; {', '.join(windows)}"
 
 
-def draw_distribution(
+def plot_distribution(
     figure: FigureBase,
     analysed: Analysed,
     unit: str,

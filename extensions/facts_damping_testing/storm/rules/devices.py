@@ -13,7 +13,7 @@ from facts_damping.recording.events import FAILED, STOPPED
 from facts_damping_studies.campaigns import invariants
 from facts_damping_testing.attacker import SWING
 from facts_damping_testing.storm.rules.foreign import may_be_replaced
-from facts_damping_testing.storm.stage import MARK
+from facts_damping_testing.storm.storm_graph import MARK
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

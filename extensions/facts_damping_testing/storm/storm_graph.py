@@ -55,7 +55,7 @@ class Done(NamedTuple):
 
 
 @dataclass
-class Stage:
+class StormGraph:
     """The graph of a storm."""
 
     world: World
