@@ -6,6 +6,7 @@ import io
 import sys
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import IO, TYPE_CHECKING, Any
 from unittest import mock
 
@@ -25,6 +26,7 @@ from facts_damping_testing.foreign import own_controller
 from facts_damping_testing.loopback.opening import opened
 from facts_damping_testing.loopback.processes import process
 from facts_damping_testing.storm.choices import nodes
+from facts_damping_testing.storm.conducting import conduct, do
 from facts_damping_testing.storm.events import KINDS
 from facts_damping_testing.storm.storm_graph import PATIENCE_S, Disk, Done, StormGraph, disk_error
 
@@ -101,7 +103,7 @@ def run(storm: Storm, folder: Path) -> Trace:
             last_s = max([0.0, *(one.at for one in storm.events)])  # a plant may be paused until then
             world.at(to_ns(LIMIT_S + last_s + case.ticks / case.run.frame_rate), lambda: _break_off(storm_graph))
             failed = io.StringIO()
-            world.start("outsider", storm_graph.conduct, (), {}, failed, failed)
+            world.start("outsider", partial(conduct, storm_graph), (), {}, failed, failed)
             _start_own(storm_graph)
             try:
                 _run_graph(storm_graph, folder / "graph")
@@ -136,7 +138,7 @@ def _prepared(world: World, storm: Storm, case: Case, foreign: Case) -> StormGra
     storm_graph = StormGraph(world, storm, case, foreign)
     for event in storm.events:
         if KINDS[event.kind].starts:
-            storm_graph.do(event)
+            do(storm_graph, event)
     return storm_graph
 
 

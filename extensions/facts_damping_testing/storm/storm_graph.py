@@ -3,42 +3,30 @@
 from __future__ import annotations
 
 import errno
-import gc
 import os
 import signal
 import sys
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.nodes import clock
 from facts_damping.nodes.launching import processes
-from facts_damping.nodes.launching.starting import PLANT
 from facts_damping.signals import to_ns
-from facts_damping_testing.attacker import forgeries
-from facts_damping_testing.foreign.messages import foreign
-from facts_damping_testing.foreign.outsider import Outsider
-from facts_damping_testing.loopback.domain import domain
 from facts_damping_testing.loopback.processes import process
-from facts_damping_testing.storm.events import KINDS, words
 
 if TYPE_CHECKING:
+    from facts_damping_testing.foreign.outsider import Outsider
     from collections.abc import Callable
 
     from typing_extensions import Self
 
     from facts_damping.case.model import Case
     from facts_damping_testing.loopback.processes import Process, World
-    from facts_damping_testing.storm.model import Event, Storm
+    from facts_damping_testing.storm.model import Storm
 
 STARTS_S = 0.05  # world time in which nodes start on an idle machine: -1 to 0 for events
 STALLED_S = 3.0  # world time at the start after which events do not wait for the first tick
 PATIENCE_S = 1.5  # longest wait of a node for its peers at the start
-POLL_S = 0.05
 BUFFER = 8192  # bytes that a file buffers
-STOP_PLANT = "change_state", "cut_off", "unplugged", "lost"  # services and events after which it may not go on
-MEASURED = 300  # ticks of a storm from which its memory is measured
-BEHIND = 100  # messages; more in a queue take memory themselves
-UNREACHABLE = 200  # polls after which a plant that was resumed and has no new tick is stopped
 MARK = 0.7310585786300049  # of the limit: forged setpoints; no controller computes it
 LINES = ("nodes/recorder.py", "recording/writer.py")  # files whose lines count for a signal at a line
 ERRORS = {"full": errno.ENOSPC, "read-only": errno.EROFS}
@@ -73,7 +61,7 @@ class StormGraph:
     killed: set[int] = field(default_factory=set)  # process numbers
     overdue: bool = False  # the graph did not end by itself
     memory: list[tuple[int, int]] = field(default_factory=list)  # tick, and memory blocks in use, in the second half
-    _tick_at: tuple[int, int] = (-1, 0)  # newest tick, and the world's time at which it came
+    tick_at: tuple[int, int] = (-1, 0)  # newest tick, and the world's time at which it came
 
     def time_s(self) -> float:
         """Simulated time, s: of the newest tick, and what has passed since; negative while the nodes start."""
@@ -81,9 +69,9 @@ class StormGraph:
         if self.outsider.newest < 0:
             since = 1e-9 * now
             return min(since / STARTS_S - 1.0, -1e-9) if since < STALLED_S else since - STALLED_S
-        if self.outsider.newest > self._tick_at[0]:
-            self._tick_at = self.outsider.newest, now
-        return self._tick_at[0] / self.case.run.frame_rate + 1e-9 * (now - self._tick_at[1])
+        if self.outsider.newest > self.tick_at[0]:
+            self.tick_at = self.outsider.newest, now
+        return self.tick_at[0] / self.case.run.frame_rate + 1e-9 * (now - self.tick_at[1])
 
     def process(self, name: str) -> Process | None:
         """A running process of the graph."""
@@ -121,67 +109,6 @@ class StormGraph:
             elif name in members and members[name].again:
                 members[f"second {name} {len(members)}"] = processes.start(*members[name].again)
                 self.running[name] = members[name]  # events happen to the first one
-
-    def conduct(self) -> None:
-        """Do what the events say, in time, as a process of the world."""
-        self.outsider = Outsider(self.case)
-        forged = {
-            with_key: forgeries(case, PATIENCE_S, MARK) for with_key, case in enumerate((self.foreign, self.case))
-        }
-        attacked = -1
-        waiting = [one for one in self.storm.events if not KINDS[one.kind].starts]
-        while True:
-            now_s = self.time_s()
-            while waiting and waiting[0].at <= now_s:
-                self.do(waiting.pop(0))
-            if not waiting and clock.monotonic() - 1e-9 * self._tick_at[1] > STALLED_S:
-                self._mend()
-            if self.outsider.newest > attacked:
-                attacked = self.outsider.newest
-                self._attack(forged, attacked)
-                self._measure(attacked)
-            self.outsider.wait(clock.monotonic() + min(POLL_S, waiting[0].at - now_s if waiting else POLL_S))
-
-    def do(self, event: Event) -> None:
-        """Let an event happen."""
-        tick = self._tick_at[0]
-        self.timeline.append(Done(1e-9 * self.world.now_ns, tick, event.kind, event.node, words(event)))
-        KINDS[event.kind].act(self, event)
-
-    def _mend(self) -> None:
-        """Resume a plant that is paused once all events are over, and stop one that cannot be reached."""
-        if found := self.process(PLANT):
-            found.values["mended"] = found.values.get("mended", 0) + 1
-            if found.values["mended"] == 1:
-                self.outsider.call(PLANT, "resume", None)
-            elif found.values["mended"] == UNREACHABLE:
-                works = found.responds and found.busy_until_ns <= self.world.now_ns
-                own = [one for one in self.storm.events if one.node in ("", PLANT)]
-                self.overdue = works and not any((one.name or one.kind) in STOP_PLANT for one in own)
-                self.signal(PLANT, signal.SIGTERM)
-
-    def _measure(self, tick: int) -> None:
-        """Count the memory blocks in use, in a long storm, after each eighth of its second half.
-
-        While a node is behind, nothing is counted: what waits takes memory itself.
-        """
-        ticks, last = self.case.ticks, self.memory[-1][0] if self.memory else 0
-        due = ticks >= MEASURED and ticks // 2 <= tick < ticks and tick - last >= ticks // 16
-        if due and all(len(one.waiting) + one.under_way <= BEHIND for one in domain().subscriptions):
-            gc.collect()
-            self.memory.append((tick, sys.getallocatedblocks()))
-
-    def _attack(self, forged: dict[int, dict[str, Callable[[int], bytes]]], tick: int) -> None:
-        """Publish one message of each attack."""
-        for attack in self.attacks:
-            what, topic, seed, left = attack
-            forge = forged["key" in what].get(topic)
-            if left > 0 and (data := self._foreign(what.removesuffix("_with_key"), topic, forge, tick, seed + left)):
-                self.outsider.publish(topic, data)
-                attack[3] = left - 1
-
-    def _foreign(self, what: str, topic: str, *how: Any) -> bytes:
-        return foreign(what, self.outsider.kinds[topic], self.outsider.kept.get(topic, ()), *how)
 
 
 def _at_line(process: Process, line: int) -> Callable[..., Any]:
