@@ -18,6 +18,11 @@ def test_tests_of_a_changed_file_come_first_then_those_of_its_folder() -> None:
     assert chosen(FILES, changed, 9.0) == {"tests/plant/test_ports.py", "tests/plant/test_sssc.py"}
 
 
+def test_tests_of_a_wing_follow_its_files() -> None:
+    changed = ["extensions/facts_damping_link/chain.py"]
+    assert chosen(FILES, changed, 18.0) == {"tests/link/test_models.py", "tests/link/test_transfer.py"}
+
+
 def test_then_come_those_of_which_a_second_buys_most() -> None:
     assert chosen(FILES, [], 10.0) == {"tests/link/test_models.py"}
     assert chosen(FILES, ["README.md"], 67.0) == set(FILES)

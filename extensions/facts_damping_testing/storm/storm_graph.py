@@ -14,12 +14,12 @@ from facts_damping.signals import to_ns
 from facts_damping_testing.loopback.processes import process
 
 if TYPE_CHECKING:
-    from facts_damping_testing.foreign.outsider import Outsider
     from collections.abc import Callable
 
     from typing_extensions import Self
 
     from facts_damping.case.model import Case
+    from facts_damping_testing.foreign.outsider import Outsider
     from facts_damping_testing.loopback.processes import Process, World
     from facts_damping_testing.storm.model import Storm
 
