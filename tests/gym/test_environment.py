@@ -101,7 +101,7 @@ POLICY = """
 import sys
 sys.path.insert(0, {root!r})
 from facts_damping_gym.window import Window
-from tests.environment.test_environment import law
+from tests.gym.test_environment import law
 
 class Mine:
     once_a_tick = True
