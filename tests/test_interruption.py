@@ -16,7 +16,7 @@ import pytest
 from facts_damping import interruption
 from facts_damping.cli.main import main
 from facts_damping.interruption import INTERRUPTIONS
-from facts_damping.terminal import Progress
+from facts_damping.output.terminal import Progress
 from tests.studies.test_campaign import SMALL
 from tests.studies.test_sweep import MANY, children, is_worker
 

@@ -68,7 +68,7 @@ BESIDE = {"load": ("np", "numpy"), "open": ()}  # of names that others have, too
 
 # Who writes to the terminal beside the door.
 SPEAKERS = {
-    "terminal.py": "the door",
+    "output/terminal.py": "the door",
     "nodes/base/log.py": "what nodes say, escaped",
     "nodes/base/run.py": "what nodes say, escaped",
     "compiling": "lines of its own, which its parent reads",

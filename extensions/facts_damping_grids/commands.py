@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from facts_damping.errors import InputError
+from facts_damping.output.terminal import note
+from facts_damping.output.writing import write_text
 from facts_damping.parameters import files
-from facts_damping.terminal import note, write_text
 
 if TYPE_CHECKING:
     import argparse

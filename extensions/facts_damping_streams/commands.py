@@ -13,9 +13,11 @@ from facts_damping.case import loading
 from facts_damping.case.names import controller_names, label, link_addresses
 from facts_damping.cli.runs import WITH_RUN, out_folder, say, tell_graph
 from facts_damping.errors import InputError, RunError
+from facts_damping.output.tables import table
+from facts_damping.output.terminal import Progress, put
+from facts_damping.output.writing import write_json
 from facts_damping.signals import NEVER
 from facts_damping.simulation.replay import case_of, check_has_run
-from facts_damping.terminal import Progress, put, table, write_json
 from facts_damping_streams.parameters import read_streams, server
 from facts_damping_streams.streaming import listening, recorded, serving
 from facts_damping_streams.streaming.pdc import WAIT_S, Pdc

@@ -10,10 +10,11 @@ from facts_damping.case.changes import read_profile
 from facts_damping.cli.runs import page, say, summarise
 from facts_damping.errors import InputError, RunError
 from facts_damping.interruption import CONTINUES, clean_up_first
+from facts_damping.output.terminal import Progress
+from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
-from facts_damping.terminal import Progress, write_json, write_whole
 from facts_damping_studies.sweeps.batch import make
 
 if TYPE_CHECKING:

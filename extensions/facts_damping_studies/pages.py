@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.terminal import save_picture
+from facts_damping.output.picture_files import save_picture
 
 if TYPE_CHECKING:
     from pathlib import Path

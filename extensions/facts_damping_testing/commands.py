@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.cli.runs import say
 from facts_damping.errors import RunError
 from facts_damping.interruption import clean_up_first
+from facts_damping.output.terminal import Progress, note
+from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters.files import new_folder
-from facts_damping.terminal import Progress, note, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from facts_damping.cli.runs import say
 from facts_damping.errors import RunError, check_known
+from facts_damping.output.terminal import Progress
+from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters import files
-from facts_damping.terminal import Progress, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping import terminal
 from facts_damping.input_files import share_folder
 
 if TYPE_CHECKING:
@@ -109,7 +108,7 @@ def summary(tables: Sequence[ValidationTable]) -> list[str]:
         count = f"{passed}" if table.passed else f"**{passed} of {len(table.rows)}**"
         cells.append([table.title, table.source, count, worst.what, *figures])
     titles = ["what", "reference", "rows that pass", "worst row", "difference", "tolerance"]
-    return terminal.table(titles, cells, 2, markdown=True)
+    return text_tables.table(titles, cells, 2, markdown=True)
 
 
 def as_csv(tables: Sequence[ValidationTable]) -> str:
@@ -119,4 +118,4 @@ def as_csv(tables: Sequence[ValidationTable]) -> str:
         for table in tables
         for row, passed in ((row, "pass" if row.passed else "fail") for row in table.rows)
     ]
-    return terminal.as_csv(["table", "source", "command", *Row._fields, "passed"], rows)
+    return text_tables.as_csv(["table", "source", "command", *Row._fields, "passed"], rows)

@@ -10,10 +10,11 @@ from facts_damping.case.names import label
 from facts_damping.cli.runs import WITH_RUN, is_recording, out_folder, say, tell_graph
 from facts_damping.errors import InputError
 from facts_damping.interruption import clean_up_first
+from facts_damping.output.terminal import Progress, note, put
+from facts_damping.output.writing import write_whole
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress, note, put, write_whole
 
 if TYPE_CHECKING:
     import argparse

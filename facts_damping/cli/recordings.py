@@ -10,11 +10,13 @@ from facts_damping.cli.runs import out_folder, say
 from facts_damping.digest import digest
 from facts_damping.errors import InputError, RunError
 from facts_damping.extensions import given
+from facts_damping.output.tables import table
+from facts_damping.output.terminal import Progress, note
+from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.simulation import replay as again
 from facts_damping.simulation.replayed_nodes import Played
-from facts_damping.terminal import Progress, note, table, write_json, write_whole
 from facts_damping.version import versions
 
 if TYPE_CHECKING:

@@ -12,12 +12,14 @@ from facts_damping.case import loading
 from facts_damping.case.names import label
 from facts_damping.digest import digest
 from facts_damping.errors import DegradedError, InputError, check_known
+from facts_damping.output.tables import table
+from facts_damping.output.terminal import Progress, note, show
+from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import adapted_weights, loop
 from facts_damping.simulation.policies import step_times
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress, note, show, table, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse

@@ -14,10 +14,10 @@ from markupsafe import Markup
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.errors import InputError
 from facts_damping.escaping import escaped
+from facts_damping.output.writing import write_whole
 from facts_damping.report.build import MAX_EVENTS, build
 from facts_damping.report.contents import ReportedRun, ReportTable
 from facts_damping.report.drawing import draw
-from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.output.tables import table
 from facts_damping.plant.build import Built, build
 from facts_damping.small_signal import eigenmodes, linearisation
 from facts_damping.small_signal.descriptor import NEAREST, SHIFTS_HZ, is_partial
 from facts_damping.small_signal.residues import FREQUENCIES_HZ, Interaction, interactions
-from facts_damping.terminal import table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from facts_damping.output.picture_files import save_picture
 from facts_damping.small_signal import one_line
 from facts_damping.small_signal.modal_analysis import MAX_MACHINES, MAX_MODES, shown_modes
-from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from facts_damping.output.picture_files import save_picture
 from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
 from facts_damping.plant.converters.devices import losses_of
 from facts_damping.plant.grid.network import Topology, at_rest, branches, device_section
 from facts_damping.small_signal.bus_places import places
-from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from facts_damping.terminal import save_picture, table
+from facts_damping.output.picture_files import save_picture
+from facts_damping.output.tables import table
 from facts_damping_bench import grid
 from facts_damping_bench.figures import EQUAL_ERROR, at_equal_error, ratio
 from facts_damping_bench.grid import SHOWN

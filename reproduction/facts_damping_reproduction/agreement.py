@@ -17,8 +17,8 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping import terminal
 from facts_damping.analysis.indices import improvement
+from facts_damping.output import tables
 from facts_damping_reproduction.printed import LLC, ControllerId
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def markdown(rows: Sequence[Any], left: Sequence[str], right: Sequence[str], for
     """A table in Markdown of fields of named tuples, aligned to the left and to the right (`text`)."""
     fields = [*left, *right]
     cells = [[value_text(flat(row)[field], form) for field in fields] for row in rows]
-    return terminal.table([field.replace("_", " ") for field in fields], cells, len(left), markdown=True)
+    return tables.table([field.replace("_", " ") for field in fields], cells, len(left), markdown=True)
 
 
 def value_text(value: Any, form: str = ".4g") -> str:

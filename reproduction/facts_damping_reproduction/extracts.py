@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.analysis.indices import THESIS_INDICES
-from facts_damping.terminal import table
+from facts_damping.output.tables import table
 from facts_damping_reproduction.agreement import name
 from facts_damping_reproduction.explanations import TABLE
 from facts_damping_reproduction.printed import LLC

@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader
 from markdown_it import MarkdownIt
 from pyarrow import csv
 
-from facts_damping.terminal import write_whole
+from facts_damping.output.writing import write_whole
 from facts_damping.version import __version__
 from facts_damping_reproduction import charts, extracts, side_by_side
 from facts_damping_reproduction.agreement import flat, markdown, name

@@ -6,8 +6,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import check_known
+from facts_damping.output.terminal import Progress
 from facts_damping.parameters import files
-from facts_damping.terminal import Progress
 from facts_damping_reproduction import explanations, pictures, runs
 from facts_damping_reproduction.operations import complexity
 from facts_damping_reproduction.printed import COMPLEXITY, LLC, SCENARIOS, TABLES, ControllerId, cells

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping import terminal
 from facts_damping.analysis.convergence import MARK
+from facts_damping.output import tables
 from facts_damping_reproduction.agreement import ComparedRun, compare, markdown, name
 from facts_damping_reproduction.ensembles import drawn, median
 from facts_damping_reproduction.operations import WHY
@@ -88,7 +88,7 @@ def _cells(comparisons: Sequence[Compared], results: Results) -> list[str]:
         [controller, *(_cell(at[controller, one], results) if (controller, one) in at else "" for one in columns)]
         for controller in rows
     ]
-    return terminal.table(["controller", *columns], made, markdown=True)
+    return tables.table(["controller", *columns], made, markdown=True)
 
 
 def _beside(comparisons: Sequence[Compared], against: ControllerId, results: Results) -> list[str]:
@@ -100,7 +100,7 @@ def _beside(comparisons: Sequence[Compared], against: ControllerId, results: Res
         ours = compare([other], results.figures)[0].ours
         told = "-" if ours is None else f"{ours:.4g}"
         rows.setdefault(c.cell.controller, []).append(f"{told}; {_median(other, results)}")
-    return terminal.table(["controller", *columns], [[who, *cells] for who, cells in rows.items()], markdown=True)
+    return tables.table(["controller", *columns], [[who, *cells] for who, cells in rows.items()], markdown=True)
 
 
 def _smooth_beside(comparisons: Sequence[Compared], results: Results) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.terminal import Progress
+from facts_damping.output.terminal import Progress
 from facts_damping_studies.campaigns import campaign
 from facts_damping_studies.campaigns import graphs as campaign_graphs
 from facts_damping_studies.campaigns.invariants import INVARIANTS

@@ -9,9 +9,9 @@ import sys
 
 import pytest
 
-from facts_damping.terminal import duration
+from facts_damping.output.terminal import duration
 
-SILENT = "import time, facts_damping.terminal as t; t.SILENCE_S = 1.0\nwith t.busy_line('modes'): "
+SILENT = "import time, facts_damping.output.terminal as t; t.SILENCE_S = 1.0\nwith t.busy_line('modes'): "
 SLEEPS, SAYS = "time.sleep(2.5)", "time.sleep(2.5); t.clear_line(); print('done')"
 COUNTS = "p = t.Progress('mine', 'runs'); p(1, 2); time.sleep(2.5); p.close()"
 NOTES = "p = t.Progress('mine', 'runs'); p(1, 2); t.note('found'); p(2, 2); p.close()"

@@ -6,9 +6,9 @@ import pytest
 from facts_damping.analysis.indices import THESIS_INDICES
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
+from facts_damping.output.terminal import Progress
 from facts_damping.parameters.stages import Noise
 from facts_damping.simulation import loop
-from facts_damping.terminal import Progress
 from facts_damping_reproduction import explanations
 from facts_damping_reproduction.agreement import ComparedRun, name
 from facts_damping_reproduction.printed import LLC, SCENARIOS, TABLES, ControllerId, cells

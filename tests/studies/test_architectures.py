@@ -11,8 +11,8 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.output.terminal import Progress
 from facts_damping.simulation import loop
-from facts_damping.terminal import Progress
 from facts_damping_studies.sweeps import sweep
 from tests.commands import assert_one_line
 

@@ -11,9 +11,9 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError
+from facts_damping.output.terminal import Progress
 from facts_damping.parameters.files import shipped
 from facts_damping.simulation import loop
-from facts_damping.terminal import Progress
 from facts_damping_studies.campaigns import campaign, campaign_tables, invariants
 from facts_damping_studies.campaigns.faults import FAULTS, ONLY_REAL
 from facts_damping_studies.campaigns.parameters import Campaign

@@ -11,8 +11,8 @@ from facts_damping.case.controllers import tuned
 from facts_damping.cli.main import main
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError
+from facts_damping.output.terminal import Progress
 from facts_damping.parameters.files import shipped
-from facts_damping.terminal import Progress
 from facts_damping_studies.sweeps import sweep
 from facts_damping_studies.sweeps.batch import make
 from tests.commands import assert_one_line

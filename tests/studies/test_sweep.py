@@ -21,11 +21,11 @@ import pytest
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.output.terminal import Progress
 from facts_damping.parameters import files
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
-from facts_damping.terminal import Progress
 from facts_damping_studies.margins.criteria import fails
 from facts_damping_studies.sweeps import axes, batch, sweep
 from facts_damping_studies.sweeps.batch import RunRequest, make, names, one_run

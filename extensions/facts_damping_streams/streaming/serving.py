@@ -8,7 +8,7 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError, check_known, one_line
-from facts_damping.terminal import some_of
+from facts_damping.output.tables import some_of
 from facts_damping_streams.c37118 import session, system_pmus
 from facts_damping_streams.c37118.configuration import FORMATS, Site
 from facts_damping_streams.parameters import MAX_ID

@@ -9,9 +9,9 @@ import numpy as np
 
 from facts_damping.errors import InputError, check_known, one_line
 from facts_damping.measurement.pmu_model import UNSYNCHRONISED
+from facts_damping.output.tables import some_of
 from facts_damping.signals import DELIVERY, NEVER
 from facts_damping.simulation.measured_plant import entries, tick_ns
-from facts_damping.terminal import some_of
 from facts_damping_streams.c37118 import mapping, stat
 from facts_damping_streams.c37118.configuration import TIME_BASE, Configuration
 from facts_damping_streams.c37118.session import Instant

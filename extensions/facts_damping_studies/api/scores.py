@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.api.cases import plain, short_traceback
+from facts_damping.output.terminal import Progress
 from facts_damping.parameters.files import new_folder
-from facts_damping.terminal import Progress
 from facts_damping_studies.score import card as cards
 from facts_damping_studies.score import pages
 from facts_damping_studies.score.controllers import candidates

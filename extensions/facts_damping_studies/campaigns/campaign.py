@@ -15,11 +15,11 @@ from facts_damping.case.loading import changed_case, read_run
 from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
 from facts_damping.input_files import read_text
+from facts_damping.output.writing import write_whole
 from facts_damping.parameters.files import find, new_folder, read_sets, read_table
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
-from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 from facts_damping_studies.campaigns import actions, invariants
 from facts_damping_studies.campaigns.faults import FAULTS, NOTHING, ONLY_REAL, Chance
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
+    from facts_damping.output.terminal import Progress
     from facts_damping.record import Record
-    from facts_damping.terminal import Progress
     from facts_damping_studies.campaigns.faults import Source
     from facts_damping_studies.campaigns.parameters import BaseRun
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.input_files import share_folder
-from facts_damping.terminal import as_csv, write_whole
+from facts_damping.output.tables import as_csv
+from facts_damping.output.writing import write_whole
 from facts_damping_studies.campaigns.campaign_tables import (
     WORDS,
     Table,

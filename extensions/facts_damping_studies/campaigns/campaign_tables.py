@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.monitor_table import MONITORS
-from facts_damping.terminal import table
+from facts_damping.output.tables import table
 from facts_damping_studies.campaigns import campaign as study
 from facts_damping_studies.campaigns.faults import FAULTS, NOTHING
 from facts_damping_studies.campaigns.invariants import HARM, INVARIANTS

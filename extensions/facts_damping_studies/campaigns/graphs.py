@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.interruption import clean_up_first
+from facts_damping.output.writing import write_whole
 from facts_damping.parameters.files import new_folder
 from facts_damping.parameters.security import add_key
-from facts_damping.terminal import write_whole
 from facts_damping_studies.campaigns.campaign_tables import holds
 
 if TYPE_CHECKING:
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
+    from facts_damping.output.terminal import Progress
     from facts_damping.record import Record
-    from facts_damping.terminal import Progress
     from facts_damping_studies.campaigns.campaign import CampaignPlan, Draw
     from facts_damping_studies.campaigns.fault_injection import FaultedRun
 

@@ -7,8 +7,9 @@ from bisect import bisect_right
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from facts_damping.output.tables import table
+from facts_damping.output.writing import write_whole
 from facts_damping.parameters.files import new_folder
-from facts_damping.terminal import table, write_whole
 from facts_damping_studies.campaigns import campaign as study
 from facts_damping_studies.campaigns import invariants
 from facts_damping_studies.campaigns.campaign_tables import WORDS

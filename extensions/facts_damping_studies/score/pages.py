@@ -9,7 +9,9 @@ from matplotlib.figure import Figure
 from pyarrow import csv
 
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping.terminal import save_picture, table, write_whole
+from facts_damping.output.picture_files import save_picture
+from facts_damping.output.tables import table
+from facts_damping.output.writing import write_whole
 from facts_damping_studies.score.card import NONE, NOTICED
 from facts_damping_studies.sweeps.results import table as arrow
 

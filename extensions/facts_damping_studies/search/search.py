@@ -20,8 +20,8 @@ from facts_damping.case.loading import load_system
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
+from facts_damping.output.terminal import note
 from facts_damping.parameters.profile import DEFAULT_PROFILE
-from facts_damping.terminal import note
 from facts_damping_studies.search.optimisers import METHODS
 from facts_damping_studies.search.scoring import REFERENCE, Draw, Score, draws, ensemble, score
 from facts_damping_studies.search.structures import Choice, Structure, started, structures

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.output.tables import table
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.terminal import table
 from facts_damping_studies.search.scoring import REFERENCE, trained_on
 from facts_damping_studies.sweeps.enumerated_axes import NONE, SCENARIO
 

@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError
 from facts_damping.input_files import RECORDING, check_file
-from facts_damping.terminal import finite, naming
+from facts_damping.output.writing import finite, naming
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -19,8 +19,8 @@ from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.control.bank import controller_network
 from facts_damping.errors import FactsDampingError
 from facts_damping.neurofuzzy.network import Network, forward, passes
+from facts_damping.output.terminal import Progress
 from facts_damping.simulation import loop
-from facts_damping.terminal import Progress
 from facts_damping_studies.pages import save
 from facts_damping_studies.sweeps.batch import Base, make, names
 from facts_damping_studies.sweeps.enumerated_axes import candidates

@@ -18,8 +18,14 @@ from threadpoolctl import threadpool_limits
 
 from facts_damping.errors import InputError, RunError
 from facts_damping.extras import library
-from facts_damping.interruption import INTERRUPTIONS, blocked, clean_up_first, ensure_tracker, tie_to_parent
-from facts_damping.terminal import script_apart
+from facts_damping.interruption import (
+    INTERRUPTIONS,
+    blocked,
+    clean_up_first,
+    ensure_tracker,
+    script_apart,
+    tie_to_parent,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

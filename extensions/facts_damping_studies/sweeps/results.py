@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 from pyarrow import csv, parquet
 
-from facts_damping import terminal
 from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.run_warnings import NEVER_ARMED
 from facts_damping.input_files import share_folder
-from facts_damping.terminal import replacing, write_whole
+from facts_damping.output.tables import table as text_table
+from facts_damping.output.writing import replacing, write_whole
 from facts_damping.version import versions
 from facts_damping_studies.margins.margins import failed_fraction
 
@@ -195,7 +195,7 @@ def margin_table(margins: Rows, across: str) -> list[str]:
             who = ranked(own, names)
             cells = [[*map(cell, one), *(margin_text(place.get((column, *one))) for column in columns)] for one in who]
             titles = [*names, *(f"{cell(c)} [low, high]" for c in columns)]
-            table_lines = terminal.table(titles, cells, len(names), markdown=True)
+            table_lines = text_table(titles, cells, len(names), markdown=True)
             lines += [f"{head}, horizon {horizons} s:", "", *table_lines, ""]
     return lines
 
@@ -237,7 +237,7 @@ def fraction_table(fractions: Rows) -> list[str]:
         counted += [cell(row.get("not_converged"))] if checked else []
         cells.append([*(cell(row.get(name)) for name in columns), *counted])
     titles = [*columns, "runs", "failed, %", "95 % interval", *(["not converged"] if checked else [])]
-    return terminal.table(titles, cells, len(columns), markdown=True)
+    return text_table(titles, cells, len(columns), markdown=True)
 
 
 def cell(value: Any) -> str:

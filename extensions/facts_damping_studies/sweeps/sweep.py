@@ -11,12 +11,13 @@ from facts_damping.case.loading import read_run
 from facts_damping.control.table import PROGRAMS
 from facts_damping.errors import InputError, check_known
 from facts_damping.input_files import read_text
+from facts_damping.output.terminal import note
+from facts_damping.output.writing import write_whole
 from facts_damping.parameters import files
 from facts_damping.parameters.files import check_kind, find, read_sets, read_table
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.simulation.user_code import source_hash
-from facts_damping.terminal import note, write_whole
 from facts_damping.version import __version__
 from facts_damping_studies.margins import margins
 from facts_damping_studies.margins.criteria import fails
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
+    from facts_damping.output.terminal import Progress
     from facts_damping.parameters.study import Margin
-    from facts_damping.terminal import Progress
     from facts_damping_studies.sweeps.axes import Point
 
 JOURNAL = "rows.jsonl"

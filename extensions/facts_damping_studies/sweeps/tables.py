@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping import terminal
 from facts_damping.analysis.convergence import MARK, text
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.analysis.verdict import DAMPED
+from facts_damping.output import tables
 from facts_damping_studies.pages import save
 from facts_damping_studies.sweeps.results import cell, worst
 
@@ -85,7 +85,7 @@ def _row_id(row: dict[str, Any], asked: Tables) -> RowId:
 def _table(asked: Tables, columns: Sequence[str], texts: Mapping[tuple[RowId, str], str]) -> list[str]:
     titles = [name.rpartition(".")[2] for name in asked.rows]
     cells = [[*who, *(texts.get((who, one), "") for one in columns)] for who in dict.fromkeys(who for who, _ in texts)]
-    return [*terminal.table([*titles, *columns], cells, len(titles), markdown=True), ""]
+    return [*tables.table([*titles, *columns], cells, len(titles), markdown=True), ""]
 
 
 def _alone(row: dict[str, Any], figure: str) -> str:

@@ -10,7 +10,6 @@ from functools import partial
 from typing import IO, TYPE_CHECKING, Any
 from unittest import mock
 
-from facts_damping import terminal
 from facts_damping.case.loading import make_case
 from facts_damping.case.names import controller_addresses
 from facts_damping.errors import FactsDampingError, RunError, check_known, one_line
@@ -19,6 +18,7 @@ from facts_damping.nodes.base import weights_file
 from facts_damping.nodes.launching import graph, processes
 from facts_damping.nodes.launching.starting import COCKPIT, PLANT, POLL_S, started
 from facts_damping.nodes.recorder import topics
+from facts_damping.output import writing
 from facts_damping.parameters.security import add_key
 from facts_damping.recording import reader, writer
 from facts_damping.signals import to_ns
@@ -172,7 +172,7 @@ def _break_off(storm_graph: StormGraph) -> None:
 @contextmanager
 def _watched(storm_graph: StormGraph) -> Iterator[None]:
     """Take note of each node that starts; let its disk fail when an event says so."""
-    start, open_new, whole = processes.start, writer._open_new, terminal.write_whole  # noqa: SLF001 (the place to fail)
+    start, open_new, whole = processes.start, writer._open_new, writing.write_whole  # noqa: SLF001 (the place to fail)
 
     def watched(name: str, module: str, parameters: dict[str, Any], *given: Any) -> processes.Process:
         given_s = {} if module == COCKPIT else {"start_timeout": PATIENCE_S}

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from facts_damping.analysis.plotting.pictures import PICTURES, Curve, Panel, Picture, shown, title_of
 from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.errors import InputError, check_known
+from facts_damping.output.picture_files import save_picture
 from facts_damping.signals import NANOSECONDS
-from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

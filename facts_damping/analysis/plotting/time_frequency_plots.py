@@ -12,7 +12,7 @@ from facts_damping.analysis.measures import recorded
 from facts_damping.analysis.plotting.plots import COLOURS, DPI, mark_events
 from facts_damping.analysis.time_frequency import BAND, LAG, TIME, analyse
 from facts_damping.errors import InputError
-from facts_damping.terminal import save_picture
+from facts_damping.output.picture_files import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

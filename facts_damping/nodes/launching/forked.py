@@ -23,9 +23,15 @@ from typing import TYPE_CHECKING
 
 from setproctitle import setproctitle
 
-from facts_damping.interruption import INTERRUPTIONS, at_leave, blocked, ensure_tracker, interruptions_held
+from facts_damping.interruption import (
+    INTERRUPTIONS,
+    at_leave,
+    blocked,
+    ensure_tracker,
+    interruptions_held,
+    script_apart,
+)
 from facts_damping.nodes.executables import module_of
-from facts_damping.terminal import script_apart
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -21,9 +21,9 @@ from facts_damping.control.table import kind_of
 from facts_damping.nodes import clock
 from facts_damping.nodes.launching import processes
 from facts_damping.nodes.launching.processes import Process, end, start_command
+from facts_damping.output.writing import write_whole
 from facts_damping.parameters.files import read_table
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -20,11 +20,12 @@ from facts_damping.analysis.modes.ringdown import fit_ringdown
 from facts_damping.analysis.response import MIRROR, swings_of
 from facts_damping.case.changes import as_sets, change
 from facts_damping.case.loading import changed_case
+from facts_damping.output.terminal import Progress
+from facts_damping.output.writing import write_whole
 from facts_damping.record import RunChange
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.twins import twin
-from facts_damping.terminal import Progress, write_whole
 from facts_damping_reproduction.adaptation.arms import space
 from facts_damping_reproduction.adaptation.cases import BEGIN, evaluation, training
 from facts_damping_studies.score.card import NONE, log_ratio

@@ -16,7 +16,9 @@ from matplotlib.figure import Figure
 from pyarrow import csv
 
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping.terminal import as_csv, save_picture, table, write_whole
+from facts_damping.output.picture_files import save_picture
+from facts_damping.output.tables import as_csv, table
+from facts_damping.output.writing import write_whole
 from facts_damping_reproduction.adaptation.decide import Ratio
 from facts_damping_reproduction.pdci import study
 from facts_damping_reproduction.templates import render
