@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.input_files import share_folder
+from facts_damping.output import tables as text_tables
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
