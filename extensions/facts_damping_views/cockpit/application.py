@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import math
 from collections import deque
 from pathlib import Path
 from types import MappingProxyType
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError, one_line
 from facts_damping.extras import library
+from facts_damping.output.writing import finite
 from facts_damping_views.cockpit import controls as of_controls
 from facts_damping_views.cockpit.access import EXTRA, POLICY, REPORT_POLICY, RequestFilter, new_token
 from facts_damping_views.cockpit.reports import Reports, while_there
@@ -319,12 +319,3 @@ def parsed(data: str | bytes | None) -> dict[str, Any]:
 
 def _refused(name: str) -> None:
     raise ValueError(f"{name} given")
-
-
-def finite(value: Any) -> Any:
-    """The same with None for numbers that JSON does not have."""
-    if isinstance(value, dict):
-        return {key: finite(one) for key, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
