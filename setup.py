@@ -208,6 +208,6 @@ setup(
         ],
         f"{NAME}.modules": [f"environment = {WINGS['gym']}", f"testing = {WINGS['testing']}.fixtures"],
         f"{NAME}.kernels": [f"gym = {WINGS['gym']}.many"],
-        f"{NAME}.exports": [f"m = {WINGS['grids']}.matpower_case:export"],
+        f"{NAME}.exports": [f"m = {WINGS['grids']}.matpower_writing:export"],
     },
 )

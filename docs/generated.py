@@ -18,7 +18,7 @@ from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 from pydantic_core import PydanticUndefined
 
-from facts_damping.cli.commands import parser
+from facts_damping.cli.parser import parser
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.parameters import measurement
 from facts_damping.parameters.base import ParameterModel

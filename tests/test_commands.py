@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
 
-from facts_damping.cli.commands import parser
 from facts_damping.cli.main import DEGRADED, main
+from facts_damping.cli.parser import parser
 from facts_damping.parameters.yaml_text import dump, parse
 from facts_damping_studies.search import search, tune
 from facts_damping_studies.sweeps import sweep

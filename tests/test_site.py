@@ -15,7 +15,7 @@ import yaml
 
 import facts_damping
 from facts_damping.analysis.summary import ROWS
-from facts_damping.cli.commands import parser
+from facts_damping.cli.parser import parser
 from tests.passed import inputs
 
 pytestmark = inputs(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def import_(arguments: argparse.Namespace) -> None:
     """Write a system file from a MATPOWER or PSS/E case."""
-    from facts_damping_grids import matpower, psse
+    from facts_damping_grids import matpower_reading, psse_conversion
     from facts_damping_grids.control_limits import widened
     from facts_damping_grids.text import document
 
@@ -25,13 +25,13 @@ def import_(arguments: argparse.Namespace) -> None:
     if case.suffix.lower() == ".raw":
         if arguments.dynamics is not None:
             raise InputError(f"--dynamics {arguments.dynamics}: given with a RAW file; allowed: with a MATPOWER case")
-        made = psse.import_case(case, None if arguments.dyr is None else Path(arguments.dyr))
+        made = psse_conversion.import_case(case, None if arguments.dyr is None else Path(arguments.dyr))
         content, wider = widened(made.content)
         made = made._replace(content=content, notes=[*made.notes, *wider])
     elif arguments.dyr is not None:
         raise InputError(f"CASE.dyr: {arguments.dyr} given with {case.name}; allowed: with a RAW file")
     else:
-        made = matpower.import_case(case, None if arguments.dynamics is None else Path(arguments.dynamics))
+        made = matpower_reading.import_case(case, None if arguments.dynamics is None else Path(arguments.dynamics))
     more = arguments.dynamics or arguments.dyr
     text = document(made, case.name if more is None else f"{case.name} with {Path(more).name}")
     for line in made.notes:

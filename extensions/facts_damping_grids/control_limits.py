@@ -6,10 +6,10 @@ from copy import deepcopy
 from typing import Any
 
 from facts_damping.errors import InputError
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.block_models import MODELS
 from facts_damping.parameters.plant.blocks import TABLES
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.validation import check
 from facts_damping.plant.build import limit_violations
 
 WIDER = 0.1  # fraction of the initial value by which the limit is moved beyond it

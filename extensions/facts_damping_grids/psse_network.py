@@ -7,13 +7,13 @@ import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
-from facts_damping_grids.conversion import ISOLATED
-from facts_damping_grids.psse_files import Row
+from facts_damping_grids.matpower_conversion import ISOLATED
+from facts_damping_grids.psse_reading import Row
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from facts_damping_grids.psse_files import RawCase
+    from facts_damping_grids.psse_reading import RawCase
 
 
 def buses(case: RawCase, notes: list[str]) -> dict[int, Row]:

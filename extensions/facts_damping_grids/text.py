@@ -9,7 +9,7 @@ from facts_damping.parameters.yaml_text import dump
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from facts_damping_grids.conversion import Imported
+    from facts_damping_grids.matpower_conversion import Imported
 
 
 def document(imported: Imported, origin: str) -> str:

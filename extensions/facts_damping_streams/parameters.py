@@ -10,8 +10,8 @@ from pydantic import Field, field_validator, model_validator
 
 from facts_damping.errors import InputError
 from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import find, read_table
-from facts_damping.parameters.validation import check
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -15,7 +15,7 @@ from facts_damping.case.loading import load_system
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.system import System
 from facts_damping.signals import CHANNELS
-from facts_damping.small_signal.modal_analysis import analyse
+from facts_damping.small_signal.modal_tables import analyse
 from facts_damping_validation.table import Row, ValidationTable, compare, within
 from facts_damping_validation.time_domain import follow
 

@@ -16,7 +16,7 @@ from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping.small_signal.modal_analysis import analyse
+from facts_damping.small_signal.modal_tables import analyse
 from facts_damping_validation.table import Row, ValidationTable, compare, figures, furthest, within
 
 if TYPE_CHECKING:

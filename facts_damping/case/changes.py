@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.case.links import open_own
 from facts_damping.errors import InputError
 from facts_damping.parameters.events import Scenario
+from facts_damping.parameters.field_errors import check, short
 from facts_damping.parameters.files import each_path, find, read_table, set_field, shipped
 from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Controller, Run
-from facts_damping.parameters.validation import check, short
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from facts_damping import interruption
 from facts_damping.cli import options
-from facts_damping.cli.commands import parser
+from facts_damping.cli.parser import parser
 from facts_damping.errors import VERBOSE, DegradedError, FactsDampingError, InputError, RecordingError, one_line, traced
 from facts_damping.escaping import escaped
 from facts_damping.output import picture_files, terminal

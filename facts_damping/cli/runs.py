@@ -1,4 +1,4 @@
-"""Commands for one run or system (for studies see studies.py)."""
+"""Commands for one run or system."""
 
 from __future__ import annotations
 
@@ -276,11 +276,11 @@ def _explained(record: Record, path: str, run: str | None) -> Record:
 
 def modes(arguments: argparse.Namespace) -> None:
     """Power flow, eigenvalues, mode shapes and residues of a system at its initial state."""
-    from facts_damping.small_signal import linear_plant, modal_analysis
+    from facts_damping.small_signal import linear_plant, modal_tables
 
     files.check_writable(arguments.linear, "--linear", standard=False)
     system = loading.load_system(arguments.system, arguments.set, arguments.scenario)
-    found = modal_analysis.analyse(system, loading.installed(system, arguments.devices))
+    found = modal_tables.analyse(system, loading.installed(system, arguments.devices))
     if arguments.linear is not None:
         linear_plant.save(linear_plant.of(found), Path(arguments.linear))
     pictures = []
@@ -288,8 +288,8 @@ def modes(arguments: argparse.Namespace) -> None:
         from facts_damping.small_signal import modal_pictures
 
         pictures = modal_pictures.plot(found, files.new_folder(Path(arguments.out)))
-    write_json(arguments.json, modal_analysis.document(found))
-    say(arguments, *modal_analysis.modes_text(found), *(f"plot: {path}" for path in pictures))
+    write_json(arguments.json, modal_tables.document(found))
+    say(arguments, *modal_tables.modes_text(found), *(f"plot: {path}" for path in pictures))
 
 
 def list_(arguments: argparse.Namespace) -> None:

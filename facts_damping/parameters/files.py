@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, meant
 from facts_damping.input_files import is_file, read_text, share_folder
-from facts_damping.parameters.validation import short
+from facts_damping.parameters.field_errors import short
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from facts_damping.errors import InputError
 from facts_damping.input_files import naming_no_files
 from facts_damping.link.transfer import Links, changed, replaced
 from facts_damping.monitor_table import COMMANDS
+from facts_damping.parameters.field_errors import worded
 from facts_damping.parameters.files import read_value
-from facts_damping.parameters.validation import worded
 from facts_damping.plant.load_noise import fitted as fitted_noise
 from facts_damping.plant.model import fitted, workspace
 from facts_damping.plant.watchdog import initial_watch, let_go, rearm

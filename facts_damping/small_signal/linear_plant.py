@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.compiling.structs import Float1, Float2
-    from facts_damping.small_signal.modal_analysis import Modal
+    from facts_damping.small_signal.modal_tables import Modal
 
 
 class LinearPlant(NamedTuple):

@@ -1,4 +1,4 @@
-"""Small-signal analysis: linearisation of the compiled plant functions, modes, mode shapes, residues."""
+"""Linear model of the plant, by differences of the compiled functions, and its transfer functions."""
 
 from __future__ import annotations
 

@@ -9,13 +9,13 @@ from matplotlib.figure import Figure
 
 from facts_damping.output.picture_files import save_picture
 from facts_damping.small_signal import one_line
-from facts_damping.small_signal.modal_analysis import MAX_MACHINES, MAX_MODES, shown_modes
+from facts_damping.small_signal.modal_tables import MAX_MACHINES, MAX_MODES, shown_modes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from facts_damping.small_signal.modal_analysis import Modal
+    from facts_damping.small_signal.modal_tables import Modal
 
 SHORT, APART = 0.15, 0.35  # of the longest arrow; rad: spacing of the labels of short arrows
 BODE_HZ = (0.05, 5.0)

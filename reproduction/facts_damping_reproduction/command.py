@@ -10,7 +10,7 @@ from facts_damping.cli.options import common, jobs, whole
 if TYPE_CHECKING:
     import argparse
 
-    from facts_damping.cli.commands import Add
+    from facts_damping.cli.parser import Add
 
 
 def add_to(add: Add) -> None:

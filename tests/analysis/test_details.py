@@ -14,7 +14,7 @@ from facts_damping.analysis.details import compare, details, lines
 from facts_damping.analysis.modes import ambient
 from facts_damping.analysis.modes.poles import METHODS
 from facts_damping.analysis.summary import AUTO
-from facts_damping.cli.commands import parser
+from facts_damping.cli.parser import parser
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,8 +11,8 @@ import pytest
 from facts_damping.case.loading import installed, load_case, load_system, make_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from tests.case.test_loading import assert_one_line
 

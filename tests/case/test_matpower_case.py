@@ -10,12 +10,12 @@ from matpowercaseframes import CaseFrames
 
 from facts_damping.case.loading import load_system
 from facts_damping.cli.main import main
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.validation import check
 from facts_damping.plant.grid.power_flow import solve
-from facts_damping_grids.matpower import import_case
-from facts_damping_grids.matpower_case import text
+from facts_damping_grids.matpower_reading import import_case
+from facts_damping_grids.matpower_writing import text
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

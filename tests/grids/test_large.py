@@ -13,15 +13,15 @@ from facts_damping.analysis.plotting.plots import plot_comparison
 from facts_damping.case.loading import load_system, make_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
-from facts_damping.small_signal import bus_places, modal_analysis, modal_pictures, one_line
-from facts_damping.small_signal.modal_analysis import MAX_MACHINES, MAX_MODES, MAX_RESIDUES
+from facts_damping.small_signal import bus_places, modal_pictures, modal_tables, one_line
+from facts_damping.small_signal.modal_tables import MAX_MACHINES, MAX_MODES, MAX_RESIDUES
 from tests.andes_cases import CASES
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.record import Record
-    from facts_damping.small_signal.modal_analysis import Modal
+    from facts_damping.small_signal.modal_tables import Modal
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def system_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def modal(system_file: Path) -> Modal:
     sets = ["devices=[{name: damper, kind: statcom, bus: B7, setpoint_max: 0.1, rate_max: 10, I_max: 1}]"]
-    return modal_analysis.analyse(load_system(str(system_file), sets), ["damper"])
+    return modal_tables.analyse(load_system(str(system_file), sets), ["damper"])
 
 
 @pytest.fixture(scope="module")
@@ -45,19 +45,19 @@ def record(system_file: Path) -> Record:
 
 
 def test_modes_of_a_large_grid_fit_the_eye(modal: Modal, tmp_path: Path) -> None:
-    lines = list(modal_analysis.modes_text(modal))
+    lines = list(modal_tables.modes_text(modal))
     assert len(lines) < 450
     assert sum(line.startswith("\n") and "swing against each other" in line for line in lines) == MAX_MODES
     assert any(line.startswith("and ") and line.endswith("all in --json") for line in lines)
     few = dict(list(modal.system.signals.items())[:2])  # zeros of a transfer function of 500 states take a while
-    document = modal_analysis.document(modal._replace(system=modal.system.model_copy(update={"signals": few})))
+    document = modal_tables.document(modal._replace(system=modal.system.model_copy(update={"signals": few})))
     rows = [len(mode["residues"]) for mode in document["modes"] if mode["residues"]]
     assert set(rows) == {47}  # all of them
     assert max(line.count(",") for line in lines if line.startswith("  G")) <= MAX_MACHINES
     tables = "\n".join(lines).split("residue 1/s")[1:]
     assert all(table.count("  damper ") == MAX_RESIDUES for table in tables)
-    assert modal_analysis.shown_modes(modal) == sorted(
-        modal_analysis.shown_modes(modal), key=lambda mode: mode.damping_ratio
+    assert modal_tables.shown_modes(modal) == sorted(
+        modal_tables.shown_modes(modal), key=lambda mode: mode.damping_ratio
     )
     made = modal_pictures.plot(modal, tmp_path)
     assert [path.name for path in made] == ["one_line.png", "mode_shapes.png", "transfer_functions.png"]

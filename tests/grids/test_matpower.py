@@ -16,14 +16,14 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping_grids.conversion import MatpowerCase, convert
-from facts_damping_grids.matpower import import_case, read_case
+from facts_damping_grids.matpower_conversion import MatpowerCase, convert
+from facts_damping_grids.matpower_reading import import_case, read_case
 from facts_damping_grids.text import document
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
-    from facts_damping_grids.conversion import Imported
+    from facts_damping_grids.matpower_conversion import Imported
 
 CASE = Path(__file__).parents[1] / "data" / "nine_bus.m"
 

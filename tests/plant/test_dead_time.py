@@ -14,7 +14,7 @@ from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import to_ns
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping.small_signal.modal_analysis import analyse
+from facts_damping.small_signal.modal_tables import analyse
 from facts_damping_studies.margins.linear_closed_loop import DelayedLoop, Discrete, approximate, delayed_loop, sampled
 from tests.plant.running import follow, plant, shipped, table, with_device
 from tests.studies.test_linear_closed_loop import random_loop

@@ -13,7 +13,7 @@ from facts_damping.case.loading import load_case, load_system
 from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping.small_signal.modal_analysis import analyse
+from facts_damping.small_signal.modal_tables import analyse
 from tests.plant.island import H, P, V, X, island
 
 OMEGA_0 = 2 * math.pi * 60

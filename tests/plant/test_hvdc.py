@@ -16,7 +16,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping.small_signal.modal_analysis import analyse
+from facts_damping.small_signal.modal_tables import analyse
 from facts_damping_validation.devices import SWINGS, two_machines
 from tests.plant.channels import ACTIVE, REACTIVE, VOLTAGE
 from tests.plant.running import changed, follow, frame_times, plant, shipped

@@ -10,14 +10,14 @@ from scipy.sparse import csc_array
 
 from facts_damping.case.loading import load_case, load_system
 from facts_damping.errors import InputError
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.validation import check
 from facts_damping.plant import build as plant_build
 from facts_damping.plant.build import build
 from facts_damping.plant.grid import power_flow, sparse
 from facts_damping.simulation import loop
 from facts_damping.small_signal import descriptor, eigenmodes, linearisation, residues
-from facts_damping_grids.matpower import import_case
+from facts_damping_grids.matpower_reading import import_case
 from tests.andes_cases import CASES
 
 if TYPE_CHECKING:

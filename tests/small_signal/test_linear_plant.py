@@ -11,7 +11,7 @@ import pytest
 from facts_damping.case.loading import load_system
 from facts_damping.cli.main import main
 from facts_damping.small_signal import linear_plant
-from facts_damping.small_signal.modal_analysis import Modal, analyse
+from facts_damping.small_signal.modal_tables import Modal, analyse
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

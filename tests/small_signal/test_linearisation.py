@@ -15,7 +15,7 @@ from facts_damping.analysis.modes.ringdown import ringdown_modes
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import CHANNELS
-from facts_damping.small_signal import modal_analysis
+from facts_damping.small_signal import modal_tables
 from facts_damping.small_signal.eigenmodes import _label, modes
 from facts_damping.small_signal.linearisation import transfer_functions
 from tests.plant.running import changed, follow, frame_times, plant, shipped
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.plant.system import System
     from facts_damping.small_signal.eigenmodes import Eigenmode, Residue
-    from facts_damping.small_signal.modal_analysis import Modal
+    from facts_damping.small_signal.modal_tables import Modal
 
 BOTH = ("sssc", "statcom")
 CASES: list[tuple[str, tuple[str, ...]]] = [("two_area", ("sssc",)), ("two_area", BOTH), ("smib", ("sssc",))]
@@ -35,7 +35,7 @@ CASES: list[tuple[str, tuple[str, ...]]] = [("two_area", ("sssc",)), ("two_area"
 
 @cache
 def linearised(name: str, devices: tuple[str, ...]) -> Modal:
-    return modal_analysis.analyse(shipped(name), list(devices))
+    return modal_tables.analyse(shipped(name), list(devices))
 
 
 def weights(system: System, signal: str) -> NDArray[np.float64]:
@@ -153,14 +153,14 @@ def test_shape_is_the_motion_in_the_time_domain() -> None:
 
 def test_without_areas_swings_are_electromechanical() -> None:
     machines = [{**m.model_dump(), "area": None} for m in shipped("two_area").machines]
-    found = modal_analysis.analyse(changed(shipped("two_area"), machines=machines), ["sssc"])
+    found = modal_tables.analyse(changed(shipped("two_area"), machines=machines), ["sssc"])
     assert [mode.label for mode in found.swings] == ["electromechanical"] * 3
 
 
 def test_common_governor_mode_is_not_a_swing() -> None:
     """A mode of 0.03 Hz in which all speeds are alike."""
     governors = [{**t.model_dump(), "enabled": True} for t in shipped("two_area").governors]
-    found = modal_analysis.analyse(changed(shipped("two_area"), governors=governors), ["sssc"])
+    found = modal_tables.analyse(changed(shipped("two_area"), governors=governors), ["sssc"])
     assert [mode.label for mode in found.swings] == ["interarea", "local", "local"]
     (together,) = [mode for mode in found.modes if 0.01 < mode.frequency_hz < 0.1 and mode.damping_ratio < 0.9]
     assert together.label in ("common", "control")
@@ -323,7 +323,7 @@ def test_sinusoidal_setpoint_gives_the_frequency_response(device: int) -> None:
     statcom = {"name": "statcom", "kind": "statcom", "bus": "B3", "setpoint_max": 0.1, "rate_max": 10, "I_max": 5}
     system = shipped("smib")
     system = changed(system, devices=[*(d.model_dump(by_alias=True) for d in system.devices), statcom])
-    found = modal_analysis.analyse(system, BOTH)
+    found = modal_tables.analyse(system, BOTH)
     hertz, hold, size = 0.75, 1 / 240, 1e-3
     at = np.arange(0, 40, hold)
     targets = [(t, size * np.sin(2 * np.pi * hertz * t), device) for t in at]

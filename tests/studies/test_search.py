@@ -17,15 +17,15 @@ import pytest
 
 from facts_damping.analysis.indices import INDICES
 from facts_damping.case.loading import load_case, load_system
-from facts_damping.cli.commands import parser
 from facts_damping.cli.main import main
+from facts_damping.cli.parser import parser
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.parameters import files
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.run import Controller, Tuned
-from facts_damping.parameters.validation import check
 from facts_damping_studies.search import scoring
 from facts_damping_studies.search import search as study
 from facts_damping_studies.search.optimisers import METHODS, Found

@@ -12,9 +12,9 @@ from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import make_case
 from facts_damping.cli.main import main
 from facts_damping.control.table import CONTROLLERS, kind
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import read_table, shipped
 from facts_damping.parameters.run import Tuned, TunedController
-from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping_studies.search import tune

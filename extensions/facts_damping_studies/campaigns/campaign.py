@@ -16,8 +16,8 @@ from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
 from facts_damping.input_files import read_text
 from facts_damping.output.writing import write_whole
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import find, new_folder, read_sets, read_table
-from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping.version import __version__

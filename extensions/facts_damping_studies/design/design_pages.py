@@ -11,7 +11,7 @@ from facts_damping.output.picture_files import save_picture
 from facts_damping.output.tables import table
 from facts_damping.output.writing import write_whole
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.small_signal.modal_analysis import figures
+from facts_damping.small_signal.modal_tables import figures
 from facts_damping_grids.text import rows_text
 from facts_damping_studies.design.design import LONGEST_S, PLACES, SIGNALS, maximum
 from facts_damping_studies.design.places import FLOW, SPEED

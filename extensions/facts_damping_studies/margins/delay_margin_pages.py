@@ -12,7 +12,7 @@ from facts_damping.case.names import controller_names
 from facts_damping.output.picture_files import save_picture
 from facts_damping.parameters.study import DAMPING_RATIO
 from facts_damping.plant.grid import power_flow
-from facts_damping.small_signal.modal_analysis import figures
+from facts_damping.small_signal.modal_tables import figures
 from facts_damping_studies.margins.criteria import CRITERIA
 
 if TYPE_CHECKING:

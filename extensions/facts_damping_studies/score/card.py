@@ -21,8 +21,8 @@ import numpy as np
 from facts_damping.case.changes import as_sets, change
 from facts_damping.case.loading import changed_case
 from facts_damping.errors import FactsDampingError, InputError, one_line
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import find, read_table
-from facts_damping.parameters.validation import check
 from facts_damping.simulation.loop import build_loop
 from facts_damping_studies.score.case_set import CaseSet
 from facts_damping_studies.score.measure import Measured, measure

@@ -14,9 +14,9 @@ from facts_damping.input_files import read_text
 from facts_damping.output.terminal import note
 from facts_damping.output.writing import write_whole
 from facts_damping.parameters import files
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import check_kind, find, read_sets, read_table
 from facts_damping.parameters.study import Study
-from facts_damping.parameters.validation import check
 from facts_damping.simulation.user_code import source_hash
 from facts_damping.version import __version__
 from facts_damping_studies.margins import margins

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field
 
 from facts_damping.parameters.base import ParameterModel, quantity
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import read_table
-from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 
 if TYPE_CHECKING:

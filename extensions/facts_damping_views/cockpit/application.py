@@ -1,4 +1,9 @@
-"""The application of a cockpit: its pages, its socket, and who is connected."""
+"""The application of a cockpit: page, static files, data, report and socket; who may use it; what each client gets.
+
+Who may use it: access.py. Nothing that a client sends is more than a value for one of the listed controls. Each client
+has room for one frame, the newest, and for 256 other messages, the oldest of which are dropped; what
+it does not get is counted. A message that takes longer than 10 s ends its connection. Nothing waits for a client.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The nodes of a graph: which there are, in which order they start and stop, and what is left of them."""
+"""The nodes of a graph: which there are, in which order they start and stop, and the weights that they leave."""
 
 from __future__ import annotations
 

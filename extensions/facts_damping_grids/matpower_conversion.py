@@ -11,7 +11,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError, check_known
-from facts_damping.parameters.validation import short
+from facts_damping.parameters.field_errors import short
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
 from facts_damping.input_files import GRID, is_file, read_text
-from facts_damping.parameters.validation import short
+from facts_damping.parameters.field_errors import short
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

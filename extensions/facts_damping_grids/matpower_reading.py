@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.errors import InputError
 from facts_damping.extras import library
 from facts_damping.input_files import GRID, is_file, read_text
+from facts_damping.parameters.field_errors import check, short
 from facts_damping.parameters.files import read_table
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.validation import check, short
-from facts_damping_grids.conversion import Imported, MatpowerCase, convert
+from facts_damping_grids.matpower_conversion import Imported, MatpowerCase, convert
 
 if TYPE_CHECKING:
     from pathlib import Path

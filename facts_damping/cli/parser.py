@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from facts_damping.cli.options import Arguments
 
 
-TABLE = Path(__file__).with_suffix(".yaml")
+TABLE = Path(__file__).with_name("commands.yaml")
 
 
 class Add(Protocol):

@@ -9,20 +9,20 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.block_models import MODELS, quantity_of
 from facts_damping.parameters.plant.blocks import SHORTEST, TABLES
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.validation import check
-from facts_damping_grids import conversion
+from facts_damping_grids import matpower_conversion
 from facts_damping_grids import psse_network as network
-from facts_damping_grids.conversion import Imported
-from facts_damping_grids.psse_files import Row, read_dyr, read_raw
+from facts_damping_grids.matpower_conversion import Imported
+from facts_damping_grids.psse_reading import Row, read_dyr, read_raw
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from facts_damping_grids.psse_files import Dynamic, Dyr, RawCase
+    from facts_damping_grids.psse_reading import Dynamic, Dyr, RawCase
 
 # Sections whose records affect the grid; the others do not.
 ACTING = ("two-terminal dc", "VSC dc", "multi-terminal dc", "FACTS device", "GNE device", "induction machine")
@@ -52,7 +52,7 @@ def convert(case: RawCase, dynamics: Dyr | None, dynamics_name: str = "") -> Imp
     machines, controls, typical = _machines(units, places, dynamics, dynamics_name, case, buses, notes)
     _check_islands(buses, [*lines, *transformers], machines)
     content: dict[str, Any] = {
-        "name": conversion.system_name(case.name),
+        "name": matpower_conversion.system_name(case.name),
         "description": f"{case.name}, imported from PSS/E",
         "base_power": case.base_power,
         "frequency": case.frequency,
@@ -67,19 +67,19 @@ def convert(case: RawCase, dynamics: Dyr | None, dynamics_name: str = "") -> Imp
         "shunts": [*shunts, *magnetising, *network.shunts(case, buses)],
         "machines": machines,
         **controls,
-        **conversion.measured([m["name"] for m in machines]),
+        **matpower_conversion.measured([m["name"] for m in machines]),
     }
-    return Imported(conversion.filled(content), typical, notes)
+    return Imported(matpower_conversion.filled(content), typical, notes)
 
 
 def _check_islands(buses: Mapping[int, Row], branches: Sequence[Row], machines: Sequence[Row]) -> None:
     """Raise `InputError` if branches in service do not connect all buses to the slack machine."""
     slack = next(m["bus"] for m in machines if m.get("slack"))
-    reached = conversion.joined_to(slack, [(row["from"], row["to"]) for row in branches])
+    reached = matpower_conversion.joined_to(slack, [(row["from"], row["to"]) for row in branches])
     apart = [n for n in buses if f"B{n}" not in reached]
     if apart:
         raise InputError(
-            f"bus: an island without the slack machine given ({conversion.some(apart)}); allowed: one grid"
+            f"bus: an island without the slack machine given ({matpower_conversion.some(apart)}); allowed: one grid"
         )
 
 
@@ -166,8 +166,8 @@ def _machines(
             _control(record, unit, where, controls, notes)
     typical = [unit.name for unit in units if unit.name not in data]
     if typical:
-        notes.append(conversion.without_data(typical, len(units)))
-    at_reference = [unit for unit in units if buses[unit.bus]["IDE"] == conversion.REFERENCE]
+        notes.append(matpower_conversion.without_data(typical, len(units)))
+    at_reference = [unit for unit in units if buses[unit.bus]["IDE"] == matpower_conversion.REFERENCE]
     if not at_reference:
         raise InputError("bus: no generator in service at a bus of type 3 given; allowed: at least one")
     slack = max(at_reference, key=lambda unit: float(unit.row["MBASE"]))
@@ -175,7 +175,7 @@ def _machines(
     for unit in units:
         bus, at = buses[unit.bus], places.get(unit.name, f"B{unit.bus}")
         V = unit.row["VS"]
-        if bus["IDE"] == conversion.PQ or (unit.row["IREG"] and unit.row["IREG"] != unit.bus):
+        if bus["IDE"] == matpower_conversion.PQ or (unit.row["IREG"] and unit.row["IREG"] != unit.bus):
             V = bus["VM"]
             notes.append(f"{unit.name} does not control the voltage of its bus: here it does, at {V:g} p.u.")
         elif at != f"B{unit.bus}":
@@ -183,7 +183,7 @@ def _machines(
         dispatch = {"slack": True, "angle": bus["VA"]} if unit is slack else {"P": unit.row["PG"]}
         made = {"name": unit.name, "bus": at, "area": f"area_{int(bus['AREA'])}"}
         made |= {"rating": unit.row["MBASE"] or case.base_power, "V": V} | dispatch
-        machines.append(made | data.get(unit.name, conversion.TYPICAL))
+        machines.append(made | data.get(unit.name, matpower_conversion.TYPICAL))
     excited = {row["machine"] for row in controls["exciters"]}
     for row in [row for row in controls["stabilisers"] if row["machine"] not in excited]:
         controls["stabilisers"].remove(row)
