@@ -195,7 +195,7 @@ setup(
         "console_scripts": [
             f"facts-damping = {NAME}.cli.main:main",
             *(f"{node} = {NAME}.nodes.executables:{node}" for node in NODES),
-            *(f"{node} = {WINGS[wing]}.nodes:{node}" for wing, nodes in NODES_OF.items() for node in nodes),
+            *(f"{node} = {WINGS[wing]}.executables:{node}" for wing, nodes in NODES_OF.items() for node in nodes),
         ],
         f"{NAME}.commands": [f"{wing} = {package}" for wing, package in WINGS.items() if wing != "gym"],
         f"{NAME}.nodes": [
