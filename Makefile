@@ -34,7 +34,7 @@ FITTING = $(if $(filter $(shell cat $(MESSAGES) | sha256sum | cut -c1-64),$(shel
     $(if $(filter $(ROS),$(lastword $(shell cat dist/messages.sha256 2>/dev/null))),\
         $(wildcard dist/facts_damping_msgs-*-$(TAG)-$(TAG)-*.whl)))
 METADATA := setup.py setup.cfg package.xml reproduction/pyproject.toml
-SOURCES := $(shell find facts_damping -name '*.py')
+SOURCES := $(shell find facts_damping extensions -name '*.py')
 
 APT := on Debian or Ubuntu: apt install
 NEEDS_PYTHON := Python 3.10 to 3.13 is needed ($(APT) python3; or choose one: PYTHON=python3.12 make ...)
@@ -209,4 +209,4 @@ $(VENV)/.cases: | $(VENV)/.python
 
 clean:
 	rm -rf $(VENV) build install log *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
-	find facts_damping tests launch -name __pycache__ -prune -exec rm -rf {} +
+	find facts_damping extensions tests launch -name __pycache__ -prune -exec rm -rf {} +

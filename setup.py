@@ -11,9 +11,12 @@ from setuptools import Distribution, find_packages, setup
 ROOT = Path(__file__).parent
 NAME = "facts_damping"
 NODES = (
-    *("plant_sim", "wan_link", "controller", "identifier", "supervisor", "recorder", "live_view"),
-    *("cockpit", "c37118_server", "c37118_client"),
+    *("plant_sim", "wan_link", "controller"),
+    *("identifier", "supervisor", "recorder"),
 )
+NODES_OF = {"streams": ("c37118_server", "c37118_client"), "views": ("cockpit", "live_view")}  # of WINGS
+# Packages beside the core, which finds what they add by entry points, as it finds that of other distributions.
+WINGS = {wing: f"{NAME}_{wing}" for wing in ("grids", "gym", "streams", "studies", "testing", "validation", "views")}
 
 # Wheels of ROS 2 by distribution: what runs, then what builds msg_defs, of which several are needed by others without
 # being declared there. They install modules of the same names, so an environment holds one distribution.
@@ -108,15 +111,15 @@ setup(
     maintainer="facts_damping maintainers",
     maintainer_email="maintainers@example.org",
     python_requires=">=3.10",
-    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    packages=[*find_packages(include=[NAME, f"{NAME}.*"]), *find_packages("extensions")],
+    package_dir={wing: f"extensions/{wing}" for wing in WINGS.values()},
     package_data={
-        "": ["py.typed"],
+        "": ["py.typed", "commands.yaml"],
         NAME: ["templates/*/*.txt"],
-        f"{NAME}.cli": ["commands.yaml"],
-        f"{NAME}.cockpit": ["static/*", "static/*/*"],
         f"{NAME}.compiling": ["objects/*.o"],  # where `make wheel` has put them
         f"{NAME}.nodes": ["fast*.xml"],
         f"{NAME}.report": ["page.*", "sentences.yaml"],
+        f"{WINGS['views']}.cockpit": ["static/*", "static/*/*"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
@@ -192,6 +195,19 @@ setup(
         "console_scripts": [
             f"facts-damping = {NAME}.cli.main:main",
             *(f"{node} = {NAME}.nodes.executables:{node}" for node in NODES),
+            *(f"{node} = {WINGS[wing]}.executables:{node}" for wing, nodes in NODES_OF.items() for node in nodes),
         ],
+        f"{NAME}.commands": [f"{wing} = {package}" for wing, package in WINGS.items() if wing != "gym"],
+        f"{NAME}.nodes": [
+            f"attacker = {WINGS['testing']}.attacker",
+            *(f"{node} = {WINGS[wing]}.nodes.{node}" for wing, nodes in NODES_OF.items() for node in nodes),
+        ],
+        f"{NAME}.api": [
+            *(f"{name} = {WINGS['studies']}.api.scores:{name}" for name in ("Score", "score")),
+            *(f"{name} = {WINGS['studies']}.api.sweeps:{name}" for name in ("Sweep", "sweep")),
+        ],
+        f"{NAME}.modules": [f"environment = {WINGS['gym']}", f"testing = {WINGS['testing']}.fixtures"],
+        f"{NAME}.kernels": [f"gym = {WINGS['gym']}.many"],
+        f"{NAME}.exports": [f"m = {WINGS['grids']}.matpower_writing:export"],
     },
 )

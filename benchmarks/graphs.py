@@ -17,7 +17,7 @@ from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
-from facts_damping.studies.sweeps.enumerated_axes import scenarios
+from facts_damping_studies.sweeps.enumerated_axes import scenarios
 
 BOTH = ("devices=[sssc, statcom]", "controllers=[{signals: [speed, power], devices: [sssc, statcom]}]")
 ARRAYS = (

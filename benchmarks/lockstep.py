@@ -8,11 +8,11 @@ import sys
 import time
 
 import rclpy
-from facts_damping_bench.ticks import ours
 from facts_damping_msgs.msg import PmuDataFrame, PmuFrame
 
 from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.spinner import Spinner
+from facts_damping_bench.ticks import ours
 
 ROUND_TRIPS = 3000
 HOPS = 4  # plant -> link -> controller -> link -> plant

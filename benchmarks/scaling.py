@@ -28,7 +28,7 @@ import yaml
 from facts_damping.case.loading import load_case, load_system
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation import build, loop
-from facts_damping.small_signal import linearisation, residues
+from facts_damping.small_signal import eigenmodes, linearisation, residues
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -119,7 +119,7 @@ def steps(path: str) -> dict[str, tuple[float, float]]:
     step("run of 1 s", lambda: loop.run_loop(whole))
     model = step("linear plant", lambda: linearisation.linear_model(built, system.signals, pmus))
     given = built.state_names, system, model, devices
-    step("modes and residues", lambda: linearisation.modes(model.matrix, *given))
+    step("modes and residues", lambda: eigenmodes.modes(model.matrix, *given))
     step("design: linear plant, modes, target", lambda: residues.residues(built, system, devices, 60))
     found["size"] = float(len(built.state.x)), float(len(system.buses))
     return found

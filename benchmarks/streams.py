@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.c37118 import mapping, session, stat, system_pmus
-from facts_damping.c37118.configuration import FORMATS
-from facts_damping.c37118.session import Instant, Receiver
-from facts_damping.c37118.system_pmus import Pmu
-from facts_damping.parameters.streams import server as address
 from facts_damping.signals import CHANNELS
-from facts_damping.streaming.client import Client
-from facts_damping.streaming.server import Server
-from facts_damping.streaming.stream_clock import Following, PmuReport
+from facts_damping_streams.c37118 import mapping, session, stat, system_pmus
+from facts_damping_streams.c37118.configuration import FORMATS
+from facts_damping_streams.c37118.session import Instant, Receiver
+from facts_damping_streams.c37118.system_pmus import Pmu
+from facts_damping_streams.parameters import server as address
+from facts_damping_streams.streaming.client import Client
+from facts_damping_streams.streaming.server import Server
+from facts_damping_streams.streaming.stream_clock import Following, PmuReport
 
 if TYPE_CHECKING:
     from collections.abc import Callable

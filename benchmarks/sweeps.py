@@ -25,12 +25,12 @@ from facts_damping.analysis.modes.ringdown import ringdown_modes
 from facts_damping.analysis.summary import summarise
 from facts_damping.analysis.verdict import judge
 from facts_damping.case.loading import load_case
+from facts_damping.output.terminal import Progress
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.study import Study
-from facts_damping.parameters.validation import check
 from facts_damping.simulation import loop
-from facts_damping.studies.sweeps import batch, sweep
-from facts_damping.studies.sweeps.pool import workers
-from facts_damping.terminal import Progress
+from facts_damping_studies.sweeps import batch, sweep
+from facts_damping_studies.sweeps.pool import workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -68,7 +68,7 @@ def median_ms(function: Callable[[], object]) -> float:
     return 1e3 * statistics.median(times[1:])
 
 
-def parts_of_a_run(plan: sweep.Plan) -> None:
+def parts_of_a_run(plan: sweep.SweepPlan) -> None:
     """Print what the parts of one run take."""
     task = sweep._tasks(plan, {})[0]  # noqa: SLF001 (a run as the sweep makes it)
     case = batch.make(plan.base, task.changes)
@@ -91,7 +91,7 @@ def parts_of_a_run(plan: sweep.Plan) -> None:
         print(f"{name:<45} {one:8.2f} {one / took['a run of a sweep']:7.2f}")
 
 
-def many(plan: sweep.Plan) -> None:
+def many(plan: sweep.SweepPlan) -> None:
     """Print the time of many runs, one after the other, in threads, in processes."""
     tasks = sweep._tasks(plan, {})[:MANY]  # noqa: SLF001
     name = f"{len(tasks)} runs of {plan.study.run}"

@@ -23,7 +23,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.signal.windows import hamming
 
-from facts_damping.analysis.plotting.time_frequency_plots import draw_distribution
+from facts_damping.analysis.plotting.time_frequency_plots import plot_distribution
 from facts_damping.analysis.time_frequency import analyse, analytic, spwvd
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def whole(seconds: float) -> None:
     found = analyse(t, x)
     analysed = time.perf_counter()
     figure = Figure(figsize=(10, 7.5), layout="constrained")
-    draw_distribution(figure, found, "p.u.")
+    plot_distribution(figure, found, "p.u.")
     figure.savefig("/dev/null", format="png", dpi=150)
     drawn = time.perf_counter()
     maximum = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

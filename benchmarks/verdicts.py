@@ -20,12 +20,12 @@ import numpy as np
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.case.supervision import unsupervised
+from facts_damping.output.tables import as_csv
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of
-from facts_damping.small_signal import modal_analysis
-from facts_damping.studies.margins.delay_margin import oscillations
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
-from facts_damping.terminal import as_csv
+from facts_damping.small_signal import modal_tables
+from facts_damping_studies.margins.delay_margin import oscillations
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
 
 SOUND, GROWS = 0.01, 0.05  # damping ratio; 1/s
 WELL = 0.1  # damping ratio above which ringdowns are over too soon to be measured
@@ -153,7 +153,7 @@ def truth(name: str, delay: float) -> tuple[float, list[tuple[float, float]]]:
         found = eigen(made, sampled(made, min(link_delays(case))))
         growth, modes = found.growth, oscillations(made, found, case)
     else:
-        modes = modal_analysis.analyse(case.system, case.run.devices).modes
+        modes = modal_tables.analyse(case.system, case.run.devices).modes
         growth = max(mode.eigenvalue.real for mode in modes if mode.swings)
     return growth, sorted((mode.damping_ratio, mode.frequency_hz) for mode in modes if mode.swings)
 

@@ -1,4 +1,7 @@
-"""The drawing of docs/architecture.md: layers, packages and their imports, from pyproject.toml and the code."""
+"""The drawing of docs/architecture.md: layers, packages and their imports, from pyproject.toml and the code.
+
+The wings are at the top, then the rooms of the core.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,9 @@ else:
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "facts_damping"
+WINGS = sorted(one.name for one in (ROOT / "extensions").iterdir() if one.is_dir())
+OF_WINGS, OF_ROOMS = "Wings", "Layers"  # how the names of the two contracts begin
+NOT_DRAWN = {PACKAGE, "facts_damping_bench", "facts_damping_reproduction"}  # of the wings' contract
 WIDTH, TOP, ROW, STEP = 800, 34, 20, 9.5  # of the drawing, of a row, from one rail to the next; px
 LEFT, TEXTS, BARS = 12.0, 706, 714  # first rail; where texts end; where bars begin
 LETTER, SMALL = 7.6, 6.0  # width of a letter of names and of texts, px, at most on average
@@ -36,22 +42,17 @@ circle { fill: #8d949e }
 class Row(NamedTuple):
     """A package, or the modules of a layer that are single files; what it is for, and its lines of code."""
 
-    names: list[str]
+    names: list[str]  # full names of modules
     layer: int
     purpose: str
     lines: int
 
 
 def rows() -> list[Row]:
-    """From top to bottom, as import-linter's contract has them."""
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
-        "contracts"
-    ]
-    (layers,) = (one["layers"] for one in contracts if one["type"] == "layers")
-    found = []
-    for number, layer in enumerate(layers):
-        names = [name.strip() for name in layer.split("|")]
-        folders = [name for name in names if (ROOT / PACKAGE / name).is_dir()]
+    """From top to bottom, as import-linter's contracts have them."""
+    found: list[Row] = []
+    for number, names in enumerate([*_layers(OF_WINGS), *_layers(OF_ROOMS)]):
+        folders = [name for name in names if _path(name).is_dir()]
         found += [Row([name], number, _purpose(name), _lines(name)) for name in folders]
         files = [name for name in names if name not in folders]
         if files:
@@ -59,16 +60,31 @@ def rows() -> list[Row]:
     return found
 
 
+def _layers(contract: str) -> list[list[str]]:
+    """Layers of a contract, each with the full names of its modules; those of a checkout alone are left out."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    (content,) = (one for one in settings["contracts"] if one["name"].startswith(f"{contract}: "))
+    of = f"{content['containers'][0]}." if "containers" in content else ""
+    layers = [[of + name.strip() for name in layer.split("|")] for layer in content["layers"]]
+    return [names for names in layers if not set(names) & NOT_DRAWN]
+
+
+def _path(name: str) -> Path:
+    """Folder of a package, or where it would be."""
+    places = (ROOT / name.replace(".", "/"), ROOT / "extensions" / name.replace(".", "/"))
+    return next((place for place in places if place.is_dir()), places[0])
+
+
 def _purpose(name: str) -> str:
     """The first sentence of its docstring."""
-    path = ROOT / PACKAGE / name
+    path = _path(name)
     file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
     text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
     return re.sub(r" \(docs/\w+\.md\)|`", "", text.partition(". ")[0].splitlines()[0]).rstrip(".")
 
 
 def _lines(name: str) -> int:
-    return sum(len(one.read_text(encoding="utf-8").splitlines()) for one in (ROOT / PACKAGE / name).rglob("*.py"))
+    return sum(len(one.read_text(encoding="utf-8").splitlines()) for one in _path(name).rglob("*.py"))
 
 
 def _fitting(text: str, room: float) -> str:
@@ -80,11 +96,11 @@ def _fitting(text: str, room: float) -> str:
 
 def imports(found: list[Row]) -> set[tuple[int, int]]:
     """Numbers of rows: the first imports the second."""
-    graph = grimp.build_graph(PACKAGE, cache_dir=None)
+    graph = grimp.build_graph(PACKAGE, *WINGS, cache_dir=None)
 
     def any_of(above: Row, below: Row) -> bool:
         return any(
-            graph.direct_import_exists(importer=f"{PACKAGE}.{a}", imported=f"{PACKAGE}.{b}", as_packages=True)
+            graph.direct_import_exists(importer=a, imported=b, as_packages=True)
             for a in above.names
             for b in below.names
         )
@@ -96,8 +112,8 @@ def imports(found: list[Row]) -> set[tuple[int, int]]:
 def way_of_a_frame() -> set[str]:
     """The packages in the table of docs/architecture.md that follows a frame."""
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    table = text.partition("\n## The way of one frame")[2].partition("\n## ")[0]
-    return set(re.findall(r"`(\w+)/[\w/]+\.py`", table))
+    table = text.partition("\n## The path of one frame")[2].partition("\n## ")[0]
+    return {f"{PACKAGE}.{name}" for name in re.findall(r"`(\w+)/[\w/]+\.py`", table)}
 
 
 def drawing() -> str:
@@ -120,7 +136,7 @@ def drawing() -> str:
         if seen:
             parts.append(f'<line{kind} x1="{x:g}" y1="{y:g}" x2="{x:g}" y2="{TOP + ROW * (seen[-1] + 0.5):g}"/>')
         parts += [f'<circle{kind} cx="{x:g}" cy="{TOP + ROW * (k + 0.5):g}" r="3"/>' for k in seen]
-        name = ", ".join(row.names)
+        name = ", ".join(name.removeprefix(f"{PACKAGE}.") for name in row.names)
         purpose = escape(_fitting(row.purpose, TEXTS - x - LETTER * len(name) - 14), quote=False)
         title = f'<tspan class="name{" frame" if kind else ""}">{name}</tspan>'
         parts.append(f'<text x="{x + 6:g}" y="{y + 4:g}">{title}<tspan dx="8">{purpose}</tspan></text>')

@@ -18,24 +18,25 @@ from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 from pydantic_core import PydanticUndefined
 
-from facts_damping.cli.commands import parser
+from facts_damping.cli.parser import parser
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.parameters import measurement
 from facts_damping.parameters.base import ParameterModel
-from facts_damping.parameters.campaign import Campaign
+from facts_damping.parameters.events import Scenario
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.measurement import Measurement
-from facts_damping.parameters.plant.blocks import MODELS
+from facts_damping.parameters.plant.block_models import MODELS
 from facts_damping.parameters.plant.devices import DeviceModel
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.profile import Profile
-from facts_damping.parameters.run import Run, Scenario, Tuned, Weights
+from facts_damping.parameters.run import Run, Tuned, Weights
 from facts_damping.parameters.security import Keys
 from facts_damping.parameters.stages import Disturbance, StageModel
-from facts_damping.parameters.streams import Streams
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.supervision import Supervision
+from facts_damping_streams.parameters import Streams
+from facts_damping_studies.campaigns.parameters import Campaign
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

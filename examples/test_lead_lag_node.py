@@ -18,12 +18,12 @@ def graph(loopback):  # noqa: F811
     return loopback
 
 
-def test_it_gives_what_the_shipped_lead_lag_gives(graph, tmp_path):
+def test_lead_lag_node_gives_the_bits_of_the_shipped_lead_lag(graph, tmp_path):
     recorded = graph.run(None, tmp_path / "run", controllers=MINE, **RUN)
     shipped = fd.simulate(controllers=[{"name": "LLC"}], **RUN)
     assert recorded.issued["value"].tobytes() == shipped.issued["value"].tobytes()
 
 
-def test_it_serves_a_graph_in_real_time(graph, tmp_path):
+def test_lead_lag_node_serves_a_graph_in_real_time(graph, tmp_path):
     recorded = graph.run(None, tmp_path / "run", "realtime", controllers=MINE, **RUN)
     assert recorded.in_synchronism.all()

@@ -18,8 +18,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from train_damper import SETTING
 from trained_damper import WINDOW
 
-from facts_damping.environment import NAME  # with it Gymnasium knows the environment
-from facts_damping.environment.window import Window
+from facts_damping.environment import NAME, Window  # with NAME Gymnasium knows the environment
 
 
 class PpoDamper:

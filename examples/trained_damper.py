@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from facts_damping.environment.window import Window
+from facts_damping.environment import Window
 
 WINDOW = 8  # frames
 

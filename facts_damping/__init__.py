@@ -15,22 +15,40 @@ handle_early()  # the rest takes longer to load
 from facts_damping.version import __version__ as __version__  # noqa: E402 (after the above)
 
 if TYPE_CHECKING:
-    from facts_damping.api import *  # noqa: F403 (types, for those who check them)
+    from importlib.metadata import EntryPoint
 
-PUBLIC = (  # names from `api`
+    from facts_damping.api import *  # noqa: F403 (types, for those who check them)
+    from facts_damping_studies.api.scores import Score as Score
+    from facts_damping_studies.api.scores import score as score
+    from facts_damping_studies.api.sweeps import Sweep as Sweep
+    from facts_damping_studies.api.sweeps import sweep as sweep
+
+CORE = (  # names from `api`
     *("FactsDampingError", "InputError", "RecordingError", "RunError"),
-    *("Result", "Score", "Simulation", "Spec", "Sweep"),
-    *("linear_plant", "load_recording", "modes", "score", "simulate", "summarise", "sweep"),
+    *("Result", "Simulation", "Spec"),
+    *("linear_plant", "load_recording", "modes", "simulate", "summarise"),
 )
+
+
+def _added() -> dict[str, EntryPoint]:
+    """Public names that other packages add, by entry points of the group `facts_damping.api`."""
+    return importlib.import_module("facts_damping.extensions").given("api")  # type: ignore[no-any-return]
 
 
 def __getattr__(name: str) -> Any:
     """Load public names on first access, so that a command loads only what it needs."""
-    if name in PUBLIC:
+    if name in CORE:
         return getattr(importlib.import_module("facts_damping.api"), name)
-    raise AttributeError(f"module 'facts_damping' has no attribute '{name}'; it has {', '.join(PUBLIC)}")
+    if not name.startswith("_") and name in _added():
+        return _added()[name].load()
+    raise AttributeError(f"module 'facts_damping' has no attribute '{name}'; it has {', '.join(_public())}")
+
+
+def _public() -> list[str]:
+    """Names for scripts and notebooks, also those that other packages add."""
+    return sorted([*CORE, *_added()])
 
 
 def __dir__() -> list[str]:
     """Names for completion, including those not loaded yet."""
-    return sorted([*globals(), *PUBLIC])
+    return sorted({*globals(), *_public()})

@@ -13,10 +13,10 @@ K = TypeVar("K", bound="Hashable")
 MAX_SHARED = 256  # largest number of values of a kind per process; some kB each
 
 
-def shared(kept: dict[K, T], key: K, make: Callable[[], T], maximum: int = MAX_SHARED) -> T:
+def shared(cache: dict[K, T], key: K, make: Callable[[], T], maximum: int = MAX_SHARED) -> T:
     """The cached value of a key, made if missing; the oldest value is dropped when the cache is full."""
-    if key not in kept:
-        if len(kept) >= maximum:
-            kept.pop(next(iter(kept)), None)
-        kept[key] = make()
-    return kept[key]
+    if key not in cache:
+        if len(cache) >= maximum:
+            cache.pop(next(iter(cache)), None)
+        cache[key] = make()
+    return cache[key]

@@ -12,7 +12,7 @@ from numpy.lib.recfunctions import drop_fields
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 LENGTH = 16  # hexadecimal digits shown and stored
 YOUNGER = {"devices": ["state"]}  # fields that came after the first digests: they count where a value is known

@@ -15,8 +15,8 @@ def escaped(text: str) -> str:
     return "".join(one if one.isprintable() or one in "\n\t" else _escape(one) for one in text)
 
 
-def _escape(one: str) -> str:
-    return one.encode("unicode_escape").decode("ascii")
+def _escape(character: str) -> str:
+    return character.encode("unicode_escape").decode("ascii")
 
 
 def shortened(text: str, maximum: int = SCREEN) -> str:

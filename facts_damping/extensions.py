@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from functools import cache
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
@@ -11,17 +12,23 @@ from facts_damping.errors import InputError, one_line
 if TYPE_CHECKING:
     from collections.abc import Collection
     from importlib.metadata import EntryPoint
+    from types import ModuleType
 
 PREFIX = "facts_damping."  # of entry point groups
 PAIRS = (("devices", "device_kinds"), ("stages", "stage_kinds"))  # fields of a kind, and its behaviour
 GROUPS = (
     "antecedents",
+    "api",
     "commands",
     "consequents",
     "controllers",
     "device_kinds",
     "devices",
+    "exports",
     "indices",
+    "kernels",
+    "modules",
+    "nodes",
     "policies",
     "stage_kinds",
     "stages",
@@ -33,6 +40,14 @@ GROUPS = (
 def given(group: str) -> dict[str, EntryPoint]:
     """Entry points of a group by name, in alphabetical order."""
     return {one.name: one for one in sorted(every(), key=lambda one: one.name) if one.group == PREFIX + group}
+
+
+def module(name: str) -> ModuleType:
+    """A module under this package's name that another package has. Raises `ModuleNotFoundError`."""
+    row = given("modules").get(name)
+    if row is None:
+        raise ModuleNotFoundError(f"No module named 'facts_damping.{name}'", name=f"facts_damping.{name}")
+    return importlib.import_module(row.value)
 
 
 @cache
@@ -58,16 +73,16 @@ def every() -> list[EntryPoint]:
     return found
 
 
-def rows(group: str, row: type, own: Collection[str] = ()) -> dict[str, Any]:
+def rows(group: str, row: type, taken: Collection[str] = ()) -> dict[str, Any]:
     """Rows that packages add to a table, by name.
 
-    `row`: required type of each row, or base class; `own`: names already taken. Raises `InputError` if a row cannot be
-    loaded, has another type, or has a name that is taken.
+    `row`: required type of each row, or base class; `taken`: names already taken. Raises `InputError` if a row cannot
+    be loaded, has another type, or has a name that is taken.
     """
     found = {}
     for name, one in given(group).items():
-        if name in own:
-            raise InputError(f"{_named(one)}: the name is taken; allowed: another than {', '.join(own)}")
+        if name in taken:
+            raise InputError(f"{_named(one)}: the name is taken; allowed: another than {', '.join(taken)}")
         try:
             found[name] = one.load()
         except Exception as error:
@@ -78,6 +93,7 @@ def rows(group: str, row: type, own: Collection[str] = ()) -> dict[str, Any]:
     return found
 
 
-def _named(one: EntryPoint) -> str:
+def _named(entry_point: EntryPoint) -> str:
     """Text of an entry point for messages."""
-    return f"entry point {one.name} = {one.value} of {one.group} ({one.dist.name if one.dist else 'no package'})"
+    package = entry_point.dist.name if entry_point.dist else "no package"
+    return f"entry point {entry_point.name} = {entry_point.value} of {entry_point.group} ({package})"

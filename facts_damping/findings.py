@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 KINDS = {
     "fault": "fault",

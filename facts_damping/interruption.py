@@ -150,6 +150,18 @@ def ensure_tracker(module: Any) -> None:
             os.environ.update({} if before is None else {name: before})
 
 
+@contextmanager
+def script_apart() -> Iterator[None]:
+    """Prevent `multiprocessing` from running the caller's script again in each process that is started."""
+    main = vars(sys.modules["__main__"])
+    kept = {name: value for name, value in main.items() if name in ("__file__", "__spec__")}
+    main.update(dict.fromkeys(kept))
+    try:
+        yield
+    finally:
+        main.update(kept)
+
+
 def tie_to_parent(number: int = signal.SIGTERM, parent: int | None = None) -> None:
     """Have the kernel send this process a signal when its parent ends for any reason.
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Array, Float1, Int1
 from facts_damping.elementary import exp, log, log1p, power
-from facts_damping.ziggurat import EXPONENTIAL_R, NORMAL_R, Ziggurat, exponential_layers, normal_layers
+from facts_damping.numerics.ziggurat import EXPONENTIAL_R, NORMAL_R, Ziggurat, exponential_layers, normal_layers
 
 if TYPE_CHECKING:
     Size = int | tuple[int, ...]

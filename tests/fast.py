@@ -72,12 +72,19 @@ def chosen(files: dict[str, Cost], changed: Collection[str], seconds: float) -> 
     return found
 
 
+def _room(path: PurePosixPath) -> str:
+    """The room or wing of a file, by the name of its folder in `tests`; empty for other files."""
+    if path.parts[0] == "extensions":
+        return path.parts[1].removeprefix("facts_damping_")
+    return path.parts[1] if path.parts[0] in ("facts_damping", "tests") and len(path.parts) > 2 else ""
+
+
 def _nearness(test: str, changed: Collection[str]) -> int:
     """2: the tests of a changed file; 1: of another one in its folder; 0: neither."""
     folder, stem = PurePosixPath(test).parent.parts[1:], PurePosixPath(test).stem.removeprefix("test_")
     nearest = 0
     for path in map(PurePosixPath, changed):
-        if path.parts[0] in ("facts_damping", "tests") and path.parent.parts[1:] == folder and folder:
+        if folder and _room(path) == folder[0]:
             nearest = max(nearest, 2 if path.stem == stem else 1)
         elif path.stem == stem:
             nearest = max(nearest, 1)

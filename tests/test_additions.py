@@ -83,7 +83,7 @@ SCRIPT = """
 import contextlib, io, json, sys, traceback
 import pytest
 from facts_damping.cli.main import main
-from facts_damping.nodes.loopback.opening import opened
+from facts_damping_testing.loopback.opening import opened
 
 told = {}
 pytests = ["-q", "-n", "0", "-p", "no:cacheprovider", "--rootdir", *sys.argv[1:]]
@@ -102,7 +102,7 @@ for name, given in {**json.load(open("commands.json")), "tests": pytests}.items(
     json.dump(told, open("told.json", "w"))
 """
 TESTS = [block.file for block in CORE if block.file.startswith("tests/")]
-COPIED = ("facts_damping", "tests", "setup.py", "pyproject.toml", "package.xml")
+COPIED = ("facts_damping", "extensions", "tests", "setup.py", "pyproject.toml", "package.xml")
 
 
 class Told(NamedTuple):
@@ -157,8 +157,9 @@ def carried(tmp_path_factory: pytest.TempPathFactory) -> Carried:
     return Carried(folder, copy, {name: Told(*said) for name, said in told.items()})
 
 
-def test_the_page_has_a_row_for_every_group_and_a_file_for_every_row() -> None:
-    assert set(PROJECT["entry-points"]) | {"facts_damping.policies"} == {
+def test_page_has_a_row_for_every_group_and_a_file_for_every_row() -> None:
+    more = set(re.findall(r"^\| `(facts_damping\.\w+)` \| ", EXTENSIONS, re.MULTILINE))
+    assert set(PROJECT["entry-points"]) | more | {"facts_damping.policies"} == {
         f"facts_damping.{g}" for g in extensions.GROUPS
     }
     named = {value.partition(":")[0] for points in PROJECT["entry-points"].values() for value in points.values()}
@@ -166,14 +167,14 @@ def test_the_page_has_a_row_for_every_group_and_a_file_for_every_row() -> None:
     assert len(FILES) == EXTENSIONS.count("```python\n")
 
 
-def test_a_row_of_the_table_leads_to_what_is_there() -> None:
+def test_row_of_the_table_leads_to_what_is_there() -> None:
     """Its files, and the tables in them; its tests; its page."""
     rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in re.findall(r"^\| an? .*$", TABLE, re.MULTILINE)]
     assert len(rows) == 12
     for _, places, tests, page in rows:
         for tables, file in re.findall(r"((?:`\w+`, )*)`([\w/]+\.py)`", places):
-            top = ROOT if file == "setup.py" else ROOT / "facts_damping"
-            text = (top / file).read_text(encoding="utf-8")
+            found = [top / file for top in (ROOT, ROOT / "facts_damping", ROOT / "extensions")]
+            text = next(path for path in found if path.is_file()).read_text(encoding="utf-8")
             for name in re.findall(r"\w+", tables):
                 assert re.search(rf"^(def )?{name}\b", text, re.MULTILINE), (file, name)
         for name, file in re.findall(r"(?:`([A-Z]\w+)`, )?`([\w/.]+)`", tests):
@@ -196,7 +197,7 @@ def test_a_row_of_the_table_leads_to_what_is_there() -> None:
         (Block("b.py", "at the end", "z = 3\n"), "b.py: no such file"),
     ],
 )
-def test_a_block_that_does_not_fit_is_told(block: Block, said: str | None, tmp_path: Path) -> None:
+def test_block_that_does_not_fit_is_told(block: Block, said: str | None, tmp_path: Path) -> None:
     (tmp_path / "a.py").write_text("x = 1\n", encoding="utf-8")
     if said is None:
         carry_out(tmp_path, [block])
@@ -206,20 +207,20 @@ def test_a_block_that_does_not_fit_is_told(block: Block, said: str | None, tmp_p
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_takes_them(carried: Carried, name: str) -> None:
+def test_commands_take_the_added_parts(carried: Carried, name: str) -> None:
     told = carried.told[name]
     assert told.status == 0
     compiles = r"(compiling \d+ numerical kernels, once on this machine: seconds\n)*"  # those that the blocks change
     assert re.fullmatch(compiles + (SMALL_BUDGET if name == "search" else ""), told.errors)
 
 
-def test_they_are_listed(carried: Carried) -> None:
+def test_added_controllers_are_listed(carried: Carried) -> None:
     assert {"proportional", "ANFShMoC"} <= {
         line.split()[0] for line in carried.told["list controllers"].out.splitlines()
     }
 
 
-def test_a_graph_of_nodes_gives_the_figures_of_the_run_in_process(carried: Carried) -> None:
+def test_graph_of_nodes_gives_the_figures_of_the_run_in_process(carried: Carried) -> None:
     """And its recording those of the graph."""
     computed, ran, (analysed,) = carried.json("simulate.json"), carried.json("run.json"), carried.json("analyze.json")
     assert computed["indices"] == ran["indices"] == analysed["indices"]
@@ -228,7 +229,7 @@ def test_a_graph_of_nodes_gives_the_figures_of_the_run_in_process(carried: Carri
     assert "IT2AE" in (carried.folder / "report.html").read_text(encoding="utf-8")
 
 
-def test_the_device_moves_and_has_a_state(carried: Carried) -> None:
+def test_device_moves_and_has_a_state(carried: Carried) -> None:
     found = carried.json("modes.json")
     assert any("source.iq" in mode["participation"] for mode in found["modes"])
     record = load(carried.folder / "ran" / "recording")
@@ -236,7 +237,7 @@ def test_the_device_moves_and_has_a_state(carried: Carried) -> None:
     assert np.ptp(record.devices["reactive_power"][:, record.device_names.index("source")]) > 0.0
 
 
-def test_a_linear_law_moves_the_modes_and_delay_moves_them_back(carried: Carried) -> None:
+def test_linear_law_moves_the_modes_and_delay_moves_them_back(carried: Carried) -> None:
     """Without delay it damps the interarea mode, which grows without control; with 0.2 s it damps it less."""
     free = next(mode["real"] for mode in carried.json("modes.json")["modes"] if mode["label"] == "interarea")
     without, *_, late = (row["modes"][0]["real"] for row in carried.json("margin.json")["delays"])
@@ -260,26 +261,26 @@ def test_studies_have_the_index_and_the_controllers(carried: Carried) -> None:
     assert "| controller | scheme | ITAE | IT2AE |" in carried.told["sweep"].out
 
 
-def test_an_lqg_is_designed_for_the_mean_of_its_links_delay(carried: Carried) -> None:
+def test_lqg_is_designed_for_the_mean_of_its_links_delay(carried: Carried) -> None:
     """0.02 s and 0.03 s up, 0.05 s down."""
     found, told, without = (carried.json(f"{name}.json")["indices"] for name in ("lqg", "lqg_1", "lqg_0"))
     assert found == pytest.approx(told, rel=1e-9)
     assert found["ITAE"] != pytest.approx(without["ITAE"], rel=1e-3)
 
 
-def test_the_event_acts_and_is_published(carried: Carried) -> None:
+def test_event_acts_and_is_published(carried: Carried) -> None:
     (event,) = load(carried.folder / "ran" / "recording").events
     assert (event.kind, event.element) == ("load_shedding", "B9")
 
 
-def test_the_stage_delays_by_chance_but_never_less_than_its_delay(carried: Carried) -> None:
+def test_stage_delays_by_chance_but_never_less_than_its_delay(carried: Carried) -> None:
     delivered = load(carried.folder / "ran" / "recording").delivered
     delays = (delivered["arrival_ns"] - delivered["measured_ns"]) * 1e-9
     assert delays.min() >= 0.02
     assert np.ptp(delays) > 0.03
 
 
-def test_the_command_is_listed_and_prints_the_largest_setpoints(carried: Carried) -> None:
+def test_command_is_listed_and_prints_the_largest_setpoints(carried: Carried) -> None:
     assert re.search(r"^ +peaks +Print the largest setpoint", carried.told["help"].out, re.MULTILINE)
     record = load(carried.folder / "ran" / "recording")
     largest = np.abs(record.devices["setpoint"]).max(axis=0)
@@ -287,12 +288,12 @@ def test_the_command_is_listed_and_prints_the_largest_setpoints(carried: Carried
     assert carried.told["peaks"].out.splitlines() == lines
 
 
-def test_the_node_is_an_executable(carried: Carried) -> None:
+def test_node_is_an_executable(carried: Carried) -> None:
     tree = ast.parse((carried.copy / "setup.py").read_text(encoding="utf-8"))
     values = {ast.unparse(one.targets[0]): one.value for one in tree.body if isinstance(one, ast.Assign)}
     nodes = eval(ast.unparse(values["NODES"]))
     executables = (carried.copy / "facts_damping" / "nodes" / "executables.py").read_text(encoding="utf-8")
-    functions = re.findall(r"^(?:def )?([a-z]\w+)(?:\(\) -> None:| = _entry_point)", executables, re.MULTILINE)
+    functions = re.findall(r"^(?:def )?([a-z]\w+)(?:\(\) -> None:| = entry_point)", executables, re.MULTILINE)
     assert set(nodes) == set(functions)
     script = f"from facts_damping.nodes.executables import {nodes[-1]} as start; start()"
     command, path = [sys.executable, "-c", script, "--help"], f"{carried.copy}:{os.environ.get('PYTHONPATH', '')}"
@@ -301,7 +302,7 @@ def test_the_node_is_an_executable(carried: Carried) -> None:
     assert done.stdout.startswith(f"usage: ros2 run facts_damping {nodes[-1]} ")
 
 
-def test_the_tests_of_event_and_node_pass(carried: Carried) -> None:
+def test_tests_of_event_and_node_pass(carried: Carried) -> None:
     """Those that the page adds, and those of the files that it adds them to."""
     told = carried.told["tests"]
     assert told.status == 0, told.out[-2000:]

@@ -22,12 +22,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
 
-from facts_damping.cli.commands import parser
 from facts_damping.cli.main import DEGRADED, main
-from facts_damping.nodes.loopback.opening import opened
+from facts_damping.cli.parser import parser
 from facts_damping.parameters.yaml_text import dump, parse
-from facts_damping.studies.search import search, tune
-from facts_damping.studies.sweeps import sweep
+from facts_damping_studies.search import search, tune
+from facts_damping_studies.sweeps import sweep
+from facts_damping_testing.loopback.opening import opened
 from tests.andes_cases import WHEEL
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     "page", [pytest.param(page, marks=pytest.mark.xdist_group(f"commands {page}")) for page in STEPS]
 )
-def test_the_commands_of_a_page_run_in_their_order(
+def test_commands_of_a_page_run_in_their_order(
     page: str, folder: Path, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if page in ON_DDS:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("facts_damping.nodes.transport.packing", "facts_damping.environment.many", "facts_damping.simulation.loop")
+ROOMS = ("facts_damping.nodes.transport.packing", "facts_damping_gym.many", "facts_damping.simulation.loop")
 # What the C library may do for kernels: one IEEE operation, or moving memory.
 EXACT = {"ceil", "floor", "memcpy", "memmove", "memset", "rint", "trunc"}
 SHORT = ["duration=0.5", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
@@ -104,7 +104,7 @@ def test_arrays_may_be_replaced_between_any_two_ticks(ticks: list[int]) -> None:
         assert found.tobytes() == value.tobytes()
 
 
-def test_a_struct_takes_its_types_alone() -> None:
+def test_struct_takes_its_types_alone() -> None:
     point = Point(np.zeros(2), 1, 2)
     for wrong, said in (
         (np.zeros(2, np.float32), "float32, 1 axes given; allowed: an array of float64, 1 axes"),
@@ -162,7 +162,7 @@ def test_comments_docstrings_and_annotations_compile_nothing(source: str) -> Non
     assert key_of(source) == key_of(PLAIN)
 
 
-def test_all_that_a_function_uses_is_in_its_key() -> None:
+def test_kernel_key_covers_all_that_the_function_uses() -> None:
     others = [*map(key_of, ANOTHER), key_of(PLAIN, other), key_of(PLAIN, limit=2.0)]
     others += [key_of(PLAIN, limit=np.dtype([("a", "f8")])), key_of(PLAIN, limit=np.ones(3)), key_of(PLAIN, limit=True)]
     assert len({key_of(PLAIN), *others}) == len(others) + 1
@@ -191,7 +191,7 @@ def test_of_an_entry_point_that_is_called_types_count_alone() -> None:
         ("facts_damping.supervision.monitors", {"_process_frames", "_judge"}),
     ],
 )
-def test_a_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]) -> None:
+def test_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]) -> None:
     """Entry points that a function of a module is compiled into."""
     found = set()
     for symbol, entry in ENTRY_POINTS.items():
@@ -226,7 +226,7 @@ def test_kernels_call_no_function_whose_bits_a_processor_chooses() -> None:
         assert undefined(code) <= EXACT | set(ENTRY_POINTS), entry.symbol
 
 
-def test_no_kernel_counts_from_the_end() -> None:
+def test_kernels_use_no_negative_index() -> None:
     """Compiled code does not ask whether an index is negative."""
     modules = [module for name, module in sys.modules.items() if name.startswith("facts_damping.")]
     found = [one for module in modules for one in vars(module).values() if isinstance(one, Kernel | EntryPoint)]

@@ -16,7 +16,7 @@ ROWS = {row["name"]: row for row in table.rows()}
 
 
 @pytest.mark.parametrize("name", ROWS)
-def test_a_run_has_the_digest_of_the_table(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_run_has_the_digest_of_the_table(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.chdir(table.ROOT)
     assert table.computed(ROWS[name]) == ROWS[name]["digest"]
 
@@ -34,7 +34,7 @@ def with_array(result: fd.Result, name: str, array: Any) -> fd.Result:
 ARRAYS = [one.name for one in fields(fd.Result) if str(one.type).startswith("NDArray")]
 
 
-def test_a_digest_is_that_of_its_signals(result: fd.Result) -> None:
+def test_digest_is_that_of_its_signals(result: fd.Result) -> None:
     assert len(result.digest) == 16
     int(result.digest, 16)
     assert result.digest == digest(replace(result, notes=["cut"], versions={}, publishers={"/a 1": "b"}))
@@ -43,7 +43,7 @@ def test_a_digest_is_that_of_its_signals(result: fd.Result) -> None:
 
 
 @pytest.mark.parametrize("name", ARRAYS)
-def test_each_bit_enters(result: fd.Result, name: str) -> None:
+def test_digest_depends_on_every_array_of_a_result(result: fd.Result, name: str) -> None:
     before = getattr(result, name)
     if before.size:
         bits = before.copy().view(np.uint8).reshape(-1)

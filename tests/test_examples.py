@@ -18,13 +18,13 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
-from facts_damping.environment import NAME
 from facts_damping.nodes.launching import graph
-from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
-from facts_damping.studies.margins.delay_margin import margin
-from facts_damping.studies.margins.delay_margin_runs import pulse_margin
+from facts_damping_gym import NAME
+from facts_damping_studies.margins.delay_margin import margin
+from facts_damping_studies.margins.delay_margin_runs import pulse_margin
+from facts_damping_testing.loopback.opening import opened
 from tests.appendix_b import bilinear
 from tests.lead_lag_fmu import build
 from tests.nodes.graphs import LOADED_S, assert_same, quiet
@@ -62,7 +62,7 @@ def controller(law: Path) -> str:
     return "controllers.0=" + json.dumps({"name": "robust", "linear": str(law)})
 
 
-def test_the_robust_designs_margin_is_the_pages_linear_and_in_time(damper: Path) -> None:
+def test_robust_designs_margin_is_the_pages_linear_and_in_time(damper: Path) -> None:
     case = load_case("two_area_small", [controller(damper)])
     found = margin(case, 0.5, 6, lambda _done, _of: None)
     assert found.margin == pytest.approx(0.3486, abs=2e-4)
@@ -72,7 +72,7 @@ def test_the_robust_designs_margin_is_the_pages_linear_and_in_time(damper: Path)
 
 
 @pytest.mark.parametrize(("link", "scenario"), [("delay_100ms", "large"), ("plc", "small"), ("plc", "large")])
-def test_it_is_damped_behind_delay(damper: Path, tmp_path: Path, link: str, scenario: str) -> None:
+def test_robust_damper_damps_behind_delay(damper: Path, tmp_path: Path, link: str, scenario: str) -> None:
     target = tmp_path / "told.json"
     sets = [f"link={link}", "seed=1", "duration=30", controller(damper)]
     asked = [part for text in sets for part in ("--set", text)]
@@ -113,7 +113,7 @@ def test_matrices_are_it_within_rounding_where_all_frames_are_as_long() -> None:
     assert np.abs(setpoints("link=pdci", "duration=5", name="mine", linear=bilinear())["value"] - differs).max() < 1e-9
 
 
-def test_the_environment_is_it_bit_for_bit() -> None:
+def test_environment_is_it_bit_for_bit() -> None:
     """Where there is one arrival a tick: an agent answers once."""
     env: Any = gymnasium.make(NAME, link="delay_100ms", duration=5, scale=1.0).unwrapped
     law = example("lead_lag").LeadLag(SimpleNamespace(parameters={}))
@@ -151,7 +151,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
-def test_what_was_trained_runs_in_process_and_as_a_node_bit_for_bit(
+def test_trained_damper_gives_the_same_bits_in_process_and_as_a_node(
     trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
@@ -164,7 +164,7 @@ def test_what_was_trained_runs_in_process_and_as_a_node_bit_for_bit(
     assert_same(load(outcome.recording), computed)
 
 
-def test_what_was_trained_is_in_the_environment_what_it_is_in_a_run(trained: Path) -> None:
+def test_trained_damper_gives_the_same_bits_in_the_environment_and_a_run(trained: Path) -> None:
     module = example("trained_damper")
     with np.load(trained) as file:
         weights = file["weights"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import subprocess
@@ -11,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from facts_damping import extensions
+from facts_damping import extending, extensions
 from facts_damping.analysis.indices import INDICES, Index
 from facts_damping.control.table import ControllerKind
 from facts_damping.errors import InputError
@@ -42,7 +43,7 @@ TABLES: dict[str, Any] = {
         ("ROW = 1", {"devices": POINTS}, r".*: given alone; allowed: with proportional of facts_damping.device_kinds"),
     ],
 )
-def test_what_is_no_row_is_told_in_one_line(
+def test_invalid_row_of_an_extension_is_refused_in_one_line(
     text: str, groups: dict[str, dict[str, str]], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     install(tmp_path, {"one.py": text}, {f"facts_damping.{name}": points for name, points in groups.items()})
@@ -69,10 +70,21 @@ def test_two_packages_with_the_same_row_are_told(tmp_path: Path, monkeypatch: py
         extensions.every()
 
 
-def test_a_command_ends_with_that_line(tmp_path: Path) -> None:
+def test_command_ends_with_that_line(tmp_path: Path) -> None:
     install(tmp_path, {"one.py": ""}, {"facts_damping.controllers": POINTS})
     command = [sys.executable, "-m", "facts_damping", "simulate", "two_area_small"]
     environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert re.fullmatch(r"facts-damping: entry point proportional = one:ROW .*\n", done.stderr)
+
+
+def test_names_of_extending_are_those_that_type_checkers_see() -> None:
+    tree = ast.parse(Path(extending.__file__).read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    seen = {alias.name: node.module for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    here = {name: f"facts_damping.{room}" for name, room in extending.NAMES.items()}
+    assert seen == here | dict.fromkeys(extending.MODULES, "facts_damping")
+    assert all(getattr(extending, name) is not None for name in dir(extending))
+    with pytest.raises(AttributeError, match=r"it has .*Antecedent, Consequent"):
+        _ = extending.Nothing

@@ -12,10 +12,15 @@ FILES = {
 }
 
 
-def test_the_tests_of_a_changed_file_come_first_then_those_of_its_folder() -> None:
+def test_tests_of_a_changed_file_come_first_then_those_of_its_folder() -> None:
     changed = ["facts_damping/plant/ports.py"]
     assert chosen(FILES, changed, 4.0) == {"tests/plant/test_ports.py"}
     assert chosen(FILES, changed, 9.0) == {"tests/plant/test_ports.py", "tests/plant/test_sssc.py"}
+
+
+def test_tests_of_a_wing_follow_its_files() -> None:
+    changed = ["extensions/facts_damping_link/chain.py"]
+    assert chosen(FILES, changed, 18.0) == {"tests/link/test_models.py", "tests/link/test_transfer.py"}
 
 
 def test_then_come_those_of_which_a_second_buys_most() -> None:
@@ -24,5 +29,5 @@ def test_then_come_those_of_which_a_second_buys_most() -> None:
     assert chosen(FILES, ["README.md"], 66.0) == set(FILES) - {"tests/nodes/test_kills.py"}
 
 
-def test_a_changed_test_is_run_whatever_it_costs() -> None:
+def test_changed_test_is_run_whatever_it_costs() -> None:
     assert chosen(FILES, ["tests/nodes/test_kills.py"], 1.0) == {"tests/nodes/test_kills.py"}

@@ -77,7 +77,7 @@ def test_seeds_are_a_median_in_a_band() -> None:
     assert (band.min(), band.max()) == pytest.approx((values.min(), values.max()))
 
 
-def test_the_same_lines_everywhere(capsys: pytest.CaptureFixture[str]) -> None:
+def test_same_lines_everywhere(capsys: pytest.CaptureFixture[str]) -> None:
     result = fd.simulate("two_area_deployment")
     lines = str(result).splitlines()
     assert main(["simulate", "two_area_deployment"]) == 0
@@ -95,7 +95,7 @@ def test_the_same_lines_everywhere(capsys: pytest.CaptureFixture[str]) -> None:
     assert lines[3:] == ["supervisor of controller_0_LLC_tuned: armed at 0.50 s"]
 
 
-def test_the_run_without_control_has_the_same_noise_and_time() -> None:
+def test_run_without_control_has_the_same_noise_and_time() -> None:
     part = fd.simulate("two_area_deployment", duration=3)
     free = without_control(part)
     assert len(free.time_ns) == len(part.time_ns)
@@ -119,12 +119,12 @@ def test_the_run_without_control_has_the_same_noise_and_time() -> None:
         ),
     ],
 )
-def test_what_is_odd_is_said(fields: dict[str, Any], said: str) -> None:
+def test_findings_warn_of_an_unusual_run(fields: dict[str, Any], said: str) -> None:
     result = fd.simulate("two_area_deployment", **fields)
     assert any(line.startswith(f"warning: {said}") for line in result.findings)
 
 
-def test_a_controller_that_was_never_armed_is_a_warning_wherever_results_are_shown(
+def test_controller_that_was_never_armed_is_a_warning_wherever_results_are_shown(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """In Python, a command's lines and JSON, its report, the table of runs, and the tables of a sweep."""
@@ -149,7 +149,7 @@ def test_a_controller_that_was_never_armed_is_a_warning_wherever_results_are_sho
     assert all(said in row["warnings"] for row in json.loads(told.read_text())["rows"])
 
 
-def test_what_cannot_be_known_is_said() -> None:
+def test_findings_tell_a_missing_run_and_a_loss_of_synchronism() -> None:
     result = fd.simulate("two_area_small", duration=8)
     assert title(replace(result, configuration={})) == "a recording without its run"
     lost = fd.simulate("two_area_large", controllers=[])
@@ -166,7 +166,7 @@ def test_without_an_event_the_noise_is_compared_with_no_control() -> None:
 
 
 @pytest.mark.parametrize("ticks", [1, 2, 3])
-def test_a_run_of_a_few_ticks_has_findings(ticks: int) -> None:
+def test_run_of_a_few_ticks_has_findings(ticks: int) -> None:
     """In one tick nothing has happened, with and without control."""
     result = fd.simulate("two_area_small", duration=ticks / 60)
     assert len(result.time_ns) == ticks

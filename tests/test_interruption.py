@@ -16,7 +16,7 @@ import pytest
 from facts_damping import interruption
 from facts_damping.cli.main import main
 from facts_damping.interruption import INTERRUPTIONS
-from facts_damping.terminal import Progress
+from facts_damping.output.terminal import Progress
 from tests.studies.test_campaign import SMALL
 from tests.studies.test_sweep import MANY, children, is_worker
 
@@ -151,7 +151,7 @@ with interruption.handled():
 POOL = """
 import sys, time
 from facts_damping import interruption
-from facts_damping.studies.sweeps.pool import run_all
+from facts_damping_studies.sweeps.pool import run_all
 with interruption.handled():
     try:
         run_all(time.sleep, [0.0, 60.0, 60.0], 2, lambda done, _: done and print("runs", flush=True))

@@ -26,8 +26,8 @@ from facts_damping.cli.main import BAD_INPUT, DEGRADED, DONE, FAILED, main
 from facts_damping.errors import InputError
 from facts_damping.escaping import SCREEN
 from facts_damping.parameters.files import shipped
-from facts_damping.studies.campaigns import campaign
-from facts_damping.studies.sweeps import sweep
+from facts_damping_studies.campaigns import campaign
+from facts_damping_studies.sweeps import sweep
 from tests.mutations import damaged, mutated
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ def said(kind: str, file: Path) -> tuple[int, str]:
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32))
-def test_what_is_nearly_right_is_read_or_refused_in_one_line(
+def test_mutated_file_is_read_or_refused_in_one_line(
     kind: str, seed: int, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     dice, folder = random.Random(seed), tmp_path_factory.mktemp("mutated")
@@ -206,7 +206,7 @@ def test_what_is_nearly_right_is_read_or_refused_in_one_line(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_is_right_is_read(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_valid_file_is_read(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Else all its changes would be refused for the same reason."""
     monkeypatch.chdir(tmp_path)
     unread = {"FMUs": "cannot be loaded", "descriptions of FMUs": "cannot be loaded", "bags": "no topic"}

@@ -7,10 +7,14 @@ import re
 import subprocess
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from facts_damping.errors import OLD_NAMES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 ROOT = Path(__file__).parents[1]
 ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
@@ -43,6 +47,7 @@ OLD = {
     "MOST_TICKS": "MAX_TICKS",
 }
 ENGLISH = {"share", "station", "stations"}  # words that also mean something else
+TOPS = ("facts_damping", "extensions")
 KEPT = ("CHANGELOG.md", "tests/test_names.py", "facts_damping/errors.py")
 
 
@@ -55,16 +60,16 @@ def texts() -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("old", sorted(set(OLD) - ENGLISH))
-def test_a_word_that_was_given_up_stays_out(old: str) -> None:
+def test_word_that_was_given_up_stays_out(old: str) -> None:
     word = re.compile(rf"(?<![\w.]){re.escape(old)}" + ("" if old.endswith("(") else r"\b"))
     places = [f"{name}: {OLD[old]}, not {old}" for name, text in texts() if word.search(text)]
     assert places == []
 
 
-def test_the_glossary_leads_to_files_that_are_there() -> None:
+def test_glossary_leads_to_files_that_are_there() -> None:
     places = re.findall(r"`([a-z_]+(?:/[a-z_]+)*(?:/|\.py))`", GLOSSARY)
     assert len(places) > 20
-    assert [place for place in places if not (ROOT / "facts_damping" / place).exists()] == []
+    assert [place for place in places if not any((ROOT / top / place).exists() for top in TOPS)] == []
 
 
 def defined(path: Path) -> set[str]:
@@ -77,7 +82,7 @@ def defined(path: Path) -> set[str]:
     }
 
 
-def test_a_frame_goes_through_files_and_functions_that_are_there() -> None:
+def test_frame_goes_through_files_and_functions_that_are_there() -> None:
     table = re.findall(r"^\| \d+ \|.*\| (.+) \|$", ARCHITECTURE, re.MULTILINE)
     assert len(table) == 10
     for file, functions in re.findall(r"`([\w/]+\.py)`: (`[\w.]+`(?:, `[\w.]+`)*)", "\n".join(table)):
@@ -86,7 +91,41 @@ def test_a_frame_goes_through_files_and_functions_that_are_there() -> None:
     assert [place for place in places if not any((ROOT / top / place).exists() for top in ("facts_damping", "."))] == []
 
 
+VAGUE = {"found", "kept", "made", "one", "own", "told"}  # they say where a value came from, not what it is
+
+
+def parameters(path: Path) -> Iterator[tuple[str, str]]:
+    """Functions of a file and their parameters; without lambdas."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            for part in ast.walk(node.args):
+                if isinstance(part, ast.arg):
+                    yield node.name, part.arg
+
+
+def test_parameters_say_what_they_are() -> None:
+    paths = [path for top in (*TOPS, "reproduction") for path in sorted((ROOT / top).rglob("*.py"))]
+    vague = [(path.name, *pair) for path in paths for pair in parameters(path) if pair[1] in VAGUE]
+    assert vague == []
+
+
+NO_SUBJECT = tuple(f"test_{word}_" for word in ("a", "an", "the", "what", "it", "that", "who"))
+
+
+def test_tests_are_named_by_their_subject() -> None:
+    paths = [path for top in ("tests", "examples", "reproduction") for path in sorted((ROOT / top).rglob("*.py"))]
+    trees = [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in paths]
+    functions = [
+        (path.name, node.name)
+        for path, tree in trees
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+    assert len(functions) > 1000
+    assert [pair for pair in functions if pair[1].startswith(NO_SUBJECT)] == []
+
+
 def test_no_folder_has_more_than_twenty_modules() -> None:
-    folders = {path.parent for path in (ROOT / "facts_damping").rglob("*.py")}
+    folders = {path.parent for top in TOPS for path in (ROOT / top).rglob("*.py")}
     crowded = {folder.name: sum(one.name != "__init__.py" for one in folder.glob("*.py")) for folder in folders}
     assert {name: count for name, count in crowded.items() if count > 20} == {}

@@ -37,7 +37,8 @@ from tests.commands import assert_one_line
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-PACKAGE = Path(facts_damping.__file__).parent
+ROOT = Path(facts_damping.__file__).parents[1]
+SOURCES = [ROOT / "facts_damping", ROOT / "extensions"]
 
 # Who opens files beside the door, and which.
 FILES = {
@@ -48,18 +49,18 @@ FILES = {
     "cli/new.py": "reads the package's templates",
     "compiling": "reads the package's source, writes kernels",
     "nodes/launching/forked.py": "writes what nodes say",
-    "nodes/launching/graph.py": "writes the run file; what nodes say",
-    "nodes/loopback": "writes what nodes say; reads parameter files of the command line",
-    "nodes/launching/tap_relay.py": "opens a device of the system's for virtual networks, by its name",
+    "nodes/launching/processes.py": "what nodes say",
+    "facts_damping_testing/loopback": "writes what nodes say; reads parameter files of the command line",
+    "facts_damping_testing/tap_relay.py": "opens a device of the system's for virtual networks, by its name",
     "recording/export.py": "writes",
     "recording/schemas.py": "reads installed definitions of messages",
     "recording/writer.py": "writes",
     "simulation/fmus.py": "unpacks what the door has read",
     "small_signal/linear_plant.py": "writes",
-    "storm/stage.py": "reads again what nodes say",
-    "studies/campaigns/campaign_pages.py": "reads shipped pages",
-    "studies/sweeps/journal.py": "appends to its own file, once the door has let it",
-    "validation/table.py": "reads shipped references",
+    "facts_damping_testing/storm/storm_graph.py": "reads again what nodes say",
+    "facts_damping_studies/campaigns/campaign_pages.py": "reads shipped pages",
+    "facts_damping_studies/sweeps/journal.py": "appends to its own file, once the door has let it",
+    "facts_damping_validation/table.py": "reads shipped references",
 }
 LOADERS = {"load", "loadtxt", "genfromtxt", "loadmat", "ZipFile", "fromfile"}
 OPENERS = {"open", "fdopen", "read_text", "read_bytes", *LOADERS}
@@ -67,7 +68,7 @@ BESIDE = {"load": ("np", "numpy"), "open": ()}  # of names that others have, too
 
 # Who writes to the terminal beside the door.
 SPEAKERS = {
-    "terminal.py": "the door",
+    "output/terminal.py": "the door",
     "nodes/base/log.py": "what nodes say, escaped",
     "nodes/base/run.py": "what nodes say, escaped",
     "compiling": "lines of its own, which its parent reads",
@@ -94,8 +95,8 @@ def opens(call: ast.Call) -> bool:
 def outside(found: Callable[[ast.Call], bool], allowed: dict[str, str]) -> list[str]:
     """Places of calls in files of the package that are not allowed, and allowed files that have none."""
     places, used = [], set()
-    for file in sorted(PACKAGE.rglob("*.py")):
-        name = file.relative_to(PACKAGE).as_posix()
+    files = [(file, file.relative_to(source).as_posix()) for source in SOURCES for file in sorted(source.rglob("*.py"))]
+    for file, name in files:
         room = next((one for one in allowed if name == one or name.startswith(f"{one}/")), None)
         for call in filter(found, calls(file)):
             used.add(room)
@@ -154,7 +155,7 @@ NAMED = {
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("kind", ["pipe", "zero", "folder"])
 @pytest.mark.parametrize("command", NAMED.values(), ids=NAMED)
-def test_what_is_no_file_is_refused_at_once(
+def test_pipe_device_or_folder_in_place_of_a_file_is_refused_at_once(
     odd: Path, capsys: pytest.CaptureFixture[str], command: list[str], kind: str
 ) -> None:
     what = {"pipe": "a pipe given", "zero": "a device given", "folder": "a folder given"}[kind]
@@ -164,7 +165,7 @@ def test_what_is_no_file_is_refused_at_once(
     assert not (odd / "out").exists()
 
 
-def test_a_socket_and_a_file_that_is_too_large_are_named(odd: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_socket_and_a_file_that_is_too_large_are_named(odd: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert_one_line(2, ["simulate", "socket.yaml"], "socket.yaml", capsys)
     with (odd / "large.yaml").open("wb") as file:
         file.truncate(input_files.TEXT + 1)  # which takes no room
@@ -183,7 +184,7 @@ def bomb(path: Path, member: str, size: int) -> None:
             file.write(bytes(1 << 20))
 
 
-def test_what_unpacks_to_too_much_is_refused_before_it_is_unpacked(
+def test_archive_that_unpacks_to_too_much_is_refused_before_unpacking(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -198,7 +199,7 @@ def test_what_unpacks_to_too_much_is_refused_before_it_is_unpacked(
         assert_one_line(2, ["simulate", "--set", row], f"{file}: more than {20 << 20} bytes unpacked", capsys)
 
 
-def test_an_archive_does_not_leave_its_folder(tmp_path: Path) -> None:
+def test_archive_does_not_leave_its_folder(tmp_path: Path) -> None:
     file = tmp_path / "escape.fmu"
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("../../escaped", "out")
@@ -240,7 +241,7 @@ PLACES: dict[str, Callable[[str], dict[str, Any]]] = {
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("kind", ["yaml", "pipe", "csv", "npz", "absent"])
 @pytest.mark.parametrize("place", PLACES)
-def test_a_recording_names_no_file(secret: dict[str, str], place: str, kind: str) -> None:
+def test_recording_names_no_file(secret: dict[str, str], place: str, kind: str) -> None:
     file = secret.get(kind, "/nowhere/at_all.yaml")
     content = load_case("two_area_small").document() | PLACES[place](file)
     with pytest.raises(InputError) as refused:
@@ -252,7 +253,7 @@ def test_a_recording_names_no_file(secret: dict[str, str], place: str, kind: str
 
 
 @pytest.mark.timeout(60)
-def test_a_change_of_a_run_names_no_file(secret: dict[str, str]) -> None:
+def test_change_of_a_run_names_no_file(secret: dict[str, str]) -> None:
     case = load_case(None, [])
     for text in (secret["yaml"], secret["pipe"], f"{{up: [{{model: trace, file: {secret['csv']}}}]}}"):
         with pytest.raises(InputError, match="named by a change of a run"):
@@ -263,7 +264,7 @@ def test_a_change_of_a_run_names_no_file(secret: dict[str, str]) -> None:
     assert with_link(case, 0, "delay_100ms").links[0].up
 
 
-def test_what_the_user_has_named_may_be_opened_again_and_shipped_files_always(tmp_path: Path) -> None:
+def test_only_files_named_by_the_user_and_shipped_ones_may_be_opened(tmp_path: Path) -> None:
     own, other = tmp_path / "own.yaml", tmp_path / "other.yaml"
     own.write_text("a: 1")
     other.write_text("a: 1")
@@ -355,7 +356,7 @@ def test_code_of_ones_own_that_fails_is_one_line(
     assert said in told.splitlines()[-1]
 
 
-def test_a_system_that_is_none_is_refused_with_a_profile(capsys: pytest.CaptureFixture[str]) -> None:
+def test_system_that_is_none_is_refused_with_a_profile(capsys: pytest.CaptureFixture[str]) -> None:
     for value in ("5", "[1]", "true", "{name: [1]}"):
         command = ["simulate", "two_area_small", "--set", f"system={value}", "--set", "profile=deployment"]
         assert_one_line(2, command, "system", capsys)
@@ -380,7 +381,7 @@ def test_files_are_opened_by_the_door_alone() -> None:
     assert outside(opens, FILES) == []
 
 
-def test_the_terminal_is_written_to_by_the_door_alone() -> None:
+def test_terminal_is_written_to_by_the_door_alone() -> None:
     assert outside(speaks, SPEAKERS) == []
 
 
@@ -393,7 +394,7 @@ def hang():
 """
 
 
-def test_a_library_that_hangs_does_not_hold_the_command(tmp_path: Path) -> None:
+def test_library_that_hangs_does_not_hold_the_command(tmp_path: Path) -> None:
     """In C: no signal reaches Python until it comes back."""
     file = tmp_path / "own.py"
     file.write_text(OWN.format(made="0", once="", step="hang()") + HANG)

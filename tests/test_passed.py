@@ -51,7 +51,7 @@ def told(*arguments: str) -> str:
     return str(done.stdout.strip().splitlines()[-1])
 
 
-def test_it_is_skipped_when_it_has_passed_as_a_whole(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_of_tests_is_skipped_when_it_has_passed_as_a_whole(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (project / "src" / "one.txt").write_text("bad", encoding="utf-8")
     assert told().startswith("1 failed, 1 passed")
     assert told().startswith("1 failed, 1 passed")  # what failed is not known as passed
@@ -86,7 +86,7 @@ def write(name: str, text: str) -> Callable[[Path], None]:
         write("tests/conftest.py", "# other"),
     ],
 )
-def test_every_kind_of_input_counts(project: Path, change: Callable[[Path], None]) -> None:
+def test_key_of_a_file_of_tests_depends_on_all_its_inputs(project: Path, change: Callable[[Path], None]) -> None:
     def key() -> str:
         return passed.key(project / "test_it.py", project, ["src/*.txt"], ["data/**/*"])
 
@@ -117,7 +117,7 @@ def test_packages_python_and_programs_count(project: Path, what: str, monkeypatc
     passed._environment.cache_clear()
 
 
-def test_the_folder_is_bounded(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_folder_is_bounded(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = project / "cache" / "facts_damping" / "passed"
     folder.mkdir(parents=True)
     for number in range(passed.KEPT + 20):

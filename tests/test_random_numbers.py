@@ -65,7 +65,7 @@ def test_whole_numbers_are_numpys(bound: int, many: int) -> None:
         assert place(own) == place(theirs)
 
 
-def test_a_stream_keeps_the_half_that_whole_numbers_leave() -> None:
+def test_stream_keeps_the_half_that_whole_numbers_leave() -> None:
     own, theirs = np.random.default_rng(3), np.random.default_rng(3)
     theirs.integers(0, 10, 3)
     own.integers(0, 10, 3)

@@ -15,12 +15,15 @@ import yaml
 
 import facts_damping
 from facts_damping.analysis.summary import ROWS
-from facts_damping.cli.commands import parser
+from facts_damping.cli.parser import parser
 from tests.passed import inputs
 
 pytestmark = inputs(
     contents=["*.md", "*.cff", "mkdocs.yml", "pyproject.toml", "setup.py"]
-    + [f"{folder}/**/*" for folder in ("docs", "facts_damping", "examples", "config", "msg_defs", "launch")],
+    + [
+        f"{folder}/**/*"
+        for folder in ("docs", "facts_damping", "extensions", "examples", "config", "msg_defs", "launch")
+    ],
     names=["tests/**/*.py"],
 )
 
@@ -40,7 +43,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_it_builds_strictly_with_search_and_all_pages(site: Path) -> None:
+def test_site_builds_strictly_with_search_and_all_pages(site: Path) -> None:
     assert (site / "search" / "search_index.json").stat().st_size > 100_000
     for page in PAGES[3:]:
         assert (site / page.stem / "index.html").is_file(), page.stem
@@ -66,7 +69,7 @@ def words(page: Path) -> int:
     return sum(1 for word in text.split() if re.search("[A-Za-z]", word))
 
 
-def test_the_documentation_stays_short() -> None:
+def test_documentation_stays_short() -> None:
     pages = {page.stem: words(page) for page in (ROOT / "docs").glob("*.md")}
     assert len(pages) <= NUMBER
     assert sum(pages.values()) <= WORDS, sum(pages.values())
@@ -92,7 +95,7 @@ def test_numbers_of_the_picture_in_readme_are_those_of_its_runs() -> None:
     assert re.findall(r"(\d+) %", caption[0]) == percent
 
 
-def test_a_page_loads_nothing_from_other_hosts(site: Path) -> None:
+def test_page_loads_nothing_from_other_hosts(site: Path) -> None:
     text = (site / "index.html").read_text(encoding="utf-8")
     assert not re.search(r'<(script|link|img)[^>]+(src|href)="https?://(?!.*rel="canonical")', text)
 
@@ -158,7 +161,7 @@ def test_tables_of_runs_have_the_rows_that_are_printed(page: Path) -> None:
         assert shown <= labels
 
 
-def test_the_tutorials_class_is_the_templates() -> None:
+def test_tutorials_class_is_the_templates() -> None:
     text = (ROOT / "docs" / "tutorial_controller.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     template = (ROOT / "facts_damping" / "templates" / "controller" / "controller.py.txt").read_text(encoding="utf-8")

@@ -15,11 +15,12 @@ from facts_damping.cli.main import main
 from facts_damping.plant.build import build
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation import loop
-from facts_damping.small_signal.linearisation import linearise, modes
-from facts_damping.studies.sweeps.sweep import plan
+from facts_damping.small_signal.eigenmodes import modes
+from facts_damping.small_signal.linearisation import linearise
+from facts_damping_studies.sweeps.sweep import plan
 
 if TYPE_CHECKING:
-    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.small_signal.eigenmodes import Eigenmode
 
 TEXT = (Path(__file__).parents[1] / "docs" / "tutorial_grid.md").read_text(encoding="utf-8")
 
@@ -48,7 +49,7 @@ def swings(name: str) -> list[Eigenmode]:
     return sorted((m for m in found if 1 < m.frequency_hz < 3 and m.damping_ratio < 0.1), key=lambda m: m.frequency_hz)
 
 
-def test_the_blocks_are_the_shipped_system(folder: Path) -> None:
+def test_blocks_are_the_shipped_system(folder: Path) -> None:
     ours, theirs = load_system("nine_bus.yaml"), load_system("wscc_9")
     one, other = solve(ours), solve(theirs)
     assert one.names == other.names
@@ -57,7 +58,7 @@ def test_the_blocks_are_the_shipped_system(folder: Path) -> None:
         assert getattr(ours, table) == getattr(theirs, table)
 
 
-def test_the_figures_are_what_comes_out(folder: Path) -> None:
+def test_figures_are_what_comes_out(folder: Path) -> None:
     flow = solve(load_system("nine_bus.yaml"))
     for name, voltage in zip(flow.names, flow.voltage, strict=True):
         assert re.search(rf"{name} +{abs(voltage):.4f} +{np.rad2deg(np.angle(voltage)):.3f} ", TEXT)
@@ -69,13 +70,13 @@ def test_the_figures_are_what_comes_out(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("run", ["nine_bus_fault", "nine_bus_control"])
-def test_the_runs_come_to_their_end(folder: Path, run: str) -> None:
+def test_runs_come_to_their_end(folder: Path, run: str) -> None:
     result = summarise(loop.run(load_case(f"{run}.yaml")))
     assert result["stable"] is True
     assert f"{result['modes'][0]['damping_ratio']:.4f}" in TEXT
     assert f"{result['modes'][0]['frequency_hz']:.3f}" in TEXT
 
 
-def test_the_study_is_of_the_folders_class_and_the_lead_lag(folder: Path) -> None:
+def test_study_is_of_the_folders_class_and_the_lead_lag(folder: Path) -> None:
     assert main(["new", "controller", "grid_damper"]) == 0
     assert [point.columns["law"] for point in plan("nine_bus_margin.yaml", []).points] == ["grid_damper", "LLC"]

@@ -9,12 +9,12 @@ from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.modes.oscillation import is_stable
 from facts_damping.analysis.modes.ringdown import COVERED
-from facts_damping.terminal import table
+from facts_damping.output.tables import table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 JUDGED = (*INDICES, "roughness")  # figures that improvement is computed for
 PARTS = ("up", "wait", "down")  # hops; the summary has the whole way

@@ -11,7 +11,7 @@ from facts_damping.analysis.measures import setpoint_limits
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def roughness(setpoints: NDArray[np.float64], dt: float = 1.0) -> float:

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.analysis.measures import inline_system
-from facts_damping.signals import group_by
+from facts_damping.record import group_by
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 WHOLE = "system"  # area of machines without one
 
@@ -63,8 +63,8 @@ def _controller(record: Record, index: int) -> str:
     return names[index] if index < len(names) else f"controller_{index}"
 
 
-def _alike(one: History, other: History | None) -> bool:
-    return other is not None and np.array_equal(one.values, other.values, equal_nan=True)
+def _alike(history: History, other: History | None) -> bool:
+    return other is not None and np.array_equal(history.values, other.values, equal_nan=True)
 
 
 def centre_of_angle(angles: NDArray[np.float64], inertias: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from facts_damping.analysis.modes.ringdown import Fit
     from facts_damping.analysis.response import Swings, Twin
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 RESPONSE, RUN, AMBIENT, PULSE = "response", "run", "ambient noise", "response to a pulse"  # what a verdict is of
 CLEAR_DB = 10.0  # signal-to-residual ratio of a ringdown of a response that may decide
@@ -82,11 +82,11 @@ def judge_response(swings: Swings, ringdown: Callable[[], Fit | None], *, limite
     return Judged(found, RESPONSE)
 
 
-def _is_open(found: Judgement, swings: Swings) -> bool:
+def _is_open(judgement: Judgement, swings: Swings) -> bool:
     """Whether a response is undecided, or steady with less than the noise of the run, of which a mirror leaves some."""
-    if found.verdict != LIMIT_CYCLE or swings.noise is None or swings.kind != MIRROR:
-        return found.verdict == UNDECIDED
-    return found.amplitude_pu < float(np.sqrt(2.0) * swings.noise.std(axis=0).max())
+    if judgement.verdict != LIMIT_CYCLE or swings.noise is None or swings.kind != MIRROR:
+        return judgement.verdict == UNDECIDED
+    return judgement.amplitude_pu < float(np.sqrt(2.0) * swings.noise.std(axis=0).max())
 
 
 def _noise_grows(swings: Swings) -> Judgement | None:

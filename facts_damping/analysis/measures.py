@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SPEED = list(CHANNELS).index("speed_deviation")
 # Units of columns that may be analysed, as shown in pictures.

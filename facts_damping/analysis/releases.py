@@ -13,7 +13,7 @@ from facts_damping.signals import REFUSED
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def releases(record: Record) -> list[dict[str, Any]]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SHORTEST = 10.0  # s, of a response whose ringdown is fitted
 WINDOW, FEWEST = 20.0, 3  # s, and number, of windows of noise whose variances are compared
@@ -129,7 +129,7 @@ def until_faded(time_s: NDArray[np.float64], signals: NDArray[np.float64], since
 
 
 def variance_ratio(
-    time_s: NDArray[np.float64], own: NDArray[np.float64], other: NDArray[np.float64]
+    time_s: NDArray[np.float64], signals: NDArray[np.float64], other: NDArray[np.float64]
 ) -> tuple[float, float, float] | None:
     """Variance of signals (ticks, n) in noise relative to others in the same noise, with its interval.
 
@@ -143,7 +143,7 @@ def variance_ratio(
     each = len(time_s) // count
     a, b = (
         np.square(x[: count * each] - x[: count * each].mean(axis=0)).reshape(count, -1).sum(axis=1)
-        for x in (own, other)
+        for x in (signals, other)
     )
     less = np.log((a.sum() - a) / (b.sum() - b))
     error = np.sqrt((count - 1) / count * np.square(less - less.mean()).sum())

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 FREQUENCY = 2.5  # Hz from nominal, at a machine
 VOLTAGE = (0.7, 1.2)  # p.u., at machines and PMUs outside of faults

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping import terminal
 from facts_damping.analysis import convergence, releases, supervision
 from facts_damping.analysis.effort import max_injected_voltage, record_roughness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
@@ -20,6 +19,7 @@ from facts_damping.analysis.modes.ringdown import METHOD, fit_ringdown
 from facts_damping.analysis.response import Twin, swings_of
 from facts_damping.analysis.run_warnings import controller_warnings, limit_warnings
 from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED
+from facts_damping.output import tables
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.analysis.modes.ringdown import Fit
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 # Rows of the table: label, path into a summary, format.
 ROWS = (
@@ -114,7 +114,7 @@ def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
     """Text table for a terminal: one column per run (name, summary), one row per figure."""
     rows = [[label, *(row_text(summary, path, form) for _, summary in summaries)] for label, path, form in ROWS]
     rows += [[label, *cells] for label, cells in more_rows([summary for _, summary in summaries])]
-    return "\n".join(terminal.table(["", *(name for name, _ in summaries)], rows))
+    return "\n".join(tables.table(["", *(name for name, _ in summaries)], rows))
 
 
 def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:

@@ -23,14 +23,15 @@ from facts_damping.monitor_table import (
     cause_name,
 )
 from facts_damping.parameters.supervision import Supervision, watches
-from facts_damping.signals import NANOSECONDS, group_by
+from facts_damping.record import group_by
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SILENT = "silent"  # stands for the state of a failed supervisor
 DIGITS = range(3, 7)  # digits of a value and its limit: as few as distinguish them

@@ -1,12 +1,10 @@
-"""The public face for scripts and notebooks: `import facts_damping as fd`.
+"""The core's public face for scripts and notebooks: `import facts_damping as fd`.
 
 What is exported here stays; all else is private. Errors are those of the commands, one line; nothing is printed.
 """
 
 from facts_damping.api.results import Result, load_recording, simulate, summarise
-from facts_damping.api.scores import Score, score
 from facts_damping.api.stepping import Simulation
-from facts_damping.api.sweeps import Sweep, sweep
 from facts_damping.api.systems import linear_plant, modes
 from facts_damping.errors import FactsDampingError, InputError, RecordingError, RunError
 from facts_damping.simulation.spec import Spec
@@ -17,15 +15,11 @@ __all__ = [
     "RecordingError",
     "Result",
     "RunError",
-    "Score",
     "Simulation",
     "Spec",
-    "Sweep",
     "linear_plant",
     "load_recording",
     "modes",
-    "score",
     "simulate",
     "summarise",
-    "sweep",
 ]

@@ -16,8 +16,8 @@ from facts_damping.api.cases import case_of, short_traceback
 from facts_damping.case.names import asked_label
 from facts_damping.digest import digest
 from facts_damping.extras import library
+from facts_damping.record import Record
 from facts_damping.recording import reader
-from facts_damping.signals import Record
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of
 

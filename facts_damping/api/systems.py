@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.api.cases import short_traceback
 from facts_damping.case import loading
 from facts_damping.small_signal import linear_plant as linear
-from facts_damping.small_signal import modal_analysis
+from facts_damping.small_signal import modal_tables
 
 if TYPE_CHECKING:
-    from facts_damping.small_signal.modal_analysis import Modal
+    from facts_damping.small_signal.modal_tables import Modal
 
 
 @short_traceback
@@ -21,7 +21,7 @@ def modes(system: str, devices: list[str] | None = None) -> Modal:
     """
     found = loading.load_system(system)
     names = None if devices is None else ",".join(devices) or "none"
-    return modal_analysis.analyse(found, loading.installed(found, names))
+    return modal_tables.analyse(found, loading.installed(found, names))
 
 
 @short_traceback

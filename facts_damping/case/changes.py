@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.links import open_own
 from facts_damping.errors import InputError
+from facts_damping.parameters.events import Scenario
+from facts_damping.parameters.field_errors import check, short
 from facts_damping.parameters.files import each_path, find, read_table, set_field, shipped
 from facts_damping.parameters.profile import Profile
-from facts_damping.parameters.run import Controller, Run, Scenario
-from facts_damping.parameters.validation import check, short
+from facts_damping.parameters.run import Controller, Run
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -95,8 +96,8 @@ def read_profile(name: str) -> Profile:
     return check(Profile, read_table(path), str(path))
 
 
-def take_profile(content: dict[str, Any], given: Any, where: str, kept: Collection[str] = ()) -> None:
-    """Set the fields of a profile in a run's content, except those in `kept`, which the run sets itself.
+def take_profile(content: dict[str, Any], given: Any, where: str, fixed: Collection[str] = ()) -> None:
+    """Set the fields of a profile in a run's content, except those in `fixed`, which the run sets itself.
 
     `where`: start of error messages.
     """
@@ -111,12 +112,12 @@ def take_profile(content: dict[str, Any], given: Any, where: str, kept: Collecti
     values = {**profile.set, **profile.systems.get(str(content["system"].get("name")), {})}
     for path in sorted(values, key=lambda key: key.count(".")):
         into_list = path.startswith("system.") and ".*" in path
-        if path in kept or (into_list and not content["system"].get(path.split(".")[1])):
+        if path in fixed or (into_list and not content["system"].get(path.split(".")[1])):
             continue  # a path into a list needs a list with entries
         for key in each_path(content, path, partial(_open_name, content)):
             set_field(content, key, deepcopy(values[path]), f"{where}: {path}")
-    _take_signals(content, profile, only_usual=PROFILE in kept)
-    if profile.fixed_model and "model" not in kept:
+    _take_signals(content, profile, only_usual=PROFILE in fixed)
+    if profile.fixed_model and "model" not in fixed:
         content["model"] = deepcopy(content["system"])
 
 

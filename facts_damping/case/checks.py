@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from facts_damping.case.measurement import check_measurement
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
-from facts_damping.parameters.validation import FieldError, check_known
+from facts_damping.parameters.field_errors import FieldError, check_known
 from facts_damping.plant.events import topology_intervals
 
 if TYPE_CHECKING:

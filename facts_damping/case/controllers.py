@@ -10,12 +10,13 @@ from facts_damping.case.linear_laws import with_law
 from facts_damping.case.links import mean_delays
 from facts_damping.control import bank, identifier_model
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
-from facts_damping.control.table import RENAMED, Parameter, Value, defaults, kind, kind_of
+from facts_damping.control.parameter_tables import RENAMED, Parameter, Value
+from facts_damping.control.table import defaults, kind, kind_of
 from facts_damping.input_files import is_file
 from facts_damping.parameters import files
+from facts_damping.parameters.field_errors import FieldError, check, check_known, of_field, worded
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller, Tuned, Weights
-from facts_damping.parameters.validation import FieldError, check, check_known, of_field, worded
 
 if TYPE_CHECKING:
     from facts_damping.parameters.link import Link

@@ -11,15 +11,15 @@ import numpy as np
 
 from facts_damping.errors import InputError, RecordingError
 from facts_damping.input_files import read_text
+from facts_damping.parameters.field_errors import check, short
 from facts_damping.parameters.stages import Trace
-from facts_damping.parameters.validation import check, short
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from facts_damping.parameters.link import Link
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
     Series = list[float | None]
 

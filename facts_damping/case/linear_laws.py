@@ -12,9 +12,9 @@ from facts_damping.case.mat_file import as_npz
 from facts_damping.control.linear_law import matrices
 from facts_damping.errors import InputError, one_line
 from facts_damping.input_files import MATRICES, check_unpacked, is_file, read_bytes
+from facts_damping.parameters.field_errors import FieldError, check, check_field, of_field
 from facts_damping.parameters.files import read_table
 from facts_damping.parameters.linear_law import FORMS, LinearLaw
-from facts_damping.parameters.validation import FieldError, check, check_field, of_field
 
 if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller

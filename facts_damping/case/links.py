@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.case.delay_traces import with_traces
 from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
+from facts_damping.parameters.field_errors import check, check_field, of_field, worded
 from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.stages import Bernoulli
-from facts_damping.parameters.validation import check, check_field, of_field, worded
 
 if TYPE_CHECKING:
     from facts_damping.parameters.measurement import Measurement

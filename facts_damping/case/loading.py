@@ -16,11 +16,12 @@ from facts_damping.case.supervision import check_fallbacks, read_supervision
 from facts_damping.errors import check_known
 from facts_damping.input_files import naming_no_files
 from facts_damping.measurement.filters import reference_filter
+from facts_damping.parameters.events import Scenario
+from facts_damping.parameters.field_errors import FieldError, check, check_field, worded
 from facts_damping.parameters.files import check_kind, each_path, find, read_sets, read_table, set_field
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.run import Run, Scenario
-from facts_damping.parameters.validation import FieldError, check, check_field, worded
+from facts_damping.parameters.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.measurement.filters import reference_filter
+from facts_damping.parameters.field_errors import FieldError, check, check_field, check_known
 from facts_damping.parameters.files import find, read_table, set_field
 from facts_damping.parameters.measurement import Measurement
-from facts_damping.parameters.validation import FieldError, check, check_field, check_known
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,10 +9,11 @@ from facts_damping.measurement.filters import reference_filter
 
 if TYPE_CHECKING:
     from facts_damping.measurement.filters import Filter
+    from facts_damping.parameters.events import Scenario
     from facts_damping.parameters.link import Link
     from facts_damping.parameters.measurement import Measurement
     from facts_damping.parameters.plant.system import System
-    from facts_damping.parameters.run import Controller, Run, Scenario
+    from facts_damping.parameters.run import Controller, Run
     from facts_damping.parameters.supervision import Supervision
 
 

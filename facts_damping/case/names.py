@@ -17,7 +17,7 @@ SUPERVISED = "supervised"  # topic of a supervisor's setpoints: passed on or its
 
 def controller_names(case: Case) -> list[str]:
     """Node names of the controllers: index in the run and kind, `controller_0_LLC`."""
-    return [f"controller_{c}_{re_name(controller.name)}" for c, controller in enumerate(case.run.controllers)]
+    return [f"controller_{c}_{ros_name(controller.name)}" for c, controller in enumerate(case.run.controllers)]
 
 
 def identifier_names(case: Case) -> dict[int, str]:
@@ -34,7 +34,7 @@ def supervisor_names(case: Case) -> dict[int, str]:
     if case.supervision is None:
         return {}
     rows = enumerate(case.run.controllers)
-    return {c: f"supervisor_{c}_{re_name(one.name)}" for c, one in rows if one.fallback_of is None}
+    return {c: f"supervisor_{c}_{ros_name(one.name)}" for c, one in rows if one.fallback_of is None}
 
 
 class Address(NamedTuple):
@@ -123,7 +123,7 @@ def recorded_topic(topic: str) -> str:
     return f"recorded/{topic}"
 
 
-def re_name(kind: str) -> str:
+def ros_name(kind: str) -> str:
     """A kind's name with letters, digits and underscores only, as ROS names require."""
     return "".join(letter if letter.isalnum() else "_" for letter in kind)
 

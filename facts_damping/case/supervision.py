@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from facts_damping.monitor_table import MONITORS
+from facts_damping.parameters.field_errors import FieldError, check_field, check_known, worded
 from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.supervision import Supervision
-from facts_damping.parameters.validation import FieldError, check_field, check_known, worded
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case

@@ -14,8 +14,8 @@ from facts_damping.case import loading
 from facts_damping.cli import runs
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.nodes.launching import graph
+from facts_damping.output.terminal import Progress, note, show
 from facts_damping.recording import seal
-from facts_damping.terminal import Progress, note, show
 
 RUN = "two_area_deployment"
 EVENT = "a fault on a line of the tie at 2 s, cleared by the trip of that line"

@@ -10,11 +10,12 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from facts_damping import interruption, terminal
+from facts_damping import interruption
 from facts_damping.cli import options
-from facts_damping.cli.commands import parser
+from facts_damping.cli.parser import parser
 from facts_damping.errors import VERBOSE, DegradedError, FactsDampingError, InputError, RecordingError, one_line, traced
 from facts_damping.escaping import escaped
+from facts_damping.output import picture_files, terminal
 
 if TYPE_CHECKING:
     import argparse
@@ -96,8 +97,10 @@ def _do(arguments: argparse.Namespace) -> None:
 
         forked.load()  # loads what nodes need while this process loads its own modules
     draws = hasattr(arguments, "width")
-    terminal.set_picture_format(
-        terminal.PictureFormat(arguments.format, arguments.width, arguments.font) if draws else terminal.PictureFormat()
+    picture_files.set_picture_format(
+        picture_files.PictureFormat(arguments.format, arguments.width, arguments.font)
+        if draws
+        else picture_files.PictureFormat()
     )
     module, _, name = arguments.function.replace(":", ".").rpartition(".")
     with terminal.busy_line(arguments.command):

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from facts_damping.cli.runs import say
 from facts_damping.errors import InputError
+from facts_damping.output.writing import write_whole
 from facts_damping.parameters.files import new_folder
 from facts_damping.parameters.security import add_key
-from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
     import argparse

@@ -48,10 +48,10 @@ class Parser(argparse.ArgumentParser):
         return [text for action in self._actions for text in action.option_strings]
 
 
-def _known(found: re.Match[str]) -> str:
+def _known(match: re.Match[str]) -> str:
     """A wrong choice in the style of the other errors."""
-    names = [name.strip("' ") for name in found[2].split(",")]
-    return f"'{found[1]}' given{meant(found[1], names)}; allowed: {', '.join(names)}"
+    names = [name.strip("' ") for name in match[2].split(",")]
+    return f"'{match[1]}' given{meant(match[1], names)}; allowed: {', '.join(names)}"
 
 
 def refuse(unknown: Sequence[str], options: Sequence[str]) -> NoReturn:

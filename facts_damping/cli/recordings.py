@@ -5,14 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.case import loading
 from facts_damping.cli.runs import out_folder, say
 from facts_damping.digest import digest
 from facts_damping.errors import InputError, RunError
+from facts_damping.extensions import given
+from facts_damping.output.tables import table
+from facts_damping.output.terminal import Progress, note
+from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.simulation import replay as again
 from facts_damping.simulation.replayed_nodes import Played
-from facts_damping.terminal import Progress, note, table, write_json, write_whole
 from facts_damping.version import versions
 
 if TYPE_CHECKING:
@@ -21,9 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
-
-CASE = ".m"  # suffix of a MATPOWER case
+    from facts_damping.record import Record
 
 
 def replay(arguments: argparse.Namespace) -> None:
@@ -121,6 +123,7 @@ def _in_process(case: Case, played: Record) -> tuple[Played, None]:
 def _by_nodes(arguments: argparse.Namespace, case: Case, played: Record, folder: Path | None) -> tuple[Played, str]:
     """Replay with nodes; returns the result and the recording of the graph."""
     from facts_damping.nodes.launching import graph
+    from facts_damping.nodes.launching.starting import Parts
     from facts_damping.recording import seal
 
     if played.ticks[0] > 0:
@@ -128,7 +131,7 @@ def _by_nodes(arguments: argparse.Namespace, case: Case, played: Record, folder:
     loop.build_loop(case, outside=True)  # refuses bad input before anything starts
     place, timeout = folder or Path(), arguments.timeout
     with Progress("replay") as progress:
-        outcome = graph.run(case, "lockstep", place, progress, timeout, replayed=arguments.recording)
+        outcome = graph.run(case, "lockstep", place, progress, timeout, parts=Parts(replayed=arguments.recording))
     record = seal(outcome.recording)
     return Played(*(getattr(record, name) for name in Played._fields)), str(outcome.recording)
 
@@ -146,31 +149,23 @@ def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], f
 
 
 def export(arguments: argparse.Namespace) -> None:
-    """Write all signals of a recording, one row per tick; or a system as a MATPOWER case."""
+    """Write all signals of a recording, one row per tick; or a system for other programs."""
     from facts_damping.recording.export import KINDS, write
     from facts_damping.recording.reader import load
 
-    path = Path(arguments.out)
-    if path.suffix not in (*KINDS, CASE):
-        raise InputError(f"--out {path}: given; allowed: a file that ends with {', '.join(KINDS)} or {CASE}")
+    path, of_system = Path(arguments.out), {f".{name}": row for name, row in given("exports").items()}
+    if path.suffix not in (*KINDS, *of_system):
+        raise InputError(
+            f"--out {path}: given; allowed: a file that ends with {', '.join(KINDS)} or {', '.join(of_system)}"
+        )
     files.check_writable(str(path), "--out")
-    if path.suffix == CASE:
-        _export_case(arguments, path)
+    if path.suffix in of_system:
+        system = loading.load_system(arguments.what)
+        write_whole(path, of_system[path.suffix].load()(system, path))
+        say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines: {path}")
         return
     record = load(arguments.what)
     write(record, path)
     for line in record.notes:
         note(f"{arguments.what}: {line}")
     say(arguments, f"{len(record.time_ns)} ticks, {len(record.arrays)} columns: {path}")
-
-
-def _export_case(arguments: argparse.Namespace, path: Path) -> None:
-    """Write a system as a MATPOWER case: a function named after the file."""
-    from facts_damping.case import loading, matpower_case
-
-    if not matpower_case.NAME.fullmatch(path.stem) or path.stem in matpower_case.KEYWORDS:
-        allowed = "a name of letters, digits and _ that MATLAB takes for a function"
-        raise InputError(f"--out {path}: given; allowed: {allowed}")
-    system = loading.load_system(arguments.what)
-    write_whole(path, matpower_case.text(system, path.stem))
-    say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines: {path}")

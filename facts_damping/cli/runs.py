@@ -1,4 +1,4 @@
-"""Commands for one run or system (for studies see studies.py)."""
+"""Commands for one run or system."""
 
 from __future__ import annotations
 
@@ -11,20 +11,22 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.case import loading
 from facts_damping.case.names import label
 from facts_damping.digest import digest
-from facts_damping.errors import DegradedError, InputError, RunError, check_known
+from facts_damping.errors import DegradedError, InputError, check_known
+from facts_damping.output.tables import table
+from facts_damping.output.terminal import Progress, note, show
+from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import adapted_weights, loop
 from facts_damping.simulation.policies import step_times
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress, note, show, table, write_json, write_text, write_whole
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Mapping
 
     from facts_damping.nodes.launching.graph import Outcome
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping.simulation.policies import StepTimes
 
     Named = list[tuple[str, Record]]
@@ -156,6 +158,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Run the same loop as a ROS 2 graph."""
     from facts_damping.analysis import summary  # noqa: F401 (while what nodes need is loaded, too)
     from facts_damping.nodes.launching import graph
+    from facts_damping.nodes.launching.starting import Cockpit, Parts
 
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     loop.build_loop(case, outside=True)  # refuses bad input before anything starts
@@ -165,10 +168,10 @@ def run(arguments: argparse.Namespace) -> None:
         say(arguments, f"live view: ws://127.0.0.1:{arguments.foxglove}")
     cockpit = None
     if arguments.cockpit is not None:
-        cockpit = graph.Cockpit(HOST, arguments.cockpit, lambda address: say(arguments, f"cockpit: {address}"))
+        cockpit = Cockpit(HOST, arguments.cockpit, lambda address: say(arguments, f"cockpit: {address}"))
     with Progress(name) as progress:
-        views = {"view_port": arguments.foxglove, "cockpit": cockpit}
-        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, **views)
+        parts = Parts(arguments.foxglove, cockpit)
+        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, parts=parts)
     tell_graph(arguments, name, outcome, folder)
 
 
@@ -199,8 +202,8 @@ def analyze(arguments: argparse.Namespace) -> None:
     """Print figures and make plots of recordings."""
     from facts_damping.analysis import details
     from facts_damping.findings import names, without_control
+    from facts_damping.record import Record
     from facts_damping.recording.reader import load
-    from facts_damping.signals import Record
 
     files.check_writable(arguments.report, "--report", standard=False)
     if arguments.spwvd is None and (arguments.windows or arguments.band):
@@ -263,29 +266,6 @@ def page(arguments: argparse.Namespace, named: Named, results: Results, baseline
     return [f"report: {arguments.report}"]
 
 
-def views(arguments: argparse.Namespace) -> None:
-    """Write layouts for Foxglove and PlotJuggler of a run or recording, and the recording in simulated time."""
-    from facts_damping.recording import in_simulated_time, origin
-    from facts_damping.views import layouts
-
-    path = Path(arguments.what or "")
-    if is_recording(arguments.what):
-        if arguments.set:
-            raise InputError(f"--set {arguments.set[0]}: given with a recording; allowed: with a run")
-        content, namespace = origin(path)
-        case = loading.recorded_case(content, str(path))
-        folder = path.parent / "views" if arguments.out is None else Path(arguments.out)
-        for line in in_simulated_time(path, folder / "simulated_time"):
-            note(f"{path}: {line}")
-        say(arguments, f"recording: {folder / 'simulated_time'}")
-    else:
-        case, namespace = loading.load_case(arguments.what, arguments.set), "/"
-        folder = files.new_folder(out_folder(arguments, "views"))
-    for name, text in layouts(case, namespace).items():
-        write_whole(folder / name, text)
-        say(arguments, f"layout: {folder / name}")
-
-
 def _explained(record: Record, path: str, run: str | None) -> Record:
     """The record; if it holds no run (`ros2 bag record` stores none), with the run of a name or file."""
     if record.configuration or run is None:
@@ -296,11 +276,11 @@ def _explained(record: Record, path: str, run: str | None) -> Record:
 
 def modes(arguments: argparse.Namespace) -> None:
     """Power flow, eigenvalues, mode shapes and residues of a system at its initial state."""
-    from facts_damping.small_signal import linear_plant, modal_analysis
+    from facts_damping.small_signal import linear_plant, modal_tables
 
     files.check_writable(arguments.linear, "--linear", standard=False)
     system = loading.load_system(arguments.system, arguments.set, arguments.scenario)
-    found = modal_analysis.analyse(system, loading.installed(system, arguments.devices))
+    found = modal_tables.analyse(system, loading.installed(system, arguments.devices))
     if arguments.linear is not None:
         linear_plant.save(linear_plant.of(found), Path(arguments.linear))
     pictures = []
@@ -308,33 +288,8 @@ def modes(arguments: argparse.Namespace) -> None:
         from facts_damping.small_signal import modal_pictures
 
         pictures = modal_pictures.plot(found, files.new_folder(Path(arguments.out)))
-    write_json(arguments.json, modal_analysis.document(found))
-    say(arguments, *modal_analysis.modes_text(found), *(f"plot: {path}" for path in pictures))
-
-
-def validate(arguments: argparse.Namespace) -> None:
-    """Check the plant against published figures, other programs, analytic solutions and finer steps."""
-    from facts_damping.validation import report, table
-
-    files.check_writable(arguments.out, "--out")
-    for name in arguments.tables:
-        check_known("TABLE", name, report.TABLES)
-    names, tables = arguments.tables or list(report.TABLES), []
-    with Progress("validate", "tables") as progress:
-        for i, name in enumerate(names):
-            progress(i, len(names))
-            tables.append(report.TABLES[name]())
-    write_json(arguments.json, table.document(tables))
-    if arguments.out is not None:
-        path = Path(arguments.out)
-        write_whole(path, report.page(tables))
-        if path.is_file() and path.suffix != ".csv":
-            write_whole(path.with_suffix(".csv"), table.as_csv(tables))
-    say(arguments, *(line for made in tables for line in [*table.table_text(made), ""]))
-    failed = [row.what for made in tables for row in made.rows if not row.passed]
-    if failed:
-        raise RunError(f"validate: {len(failed)} rows fail: {'; '.join(failed)}")
-    say(arguments, f"{sum(len(made.rows) for made in tables)} rows pass")
+    write_json(arguments.json, modal_tables.document(found))
+    say(arguments, *modal_tables.modes_text(found), *(f"plot: {path}" for path in pictures))
 
 
 def list_(arguments: argparse.Namespace) -> None:
@@ -392,28 +347,3 @@ def _controllers() -> list[dict[str, Any]]:
         }
         for name, row in CONTROLLERS.items()
     ]
-
-
-def import_(arguments: argparse.Namespace) -> None:
-    """Write a system file from a MATPOWER or PSS/E case."""
-    from facts_damping.case.control_limits import widened
-    from facts_damping.grid_formats import matpower, psse
-    from facts_damping.grid_formats.text import document
-
-    case = Path(arguments.case)
-    files.check_writable(arguments.out, "--out")
-    if case.suffix.lower() == ".raw":
-        if arguments.dynamics is not None:
-            raise InputError(f"--dynamics {arguments.dynamics}: given with a RAW file; allowed: with a MATPOWER case")
-        made = psse.import_case(case, None if arguments.dyr is None else Path(arguments.dyr))
-        content, wider = widened(made.content)
-        made = made._replace(content=content, notes=[*made.notes, *wider])
-    elif arguments.dyr is not None:
-        raise InputError(f"CASE.dyr: {arguments.dyr} given with {case.name}; allowed: with a RAW file")
-    else:
-        made = matpower.import_case(case, None if arguments.dynamics is None else Path(arguments.dynamics))
-    more = arguments.dynamics or arguments.dyr
-    text = document(made, case.name if more is None else f"{case.name} with {Path(more).name}")
-    for line in made.notes:
-        note(f"facts-damping: {line}")
-    write_text(arguments.out or "-", text)

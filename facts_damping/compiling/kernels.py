@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling.structs import NUMBERS, Array, array_words, is_numbers, kind_of, words_of
+from facts_damping.compiling.structs import WORD_TYPES, Array, array_words, is_numbers, kind_of, words_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -126,7 +126,7 @@ class EntryPoint:
         for i, (name, kind) in enumerate(zip(inspect.signature(self.py_func).parameters, self.kinds, strict=True)):
             kind = typing.get_origin(kind) or kind  # noqa: PLW2901 (of a table, its class)
             space[f"k{i}"], given = kind, f"a{i}, k{i}, {f'{self.__name__}: {name}'!r}"
-            if kind in NUMBERS:
+            if kind in WORD_TYPES:
                 parts.append(f"a{i}")
             elif isinstance(kind, Array):
                 parts.append(f"*words({given})")

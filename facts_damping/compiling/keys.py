@@ -50,7 +50,8 @@ def checks_bounds() -> bool:
 @cache
 def _compiler() -> str:
     """Identity of the compiler: versions, target, and options of Numba."""
-    how = hashlib.sha256(Path(__file__).with_name("with_numba.py").read_bytes()).hexdigest()
+    files = (Path(__file__).with_name(name).read_bytes() for name in ("with_numba.py", "numba_types.py"))
+    how = hashlib.sha256(b"".join(files)).hexdigest()
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     kind = f"{sys.platform} {platform.machine()} {target()}"
     bounds = " bounds" if checks_bounds() else ""

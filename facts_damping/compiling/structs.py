@@ -58,7 +58,7 @@ Bool2 = Annotated[NDArray[np.bool_], Array(np.bool_, 2)]
 Bool3 = Annotated[NDArray[np.bool_], Array(np.bool_, 3)]
 
 HOST = "host"  # marks a field that compiled code does not use
-NUMBERS = {float: "f8", int: "i8", bool: "i8"}
+WORD_TYPES = {float: "f8", int: "i8", bool: "i8"}
 
 
 def kind_of(hint: Any) -> Any:
@@ -67,7 +67,7 @@ def kind_of(hint: Any) -> Any:
         return next(one for one in hint.__metadata__ if isinstance(one, Array) or one == HOST)
     if is_numbers(hint):
         return hint
-    if hint in NUMBERS or typing.get_origin(hint) is Table or (isinstance(hint, type) and issubclass(hint, Struct)):
+    if hint in WORD_TYPES or typing.get_origin(hint) is Table or (isinstance(hint, type) and issubclass(hint, Struct)):
         return hint
     raise TypeError(f"{hint}: allowed: float, int, bool, an array with its type, a struct, a table of structs")
 
@@ -76,7 +76,9 @@ def kind_of(hint: Any) -> Any:
 def is_numbers(kind: Any) -> bool:
     """Whether a kind is a named tuple of numbers, which are passed one by one."""
     return (
-        isinstance(kind, type) and issubclass(kind, tuple) and set(typing.get_type_hints(kind).values()) <= set(NUMBERS)
+        isinstance(kind, type)
+        and issubclass(kind, tuple)
+        and set(typing.get_type_hints(kind).values()) <= set(WORD_TYPES)
     )
 
 
@@ -84,7 +86,7 @@ def words_of(kind: Any) -> list[Any]:
     """Types of the words that describe a field or an argument."""
     if isinstance(kind, Array):
         return [int] * kind.words
-    return list(typing.get_type_hints(kind).values()) if is_numbers(kind) else [kind if kind in NUMBERS else int]
+    return list(typing.get_type_hints(kind).values()) if is_numbers(kind) else [kind if kind in WORD_TYPES else int]
 
 
 def address_of(array: NDArray[Any]) -> int:
@@ -159,9 +161,9 @@ class Struct:
         if isinstance(kind, Array):
             words = array_words(value, kind, where)
             self.block[at : at + len(words)] = words
-        elif kind in NUMBERS:
+        elif kind in WORD_TYPES:
             value = kind(value)
-            self.block[at : at + 1].view(NUMBERS[kind])[0] = value
+            self.block[at : at + 1].view(WORD_TYPES[kind])[0] = value
         elif kind != HOST:
             if type(value) is not (typing.get_origin(kind) or kind):
                 raise TypeError(f"{where}: {type(value).__name__} given; allowed: {kind}")
@@ -250,7 +252,7 @@ def described(kind: Any) -> Any:
     """A kind as text with everything that compiled code depends on."""
     if isinstance(kind, Array):
         return f"{np.dtype(kind.dtype).descr}{kind.ndim}"
-    if kind in NUMBERS:
+    if kind in WORD_TYPES:
         return kind.__name__
     if is_numbers(kind):
         return f"{kind.__qualname__}{typing.get_type_hints(kind)}"

@@ -6,40 +6,23 @@ unoptimised first, and the whole is optimised once.
 
 from __future__ import annotations
 
-import operator
-import typing
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numba
-import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, codegen, compiler, dispatcher, registry, typed_passes, types, untyped_passes
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
-from numba.core.datamodel import models
 from numba.core.typing.templates import (
-    AbstractTemplate,
-    AttributeTemplate,
-    infer_global,
     make_intrinsic_template,
     signature,
 )
-from numba.extending import NativeValue, infer_getattr, lower_builtin, lower_getattr_generic, register_model, unbox
+from numba.extending import register_model
 from numba.np import arrayobj
 
 from facts_damping.compiling import keys, store
-from facts_damping.compiling.structs import (
-    HOST,
-    NUMBERS,
-    Array,
-    Struct,
-    Table,
-    fingerprint,
-    is_numbers,
-    layout,
-    words_of,
-)
+from facts_damping.compiling.numba_types import POINTER, WHOLE, StructType, TableType, _Pointer, type_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,8 +31,6 @@ if TYPE_CHECKING:
 
 _compiling: list[EntryPoint] = []  # entry points being compiled, in a process that only compiles
 _dispatchers: list[Any] = []  # kept alive, as types only have weak references
-POINTER = ir.IntType(8).as_pointer()
-WHOLE = ir.IntType(64)
 # Kernels allocate nothing and keep no array, so reference counts of arrays are not needed (`_nrt`).
 OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "boundscheck": keys.checks_bounds()}
 
@@ -84,122 +65,8 @@ class _Passes(compiler.CompilerBase):
         return [manager]
 
 
-class StructType(types.Type):
-    """A struct: a pointer to its block."""
-
-    def __init__(self, cls: Any) -> None:
-        self.cls = cls
-        super().__init__(name=f"Struct({cls.__module__}.{cls.__qualname__} {fingerprint(cls)})")
-
-
-class TableType(types.Type):
-    """Several structs: a pointer to their number and addresses."""
-
-    def __init__(self, cls: Any) -> None:
-        self.cls = cls
-        super().__init__(name=f"Table({cls.__module__}.{cls.__qualname__} {fingerprint(cls)})")
-
-
-class _Pointer(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, POINTER)
-
-
 register_model(StructType)(_Pointer)
 register_model(TableType)(_Pointer)
-
-
-@cache
-def type_of(kind: Any) -> Any:
-    """Numba's type of a kind of field or argument."""
-    if isinstance(kind, Array):
-        return types.Array(numba.from_dtype(np.dtype(kind.dtype)), kind.ndim, "C")
-    if kind in NUMBERS:
-        return {float: types.float64, int: types.int64, bool: types.boolean}[kind]
-    if is_numbers(kind):
-        return numba.typeof(kind(*(word() for word in words_of(kind))))
-    if typing.get_origin(kind) is Table:
-        return TableType(*typing.get_args(kind))
-    return StructType(kind)
-
-
-def _word(builder: Any, block: Any, at: int, kind: Any) -> Any:
-    """A word of a block, which is constant while compiled code runs."""
-    place = builder.gep(builder.bitcast(block, WHOLE.as_pointer()), [WHOLE(at)])
-    found = builder.load(builder.bitcast(place, kind.as_pointer()))
-    found.set_metadata("invariant.load", builder.module.add_metadata([]))
-    return found
-
-
-def _field(context: Any, builder: Any, block: Any, kind: Any, at: int) -> Any:
-    own = type_of(kind)
-    if not isinstance(kind, Array):
-        if kind is bool:
-            return builder.trunc(_word(builder, block, at, ir.IntType(8)), ir.IntType(1))
-        return _word(builder, block, at, context.get_value_type(own))
-    array = context.make_array(own)(context, builder)
-    data = context.get_data_type(own.dtype).as_pointer()
-    array.meminfo = array.parent = ir.Constant(POINTER, None)
-    array.nitems, array.itemsize = _word(builder, block, at + 2, WHOLE), _word(builder, block, at + 3, WHOLE)
-    array.data = _word(builder, block, at + 4, data)
-    shape = [_word(builder, block, at + 5 + i, WHOLE) for i in range(kind.ndim)]
-    strides = [_word(builder, block, at + 5 + kind.ndim + i, WHOLE) for i in range(kind.ndim)]
-    array.shape, array.strides = cgutils.pack_array(builder, shape), cgutils.pack_array(builder, strides)
-    return array._getvalue()  # noqa: SLF001
-
-
-@infer_getattr
-class _Fields(AttributeTemplate):
-    """Types of a struct's fields."""
-
-    key = StructType
-
-    def generic_resolve(self, struct: Any, name: str) -> Any:
-        found = layout(struct.cls).get(name)
-        return None if found is None or found[0] == HOST else type_of(found[0])
-
-
-@lower_getattr_generic(StructType)
-def _load(context: Any, builder: Any, struct: Any, value: Any, name: str) -> Any:
-    return _field(context, builder, value, *layout(struct.cls)[name])
-
-
-@infer_global(operator.getitem)
-class _Getitem(AbstractTemplate):
-    def generic(self, args: Any, _kws: Any) -> Any:
-        if isinstance(args[0], TableType) and isinstance(args[1], types.Integer):
-            return signature(StructType(args[0].cls), args[0], types.int64)
-        return None
-
-
-@infer_global(len)
-class _Len(AbstractTemplate):
-    def generic(self, args: Any, _kws: Any) -> Any:
-        return signature(types.int64, args[0]) if isinstance(args[0], TableType) else None
-
-
-@lower_builtin(operator.getitem, TableType, types.int64)
-def _row(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-    place = builder.gep(builder.bitcast(given[0], POINTER.as_pointer()), [builder.add(given[1], WHOLE(1))])
-    return builder.load(place)
-
-
-@lower_builtin(len, TableType)
-def _many(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-    return _word(builder, given[0], 0, WHOLE)
-
-
-@numba.extending.typeof_impl.register(Struct)
-def _typeof(value: Any, _context: Any) -> Any:
-    return StructType(type(value))
-
-
-@unbox(StructType)
-def _unbox(_type: Any, value: Any, c: Any) -> Any:
-    address = c.pyapi.object_getattr_string(value, "pointer")
-    found = c.builder.inttoptr(c.pyapi.long_as_longlong(address), POINTER)
-    c.pyapi.decref(address)
-    return NativeValue(found)
 
 
 def _without_literals(compile_: Callable[[Any], Any], given: Any) -> Any:
@@ -283,9 +150,9 @@ def _call_address(_context: Any, _address: Any, _controller: Any, _now_ns: Any) 
     return types.int64(types.int64, types.int64, types.int64), generate
 
 
-def _reinterpreted(context: Any, builder: Any, found: Any, given: Any) -> Any:
+def _reinterpreted(context: Any, builder: Any, signature: Any, given: Any) -> Any:
     """The same 64 bits as a value of another type."""
-    return builder.bitcast(given[0], context.get_value_type(found.return_type))
+    return builder.bitcast(given[0], context.get_value_type(signature.return_type))
 
 
 def _bits_of(_context: Any, _number: Any) -> Any:

@@ -7,7 +7,7 @@ signals, and issues a setpoint for each of its devices. Between arrivals the set
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from facts_damping.control import neuro_fuzzy, state_space, table
 from facts_damping.control.called import Calls, call, calls
 from facts_damping.control.compensation import Compensated, Compensators, compensate, compensators
 from facts_damping.control.faults import Faults, corrupt, faults, misbehave, silent
-from facts_damping.control.inputs import UNSET, Inputs, LatestSamples, compute_signals, ingest, inputs
+from facts_damping.control.inputs import UNSET, Inputs, LatestSamples, Wiring, compute_signals, ingest, inputs
 from facts_damping.control.neuro_fuzzy import AllActuators, Memories, memories
 from facts_damping.control.state_space import Observers, StateSpace, state_spaces
 from facts_damping.control.table import kind_of
@@ -26,15 +26,15 @@ from facts_damping.elementary import cos
 from facts_damping.neurofuzzy.learning import Learners, learners
 from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
+from facts_damping.numerics.phasors import angles, magnitudes, over, times
 from facts_damping.parameters.run import Weights
-from facts_damping.phasors import angles, magnitudes, over, times
 from facts_damping.signals import NANOSECONDS, Deliveries, Setpoints
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from facts_damping.control.neuro_fuzzy import PlantPrior
-    from facts_damping.parameters.plant.pmus import Signal
+    from facts_damping.control.parameter_tables import Parameter, Value
     from facts_damping.parameters.run import Controller
 
 law_of = branching(table.LAWS)  # arguments: a code, then those of a law
@@ -76,34 +76,28 @@ class BankState(Struct):
     calls: Calls
 
 
-def bank(
-    controllers: Sequence[Controller],
-    signals: Mapping[str, Signal],
-    pmus: Sequence[str],
-    limits: Mapping[str, tuple[float, float]],
-    frame_rate: int,
-    known: Sequence[PlantPrior | None],
-    omega: Sequence[float] | None = None,
-    designs: Sequence[StateSpace | None] = (),
-    nominal: float = 60.0,
-    seed: int = 0,
-) -> tuple[Bank, BankState]:
-    """Build the controllers of a run.
+class Known(NamedTuple):
+    """What a controller knows of the plant."""
 
-    `limits`: magnitude (p.u.) and rate (p.u./s) limits of all installed devices in order. For each controller, `known`
-    (None without a network), `omega` (rad/s, for compensation) and `designs` (None without an observer). `nominal`:
-    frequency, Hz; `seed`: of the run.
-    """
+    prior: PlantPrior | None = None  # None: without a network
+    omega: float = 0.0  # of the mode whose delay is compensated, rad/s
+    observer: StateSpace | None = None  # None: without one
+
+
+def bank(
+    controllers: Sequence[Controller], wiring: Wiring, known: Sequence[Known], seed: int = 0
+) -> tuple[Bank, BankState]:
+    """Build the controllers of a run; `known`: of each; `seed`: of the run."""
     n = len(controllers)
     kinds = [kind_of(c) for c in controllers]
     nets = [controller_network(c) for c in controllers]
     max_signals = max([len(c.signals) for c in controllers], default=0)
     max_devices = max([len(c.devices) for c in controllers], default=0)
-    given, held = inputs([c.signals for c in controllers], signals, pmus, nominal)
+    given, held = inputs([c.signals for c in controllers], wiring.signals, wiring.pmus, wiring.nominal)
     names = [controller.compensation for controller in controllers]
-    optimal, estimate = state_spaces(designs or [None] * n, max_signals, max_devices)
-    compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, max_signals)
-    made = Bank(
+    optimal, estimate = state_spaces([row.observer for row in known], max_signals, max_devices)
+    compensation, compensated = compensators(names, [row.omega for row in known], max_signals)
+    controls = Bank(
         code=np.array([k.code(c.scheme) for c, k in zip(controllers, kinds, strict=True)], np.int64),
         law=np.array([table.LAWS.index(k.law) if k.law else 0 for k in kinds], np.int64),
         settings=np.zeros((n, max(max_signals, max_devices)), table.SETTINGS),
@@ -114,22 +108,13 @@ def bank(
         sensitivity=np.zeros((n, max_signals, max_devices)),
         device=np.full((n, max_devices), UNSET, np.int64),
         actuators=AllActuators(*np.ones((2, n, max_devices))),
-        period_ns=np.full(n, NANOSECONDS // frame_rate, np.int64),
+        period_ns=np.full(n, NANOSECONDS // wiring.frame_rate, np.int64),
         optimal=optimal,
-        faults=faults([c.faults for c in controllers], frame_rate, seed),
+        faults=faults([c.faults for c in controllers], wiring.frame_rate, seed),
     )
-    order = list(limits)
     for c, controller in enumerate(controllers):
-        for d, device in enumerate(controller.devices):
-            made.device[c, d] = order.index(device)
-            made.actuators.limit[c, d], made.actuators.rate[c, d] = limits[device]
-        own = known[c]
-        if own is not None:
-            made.mode_shape[c, : len(controller.signals)] = magnitudes(own.mode_shape)
-        settings(controller, made.settings[c], made.mode_shape[c])
-        if own is not None:
-            made.sensitivity[c, : len(controller.signals), : len(controller.devices)] = own.sign
-    starts = [_start(nets[c], made.settings[c], controllers[c], known[c]) for c in range(n)]
+        _fill(controls, c, controller, wiring, known[c].prior)
+    starts = [_start(nets[c], controls.settings[c], controllers[c], known[c].prior) for c in range(n)]
     state = BankState(
         held=held,
         compensated=compensated,
@@ -140,9 +125,21 @@ def bank(
         learner=learners(nets, starts),
         memory=memories(n, max_signals, max_devices),
         estimate=estimate,
-        calls=calls(n, max_signals, len(pmus)),
+        calls=calls(n, max_signals, len(wiring.pmus)),
     )
-    return made, state
+    return controls, state
+
+
+def _fill(controls: Bank, c: int, controller: Controller, wiring: Wiring, prior: PlantPrior | None) -> None:
+    """Write the devices and settings of controller c."""
+    order = list(wiring.limits)
+    for d, device in enumerate(controller.devices):
+        controls.device[c, d] = order.index(device)
+        controls.actuators.limit[c, d], controls.actuators.rate[c, d] = wiring.limits[device]
+    if prior is not None:
+        controls.mode_shape[c, : len(controller.signals)] = magnitudes(prior.mode_shape)
+        controls.sensitivity[c, : len(controller.signals), : len(controller.devices)] = prior.sign
+    settings(controller, controls.settings[c], controls.mode_shape[c])
 
 
 def settings(controller: Controller, rows: NDArray[Any], swing: Float1) -> NDArray[Any]:
@@ -152,7 +149,7 @@ def settings(controller: Controller, rows: NDArray[Any], swing: Float1) -> NDArr
     return rows
 
 
-def put(rows: NDArray[Any], name: str, parameter: table.Parameter, value: table.Value, swing: Float1) -> None:
+def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing: Float1) -> None:
     """Write a parameter's value to SETTINGS records.
 
     A single value holds for every device. For a parameter of signals it holds for the first signal, and `swing`, the
@@ -204,17 +201,17 @@ def pull(known: PlantPrior, s: NDArray[Any]) -> Float1:
 
 
 @entry_point
-def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
-    net, s = shape_of(made.shape[c]), made.settings[c]
-    own, kept, actuators = state.learner.each[c], state.memory.each[c], made.actuators.each[c]
+def _neuro_fuzzy(bank: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
+    net, s = shape_of(bank.shape[c]), bank.settings[c]
+    own, kept, actuators = state.learner.each[c], state.memory.each[c], bank.actuators.each[c]
     for i in range(net.inputs // 2):
         for d in range(net.outputs):
-            sign = made.sensitivity[c, i, d]
-            estimate = state.jacobian[c, i, d] * made.actuators.limit[c, d] / s[i].scale
+            sign = bank.sensitivity[c, i, d]
+            estimate = state.jacobian[c, i, d] * bank.actuators.limit[c, d] / s[i].scale
             if s[0].sign_guard > 0.0 and estimate * sign < 0.0:
                 estimate = 0.0
-            kept.jacobian[i, d] = sign if made.code[c] == table.DIRECT else estimate
-    frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
+            kept.jacobian[i, d] = sign if bank.code[c] == table.DIRECT else estimate
+    frames = 0 if since_ns == 0 else max(1, round(since_ns / bank.period_ns[c]))
     stale = s[0].stale > 0.0 and age_ns * 1e-9 > s[0].stale
     neuro_fuzzy.step(
         net, own, kept, s, state.compensated.signal[c], actuators, state.unlimited[c], since_ns * 1e-9, frames, stale
@@ -222,14 +219,14 @@ def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: in
 
 
 @compiled
-def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
-    frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
+def _optimal(bank: Bank, state: BankState, c: int, since_ns: int) -> None:
+    frames = 0 if since_ns == 0 else max(1, round(since_ns / bank.period_ns[c]))
     state_space.step(
-        made.optimal.each[c],
+        bank.optimal.each[c],
         state.estimate[c],
         state.compensated.signal[c],
-        made.inputs.signals[c],
-        made.actuators.each[c],
+        bank.inputs.signals[c],
+        bank.actuators.each[c],
         state.outputs[c],
         state.memory.applied[c],
         state.unlimited[c],
@@ -239,20 +236,20 @@ def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
 
 
 @compiled
-def _issue(made: Bank, state: BankState, c: int, tick: int, arrival: int, out: NDArray[Any], first: int) -> int:
+def _issue(bank: Bank, state: BankState, c: int, tick: int, arrival: int, out: NDArray[Any], first: int) -> int:
     """Write the setpoints of controller c to `out` from index `first` on; returns the index after the last.
 
     They are limited, with zero for a non-finite one; then the controller's faults apply.
     """
-    for d in range(made.device.shape[1]):
-        limit, value = made.actuators.limit[c, d], state.unlimited[c, d]
+    for d in range(bank.device.shape[1]):
+        limit, value = bank.actuators.limit[c, d], state.unlimited[c, d]
         value = min(max(value, -limit), limit) if math.isfinite(value) else 0.0
-        state.outputs[c, d] = misbehave(made.faults, c, tick, d, value, state.outputs[c, d], limit)
-        if made.device[c, d] != UNSET:
+        state.outputs[c, d] = misbehave(bank.faults, c, tick, d, value, state.outputs[c, d], limit)
+        if bank.device[c, d] != UNSET:
             row = out[first]
             row.tick = tick
             row.controller = c
-            row.device = made.device[c, d]
+            row.device = bank.device[c, d]
             row.measured_ns = state.held.newest_ns[c]
             row.issued_ns = arrival
             row.effective_ns = arrival
@@ -273,7 +270,7 @@ def set_estimate(state: BankState, c: int, jacobian: Float2, change: Float1, mea
 
 @entry_point
 def act(
-    made: Bank, state: BankState, c: int, tick: int, delivered: Deliveries, count: int, out: Setpoints, first: int
+    bank: Bank, state: BankState, c: int, tick: int, delivered: Deliveries, count: int, out: Setpoints, first: int
 ) -> int:
     """Run a tick of controller c: process `count` delivered entries, write setpoints to `out` from index `first` on.
 
@@ -282,44 +279,44 @@ def act(
     only at the last such arrival of a tick. A called controller that has failed issues no more setpoints. Returns the
     index after the last setpoint.
     """
-    if silent(made.faults, c, tick):
+    if silent(bank.faults, c, tick):
         return first
-    corrupt(made.faults, c, tick, state.learner.theta[c])
+    corrupt(bank.faults, c, tick, state.learner.theta[c])
     i, last = 0, UNSET
-    called = made.code[c] == table.CALLED
-    once = made.code[c] == table.GIVEN or (called and state.calls.once[c])
+    called = bank.code[c] == table.CALLED
+    once = bank.code[c] == table.GIVEN or (called and state.calls.once[c])
     while i < count:
         arrival = delivered[i].arrival_ns
-        i = ingest(made.inputs, state.held, c, delivered, i, count)
-        since = compute_signals(made.inputs, state.held, c)
+        i = ingest(bank.inputs, state.held, c, delivered, i, count)
+        since = compute_signals(bank.inputs, state.held, c)
         if since < 0:
             continue
         newest = state.held.newest_ns[c]
         age, signals = (arrival - newest) * 1e-9, state.held.signal[c]
-        compensate(made.compensators, state.compensated, c, made.settings[c, 0], signals, newest, age, since * 1e-9)
+        compensate(bank.compensators, state.compensated, c, bank.settings[c, 0], signals, newest, age, since * 1e-9)
         if once:
             last = arrival
             continue
-        if made.code[c] == table.LAW:
-            for d in range(made.device.shape[1]):
-                if made.device[c, d] != UNSET:
+        if bank.code[c] == table.LAW:
+            for d in range(bank.device.shape[1]):
+                if bank.device[c, d] != UNSET:
                     state.unlimited[c, d] = law_of(
-                        made.law[c],
-                        made.settings[c, d],
+                        bank.law[c],
+                        bank.settings[c, d],
                         state.internal[c, d],
                         state.compensated.signal[c, 0],
                         since * 1e-9,
                     )
-        elif made.code[c] == table.STATE_SPACE:
-            _optimal(made, state, c, since)
+        elif bank.code[c] == table.STATE_SPACE:
+            _optimal(bank, state, c, since)
         elif called:
-            if not call(made.inputs, state.held, state.calls, c, arrival):
+            if not call(bank.inputs, state.held, state.calls, c, arrival):
                 return first
         else:
-            _neuro_fuzzy(made, state, c, since, arrival - newest)
-        first = _issue(made, state, c, tick, arrival, out, first)
+            _neuro_fuzzy(bank, state, c, since, arrival - newest)
+        first = _issue(bank, state, c, tick, arrival, out, first)
     if last != UNSET:
-        if called and not call(made.inputs, state.held, state.calls, c, last):
+        if called and not call(bank.inputs, state.held, state.calls, c, last):
             return first
-        first = _issue(made, state, c, tick, last, out, first)
+        first = _issue(bank, state, c, tick, last, out, first)
     return first

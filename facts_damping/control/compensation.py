@@ -77,7 +77,7 @@ def compensators(names: Sequence[str], omega: Sequence[float], signals: int) -> 
 
 @compiled
 def compensate(
-    made: Compensators, state: Compensated, c: int, s: Any, given: Float1, newest_ns: int, age: float, dt: float
+    compensators: Compensators, state: Compensated, c: int, s: Any, given: Float1, newest_ns: int, age: float, dt: float
 ) -> None:
     """Compensate the signals `given` of controller c at a frame; result in `state.signal[c]`.
 
@@ -87,9 +87,9 @@ def compensate(
     """
     for i in range(given.size):
         state.signal[c, i] = given[i]
-    if made.code[c] == NONE:
+    if compensators.code[c] == NONE:
         return
-    if made.code[c] == PREDICTION:
+    if compensators.code[c] == PREDICTION:
         held = newest_ns - state.change_ns[c] <= HELD_NS
         for i in range(given.size):
             change = state.change[c, i]
@@ -98,12 +98,12 @@ def compensate(
         return
     fraction = 1.0 if dt <= 0.0 or s.latency_filter <= 0.0 else 1.0 - exp(-dt / s.latency_filter)
     state.latency[c] += fraction * (age - state.latency[c])
-    phase = made.omega[c] * max(0.0, state.latency[c] + s.down_delay)
+    phase = compensators.omega[c] * max(0.0, state.latency[c] + s.down_delay)
     for i in range(given.size):
-        if made.code[c] == LEAD:
-            state.signal[c, i] = lead(made.omega[c], phase, state.sections[c, i], given[i], dt)
+        if compensators.code[c] == LEAD:
+            state.signal[c, i] = lead(compensators.omega[c], phase, state.sections[c, i], given[i], dt)
         else:
-            state.signal[c, i] = phasor(made.omega[c], phase, s.phasor_rate, state.phasor[c, i], given[i], dt)
+            state.signal[c, i] = phasor(compensators.omega[c], phase, s.phasor_rate, state.phasor[c, i], given[i], dt)
 
 
 @compiled

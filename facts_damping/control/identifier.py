@@ -24,7 +24,7 @@ from facts_damping.control.identifier_model import (
     predictor_network,
     start,
 )
-from facts_damping.control.inputs import UNSET, compute_signals, ingest, inputs
+from facts_damping.control.inputs import UNSET, Wiring, compute_signals, ingest, inputs
 from facts_damping.control.prediction import fill, frame_before, look_ahead
 from facts_damping.control.table import SETTINGS
 from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn, learners
@@ -32,21 +32,14 @@ from facts_damping.neurofuzzy.network import Network, by_inputs, shape_of
 from facts_damping.signals import NANOSECONDS, Deliveries, Estimates, Setpoints, to_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from facts_damping.parameters.plant.pmus import Signal
 
 SPARE = 4  # frames beyond the loop's delay for which setpoints are kept
 
 
-def identifiers(
-    rows: Sequence[Identified],
-    signals: Mapping[str, Signal],
-    pmus: Sequence[str],
-    frame_rate: int,
-    nominal: float = 60.0,
-) -> tuple[Identifiers, IdentifierState]:
-    """Build the identifiers of a run; `nominal`: frequency, Hz."""
+def identifiers(rows: Sequence[Identified], wiring: Wiring) -> tuple[Identifiers, IdentifierState]:
+    """Build the identifiers of a run."""
     n, maximum = len(rows), max([len(row.devices) for row in rows], default=0)
     outputs = max([len(row.signals) for row in rows], default=0)
     span = np.array([int(row.settings["identifier_span"][0]) for row in rows], np.int64)
@@ -55,12 +48,12 @@ def identifiers(
         predictor_network(row.kind, len(row.signals), len(row.devices), o) for row, o in zip(rows, order, strict=True)
     ]
     starts = [start(net, row) if row.weights is None else row.weights for net, row in zip(nets, rows, strict=True)]
-    given, held = inputs([row.signals for row in rows], signals, pmus, nominal)
+    given, held = inputs([row.signals for row in rows], wiring.signals, wiring.pmus, wiring.nominal)
     loop_delay_ns = np.array([to_ns(float(row.settings["loop_delay"][0])) for row in rows], np.int64)
     horizon = np.array([int(row.settings["identifier_horizon"][0]) for row in rows], np.int64)
     ahead_ns = np.where([row.predicts for row in rows], loop_delay_ns, UNSET)
     back = int((horizon + span).max(initial=1))
-    loop_delay = int(loop_delay_ns.max(initial=0)) * frame_rate // NANOSECONDS
+    loop_delay = int(loop_delay_ns.max(initial=0)) * wiring.frame_rate // NANOSECONDS
     kept = loop_delay + back + SPARE
     made = Identifiers(
         controller=np.array([row.controller for row in rows], np.int64),
@@ -74,7 +67,7 @@ def identifiers(
         order=order,
         span=span,
         ahead_ns=ahead_ns,
-        period_ns=np.full(n, NANOSECONDS // frame_rate, np.int64),
+        period_ns=np.full(n, NANOSECONDS // wiring.frame_rate, np.int64),
     )
     state = IdentifierState(
         held=held,
@@ -105,14 +98,14 @@ def identifiers(
 
 
 @compiled
-def _evaluate(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
+def _evaluate(net: Network, learner: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
     """Compute prediction and Jacobian at `own.x`."""
     first = ids.order[n] * net.outputs
-    infer(net, own)
-    by_inputs(net, own.theta, own.passed)
+    infer(net, learner)
+    by_inputs(net, learner.theta, learner.passed)
     for i in range(net.outputs):
         for d in range(net.inputs - first):
-            by_u = own.passed.by_input[i, first + d]
+            by_u = learner.passed.by_input[i, first + d]
             state.jacobian[n, i, d] = by_u * ids.settings[n, i].scale / ids.limit[n, d]
 
 

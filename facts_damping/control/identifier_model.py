@@ -16,7 +16,7 @@ from facts_damping.neurofuzzy.learning import Learners
 from facts_damping.neurofuzzy.network import Network, network
 from facts_damping.neurofuzzy.start import Start, initial, slots
 from facts_damping.neurofuzzy.table import IDENTIFIERS, MIMO_FORM
-from facts_damping.phasors import over, power, times
+from facts_damping.numerics.phasors import over, power, times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -66,6 +66,16 @@ class LatestSamples(Struct):
     signal: Float2  # (receivers, most signals): newest signals
 
 
+class Wiring(NamedTuple):
+    """What the controllers of a run are connected to."""
+
+    signals: Mapping[str, Signal]
+    pmus: Sequence[str]
+    limits: Mapping[str, tuple[float, float]]  # magnitude, p.u., and rate, p.u./s, of all installed devices in order
+    frame_rate: int
+    nominal: float = 60.0  # frequency, Hz
+
+
 def inputs(
     given: Sequence[Sequence[str]], signals: Mapping[str, Signal], pmus: Sequence[str], nominal: float = 60.0
 ) -> tuple[Inputs, LatestSamples]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import InputError
-from facts_damping.phasors import times
+from facts_damping.numerics.phasors import times
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float2

@@ -73,8 +73,8 @@ def memories(controllers: int, signals: int, devices: int) -> Memories:
 @compiled
 def step(
     net: Network,
-    own: Learner,
-    kept: Memory,
+    learner: Learner,
+    memory: Memory,
     s: NDArray[Any],
     signals: Float1,
     actuators: Actuators,
@@ -87,34 +87,40 @@ def step(
 
     The Jacobian is in `kept.jacobian`. `dt` (s) and `frames` count from the frame before; 0 at the first frame.
     """
-    kept.taught[0] = 0.0
+    memory.taught[0] = 0.0
     if frames > 0:
-        _follow(net, kept, s, actuators, unlimited, dt)
-    if frames > 0 and not stale and _errors(net, kept, s, signals, actuators, unlimited):
+        _follow(net, memory, s, actuators, unlimited, dt)
+    if frames > 0 and not stale and _errors(net, memory, s, signals, actuators, unlimited):
         g = s[0]
-        learn(net, own, Rule(g.rate, g.eta, g.momentum, g.leakage, g.clip, g.projection), kept.error, kept.curvature)
-        _fall(net, own, kept, s, signals, actuators)
-        kept.taught[0] = 1.0
+        learn(
+            net,
+            learner,
+            Rule(g.rate, g.eta, g.momentum, g.leakage, g.clip, g.projection),
+            memory.error,
+            memory.curvature,
+        )
+        _fall(net, learner, memory, s, signals, actuators)
+        memory.taught[0] = 1.0
     for i in range(net.inputs // 2):
-        change = 0.0 if frames == 0 else (signals[i] - kept.before[i]) / frames
-        own.x[2 * i] = min(max(-signals[i] / s[i].scale, -s[0].range), s[0].range)
-        own.x[2 * i + 1] = min(max(-change / s[i].change_scale, -s[0].range), s[0].range)
-        kept.before[i] = signals[i]
-    infer(net, own)
+        change = 0.0 if frames == 0 else (signals[i] - memory.before[i]) / frames
+        learner.x[2 * i] = min(max(-signals[i] / s[i].scale, -s[0].range), s[0].range)
+        learner.x[2 * i + 1] = min(max(-change / s[i].change_scale, -s[0].range), s[0].range)
+        memory.before[i] = signals[i]
+    infer(net, learner)
     for o in range(net.outputs):
-        unlimited[o] = actuators.limit[o] * own.passed.output[o]
+        unlimited[o] = actuators.limit[o] * learner.passed.output[o]
 
 
 @compiled
-def _follow(net: Network, kept: Memory, s: NDArray[Any], actuators: Actuators, unlimited: Float1, dt: float) -> None:
+def _follow(net: Network, memory: Memory, s: NDArray[Any], actuators: Actuators, unlimited: Float1, dt: float) -> None:
     """Update `kept.applied`: with anti-windup the setpoint within limit and rate of the device, else before limits."""
     for o in range(net.outputs):
         if s[0].anti_windup > 0.0:
             limited = min(max(unlimited[o], -actuators.limit[o]), actuators.limit[o])
             reach = actuators.rate[o] * dt
-            kept.applied[o] = min(max(limited, kept.applied[o] - reach), kept.applied[o] + reach)
+            memory.applied[o] = min(max(limited, memory.applied[o] - reach), memory.applied[o] + reach)
         else:
-            kept.applied[o] = unlimited[o]
+            memory.applied[o] = unlimited[o]
 
 
 @compiled
@@ -125,26 +131,28 @@ def _seen(s: NDArray[Any], i: int, signals: Float1) -> float:
 
 
 @compiled
-def _fall(net: Network, own: Learner, kept: Memory, s: NDArray[Any], signals: Float1, actuators: Actuators) -> None:
+def _fall(
+    net: Network, learner: Learner, memory: Memory, s: NDArray[Any], signals: Float1, actuators: Actuators
+) -> None:
     """Compute the Lyapunov function, and its decrease by the step if the plant responds as the Jacobian predicts."""
     now = then = 0.0
     for i in range(net.inputs // 2):
         e = after = _seen(s, i, signals)
         for o in range(net.outputs):
-            after -= kept.jacobian[i, o] * own.moved[o]
+            after -= memory.jacobian[i, o] * learner.moved[o]
         now += 0.5 * e * e
         then += 0.5 * after * after
     for o in range(net.outputs):
-        u = kept.applied[o] / actuators.limit[o]
-        after = u + own.moved[o]
+        u = memory.applied[o] / actuators.limit[o]
+        after = u + learner.moved[o]
         now += 0.5 * s[o].hbar * u * u
         then += 0.5 * s[o].hbar * after * after
-    kept.lyapunov[0], kept.lyapunov[1] = now, now - then
+    memory.lyapunov[0], memory.lyapunov[1] = now, now - then
 
 
 @compiled
 def _errors(
-    net: Network, kept: Memory, s: NDArray[Any], signals: Float1, actuators: Actuators, unlimited: Float1
+    net: Network, memory: Memory, s: NDArray[Any], signals: Float1, actuators: Actuators, unlimited: Float1
 ) -> bool:
     """Compute adaptation errors and curvatures; returns False if the Jacobian is unknown.
 
@@ -153,12 +161,12 @@ def _errors(
     for o in range(net.outputs):
         error, curvature = 0.0, s[o].hbar
         for i in range(net.inputs // 2):
-            error += _seen(s, i, signals) * kept.jacobian[i, o]
-            curvature += kept.jacobian[i, o] * kept.jacobian[i, o]
-        error -= s[o].hbar * kept.applied[o] / actuators.limit[o]
+            error += _seen(s, i, signals) * memory.jacobian[i, o]
+            curvature += memory.jacobian[i, o] * memory.jacobian[i, o]
+        error -= s[o].hbar * memory.applied[o] / actuators.limit[o]
         beyond = abs(unlimited[o]) > actuators.limit[o] and error * unlimited[o] > 0.0
-        kept.error[o] = 0.0 if s[0].anti_windup > 0.0 and beyond else error
-        kept.curvature[o] = curvature
+        memory.error[o] = 0.0 if s[0].anti_windup > 0.0 and beyond else error
+        memory.curvature[o] = curvature
         if not math.isfinite(error):
             return False
     return True

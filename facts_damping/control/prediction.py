@@ -93,7 +93,7 @@ FARTHEST = 10.0  # times the largest measured value: a prediction beyond is disc
 
 
 @compiled
-def look_ahead(ids: Identifiers, state: IdentifierState, n: int, net: Network, own: Learner) -> None:
+def look_ahead(ids: Identifiers, state: IdentifierState, n: int, net: Network, learner: Learner) -> None:
     """Write the signals' change over the delay, from the frame after the newest on, p.u., to `state.change[n]`.
 
     NaN if frames are missing, no rule fires, or a prediction is implausible. Between two frames the change is
@@ -108,7 +108,7 @@ def look_ahead(ids: Identifiers, state: IdentifierState, n: int, net: Network, o
         between(ids, state, n, now, back - 1 - i, path[i, : net.outputs])
     last = back + frames + (1 if part > 0.0 else 0)
     for i in range(back, last + 1):
-        if not _next(ids, state, n, net, own, i, now + (i - back + 1) * period):
+        if not _next(ids, state, n, net, learner, i, now + (i - back + 1) * period):
             return
     for j in range(net.outputs):
         step = path[last, j] - path[back + frames, j]
@@ -116,16 +116,18 @@ def look_ahead(ids: Identifiers, state: IdentifierState, n: int, net: Network, o
 
 
 @compiled
-def _next(ids: Identifiers, state: IdentifierState, n: int, net: Network, own: Learner, i: int, time_ns: int) -> bool:
+def _next(
+    ids: Identifiers, state: IdentifierState, n: int, net: Network, learner: Learner, i: int, time_ns: int
+) -> bool:
     """Compute row i of the path, the frame at `time_ns`; returns False if that is impossible."""
     s, order, path = ids.settings[n], ids.order[n], state.path[n]
     for k in range(order):
         for j in range(net.outputs):
-            own.x[k * net.outputs + j] = path[i - ids.horizon[n] - k * ids.span[n], j] / s[j].scale
-    fill(own.x[order * net.outputs : net.inputs], ids, state, n, time_ns, ids.horizon[n] * ids.period_ns[n])
-    forward(net, own.theta, own.x, own.passed)
+            learner.x[k * net.outputs + j] = path[i - ids.horizon[n] - k * ids.span[n], j] / s[j].scale
+    fill(learner.x[order * net.outputs : net.inputs], ids, state, n, time_ns, ids.horizon[n] * ids.period_ns[n])
+    forward(net, learner.theta, learner.x, learner.passed)
     for j in range(net.outputs):
-        path[i, j] = own.passed.output[j] * s[j].scale
-        if not (own.passed.total[j] > FLOOR and abs(path[i, j]) <= FARTHEST * state.peak[n, j]):
+        path[i, j] = learner.passed.output[j] * s[j].scale
+        if not (learner.passed.total[j] > FLOOR and abs(path[i, j]) <= FARTHEST * state.peak[n, j]):
             return False
     return True

@@ -64,7 +64,7 @@ def state_spaces(designs: Sequence[StateSpace | None], signals: int, devices: in
 
 @compiled
 def step(
-    own: Observer,
+    observer: Observer,
     x: Float2,
     signals: Float1,
     count: int,
@@ -80,37 +80,37 @@ def step(
     `x[0]`: estimate; `x[1]`: work space; `issued`: setpoints of the frame before, p.u.; `applied`: setpoints as
     followed by the devices, p.u.; `dt`: s since the frame before; `frames` = 0 at the first frame.
     """
-    n = own.A.shape[0]
+    n = observer.A.shape[0]
     if frames == 0 or frames > MAX_MISSED:
         x[:] = 0.0
     else:
         for _ in range(frames):
-            _predict(own, x, actuators, issued, applied, dt / frames)
+            _predict(observer, x, actuators, issued, applied, dt / frames)
     for i in range(count):
         x[1, i] = signals[i]
         for j in range(n):
-            x[1, i] -= own.C[i, j] * x[0, j]
+            x[1, i] -= observer.C[i, j] * x[0, j]
     for j in range(n):
         for i in range(count):
-            x[0, j] += own.M[j, i] * x[1, i]
-    for d in range(own.K.shape[0]):
+            x[0, j] += observer.M[j, i] * x[1, i]
+    for d in range(observer.K.shape[0]):
         unlimited[d] = 0.0
         for j in range(n):
-            unlimited[d] -= own.K[d, j] * x[0, j]
+            unlimited[d] -= observer.K[d, j] * x[0, j]
 
 
 @compiled
-def _predict(own: Observer, x: Float2, actuators: Actuators, issued: Float1, applied: Float1, dt: float) -> None:
+def _predict(observer: Observer, x: Float2, actuators: Actuators, issued: Float1, applied: Float1, dt: float) -> None:
     """Predict the estimate by one frame, while the devices follow the setpoints within their rates."""
-    n = own.A.shape[0]
-    for d in range(own.K.shape[0]):
+    n = observer.A.shape[0]
+    for d in range(observer.K.shape[0]):
         reach = actuators.rate[d] * dt
         applied[d] = min(max(issued[d], applied[d] - reach), applied[d] + reach)
     for j in range(n):
         x[1, j] = 0.0
         for i in range(n):
-            x[1, j] += own.A[j, i] * x[0, i]
-        for d in range(own.K.shape[0]):
-            x[1, j] += own.B[j, d] * applied[d]
+            x[1, j] += observer.A[j, i] * x[0, i]
+        for d in range(observer.K.shape[0]):
+            x[1, j] += observer.B[j, d] * applied[d]
     for j in range(n):
         x[0, j] = x[1, j]

@@ -131,9 +131,9 @@ def _window(stage: Any, way: DirectionSpec) -> int:
     return max(1, frames)
 
 
-def put(made: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
+def put(chains: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
     """Write a stage to index `s` of a link, with its draws, which depend only on seed and indices."""
-    row, model, begin = made.rows[link], kinds.MODELS[stage.model], to_ns(stage.start)
+    row, model, begin = chains.rows[link], kinds.MODELS[stage.model], to_ns(stage.start)
     code = model.code
     row[s]["model"], row[s]["begin_ns"] = code, begin
     row[s]["from_ns"] = 0 if code == kinds.REPLAY else begin
@@ -148,21 +148,21 @@ def put(made: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None
         row[s]["stamped"], row[s]["hold"] = stage.reference == "stamp", stage.missing == "hold"
         row[s]["complete"] = stage.send == "complete"
     names = [one for name in stage.channels or way.channels for one in way.groups.get(name, [name])]
-    made.channel_mask[link, s] = [name in names for name in way.channels]
+    chains.channel_mask[link, s] = [name in names for name in way.channels]
     seed, direction = way.seed
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(link, direction, s)))
     if code == kinds.NOISE:
-        own = made.kept[link, s, : row[s]["window"]]
+        own = chains.kept[link, s, : row[s]["window"]]
         own[:] = random_numbers.standard_normal(random, own.shape)
     if code in kinds.CHANCE:
-        made.drawn[link, s] = kinds.draw(stage, made.drawn.shape[2:], way.channels, random)
+        chains.drawn[link, s] = kinds.draw(stage, chains.drawn.shape[2:], way.channels, random)
 
 
-def longest_delay_ns(made: Chains) -> int:
+def longest_delay_ns(chains: Chains) -> int:
     """Longest possible delay of a chain, ns."""
-    drawn = np.where(made.drawn == NEVER, 0, made.drawn).max(axis=(2, 3, 4), initial=0)
-    fixed = np.maximum(made.rows["delay_ns"], 0)  # a negative offset of time stamps adds no delay
-    return int((fixed + np.where(made.rows["model"] == kinds.DRAWN, drawn, 0)).sum(axis=1).max(initial=0))
+    drawn = np.where(chains.drawn == NEVER, 0, chains.drawn).max(axis=(2, 3, 4), initial=0)
+    fixed = np.maximum(chains.rows["delay_ns"], 0)  # a negative offset of time stamps adds no delay
+    return int((fixed + np.where(chains.rows["model"] == kinds.DRAWN, drawn, 0)).sum(axis=1).max(initial=0))
 
 
 @compiled

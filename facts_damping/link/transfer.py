@@ -98,14 +98,14 @@ class Links(Struct):
 
 
 def directions(
-    made: type[Directions], given: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: DirectionSpec
+    kind: type[Directions], given: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: DirectionSpec
 ) -> Directions:
     """Build one empty direction of several links from their stages, with room for all entries under way."""
     chain, packets = chains(given, way)
     n, capacity = len(given), room_for(chain, way)
     statistics = np.zeros((n, max(len(way.channels), 1)), STATISTICS)
     statistics["delay_min_ns"] = np.iinfo(np.int64).max
-    return made(
+    return kind(
         chain,
         packets,
         np.zeros((n, capacity), dtype),
@@ -135,43 +135,43 @@ def links(given: Sequence[Link], used: Sequence[int], up: DirectionSpec, down: D
     )
 
 
-def changed(own: Directions, link: int, place: int, stage: Any, way: DirectionSpec) -> Directions:
+def changed(directions: Directions, link: int, place: int, stage: Any, way: DirectionSpec) -> Directions:
     """A direction with a stage of a link changed for entries sent from now on; enlarged if needed."""
-    put(own.chain, link, place, stage, way)
-    capacity = room_for(own.chain, way)
-    return _roomier(own, capacity) if capacity > own.arrival_ns.shape[1] else own
+    put(directions.chain, link, place, stage, way)
+    capacity = room_for(directions.chain, way)
+    return _roomier(directions, capacity) if capacity > directions.arrival_ns.shape[1] else directions
 
 
-def replaced(own: Directions, link: int, given: Sequence[Sequence[Any]], way: DirectionSpec) -> Directions:
+def replaced(directions: Directions, link: int, given: Sequence[Sequence[Any]], way: DirectionSpec) -> Directions:
     """A direction with new stages of a link for entries sent from now on; `given`: stages of all links.
 
     Entries under way remain. The state of this link's stages is reset, that of other links is not.
     """
     chain, packets = chains(given, way)
     others = np.arange(len(given)) != link
-    for before, after in zip(tuple(own.chain)[2:], tuple(chain)[2:], strict=True):  # draws and stored entries
+    for before, after in zip(tuple(directions.chain)[2:], tuple(chain)[2:], strict=True):  # draws and stored entries
         where = (others, *(slice(min(sizes)) for sizes in zip(before.shape[1:], after.shape[1:], strict=True)))
         after[where] = before[where]
-    packets.number[:] = own.packets.number
-    own, capacity = own._replace(chain=chain, packets=packets), room_for(chain, way)
-    return _roomier(own, capacity) if capacity > own.arrival_ns.shape[1] else own
+    packets.number[:] = directions.packets.number
+    directions, capacity = directions._replace(chain=chain, packets=packets), room_for(chain, way)
+    return _roomier(directions, capacity) if capacity > directions.arrival_ns.shape[1] else directions
 
 
-def _roomier(own: Directions, capacity: int) -> Directions:
+def _roomier(directions: Directions, capacity: int) -> Directions:
     """A direction with larger rings; entries are moved to the start of each ring."""
-    n, old = own.arrival_ns.shape
+    n, old = directions.arrival_ns.shape
 
     def wide(ring: NDArray[Any]) -> NDArray[Any]:
         found = np.zeros((n, capacity), ring.dtype)
         for link in range(n):
-            found[link, :old] = np.roll(ring[link], -own.ring[link, RING_HEAD])
+            found[link, :old] = np.roll(ring[link], -directions.ring[link, RING_HEAD])
         return found
 
-    entries, arrival_ns, sent_ns = wide(own.entries), wide(own.arrival_ns), wide(own.sent_ns)
-    own.ring[:, RING_HEAD] = 0
-    out = np.zeros((n, capacity), own.out.dtype)
-    out[:, :old] = own.out
-    return own._replace(entries=entries, arrival_ns=arrival_ns, sent_ns=sent_ns, out=out)
+    entries, arrival_ns, sent_ns = wide(directions.entries), wide(directions.arrival_ns), wide(directions.sent_ns)
+    directions.ring[:, RING_HEAD] = 0
+    out = np.zeros((n, capacity), directions.out.dtype)
+    out[:, :old] = directions.out
+    return directions._replace(entries=entries, arrival_ns=arrival_ns, sent_ns=sent_ns, out=out)
 
 
 @compiled
@@ -239,14 +239,14 @@ def _count_delivered(way: Any, channel: int, slot: int) -> None:
 
 @entry_point
 def uplink(
-    made: Links, link: int, tick: int, start_ns: int, end_ns: int, frame: Float2, measured_ns: Int1, status: Int1
+    links: Links, link: int, tick: int, start_ns: int, end_ns: int, frame: Float2, measured_ns: Int1, status: Int1
 ) -> int:
     """Send a frame (PMUs, channels) up a link at `start_ns`; deliver entries that arrive before `end_ns`.
 
     `measured_ns`: time of each PMU's measurement, (PMUs,); NEVER: absent from the frame. `status`: bits of each
     PMU's entry. Delivered entries are in `made.up.out[link]`, in order of arrival; returns their number.
     """
-    way = made.up.each[link]
+    way = links.up.each[link]
     p = way.packets
     for pmu in range(frame.shape[0]):
         _put_in(p, pmu, start_ns, measured_ns[pmu])
@@ -283,15 +283,15 @@ def uplink(
 
 
 @entry_point
-def downlink(made: Links, link: int, tick: int, end_ns: int, setpoints: Setpoints, given: int) -> int:
+def downlink(links: Links, link: int, tick: int, end_ns: int, setpoints: Setpoints, given: int) -> int:
     """Send those of `given` setpoints whose controllers use a link down that link, each at its `issued_ns`.
 
     Deliver setpoints that arrive before `end_ns` to `made.down.out[link]`, as `uplink` does.
     """
-    way = made.down.each[link]
+    way = links.down.each[link]
     p = way.packets
     for i in range(given):
-        if made.used[setpoints[i].controller] != link:
+        if links.used[setpoints[i].controller] != link:
             continue
         device, issued = setpoints[i].device, setpoints[i].issued_ns
         _put_in(p, device, issued, setpoints[i].measured_ns)

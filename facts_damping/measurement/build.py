@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from facts_damping.signals import CHANNELS, NEVER, to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
     from facts_damping.compiling.structs import Float3
     from facts_damping.parameters.measurement import Clock, Measurement, Noise
@@ -46,6 +48,28 @@ def _chance(normals: int, uniforms: int, bad: int, pmus: int, seed: int) -> tupl
     return normal, uniform
 
 
+def _errors(measurement: Measurement, pmus: Sequence[str]) -> NDArray[Any]:
+    """A row of ERRORS for each PMU."""
+    errors = np.zeros(len(pmus), pmu_model.ERRORS)
+    for row, name in zip(errors, pmus, strict=True):
+        noise, clock = wrong_at(measurement, name)
+        for field in ("magnitude", "angle", "frequency", "rocof"):
+            row[field] = getattr(noise, field)
+        row["offset"], row["drift"] = clock.offset, clock.drift
+        row["lost_ns"] = NEVER if clock.lost is None else to_ns(clock.lost)
+    return errors
+
+
+def _bad_data(measurement: Measurement) -> NDArray[Any]:
+    """A row of BAD for each kind of bad data."""
+    bad = np.zeros(len(measurement.bad_data), pmu_model.BAD)
+    for row, kind in zip(bad, measurement.bad_data, strict=True):
+        row["kind"], row["from_ns"] = KINDS.index(kind.kind), to_ns(kind.start)
+        row["until_ns"] = NEVER if kind.duration is None else to_ns(kind.start) + to_ns(kind.duration)
+        row["probability"], row["size"] = kind.probability, kind.size
+    return bad
+
+
 def make_pmus(
     measurement: Measurement,
     pmus: Sequence[str],
@@ -61,18 +85,7 @@ def make_pmus(
     rate without a filter.
     """
     made = reference_filter(measurement, nominal, frame_rate)
-    errors = np.zeros(len(pmus), pmu_model.ERRORS)
-    for row, name in zip(errors, pmus, strict=True):
-        noise, clock = wrong_at(measurement, name)
-        for field in ("magnitude", "angle", "frequency", "rocof"):
-            row[field] = getattr(noise, field)
-        row["offset"], row["drift"] = clock.offset, clock.drift
-        row["lost_ns"] = NEVER if clock.lost is None else to_ns(clock.lost)
-    bad = np.zeros(len(measurement.bad_data), pmu_model.BAD)
-    for row, one in zip(bad, measurement.bad_data, strict=True):
-        row["kind"], row["from_ns"] = KINDS.index(one.kind), to_ns(one.start)
-        row["until_ns"] = NEVER if one.duration is None else to_ns(one.start) + to_ns(one.duration)
-        row["probability"], row["size"] = one.probability, one.size
+    errors, bad = _errors(measurement, pmus), _bad_data(measurement)
     known = [[one.pmus is None or s in one.pmus for s in pmus] for one in measurement.bad_data]
     channel_mask = np.array(known, np.bool_)
     plain = np.zeros(len(pmus), pmu_model.ERRORS)

@@ -95,17 +95,19 @@ def _spread(weights: Float1, over: list[float]) -> Float1:
     return found
 
 
-def taps(made: Filter, channel: str, frame_rate: int) -> Float1:
+def taps(pmu_filter: Filter, channel: str, frame_rate: int) -> Float1:
     """Weights of a channel's phasor samples, from the newest sample at the report's tick backwards.
 
     For frequency and ROCOF (Hz, Hz/s): weights of its angle (rad), from first and second differences, as in D.4.
     """
-    step = 1.0 / (made.per_frame * frame_rate)
-    whole = np.concatenate([made.weights[:0:-1], made.weights])
+    step = 1.0 / (pmu_filter.per_frame * frame_rate)
+    whole = np.concatenate([pmu_filter.weights[:0:-1], pmu_filter.weights])
     beside: dict[str, list[float]] = {"frequency": [1.0, 0.0, -1.0], "rocof": [1.0, -2.0, 1.0]}
     if channel == "frequency":
         whole = _spread(whole, beside[channel]) / (4.0 * np.pi * step)
     elif channel == "rocof":
         whole = _spread(whole, beside[channel]) / (2.0 * np.pi * step * step)
-    first = made.delay * made.per_frame - (len(whole) - 1) // 2  # samples between the tick's newest and the first used
+    first = (
+        pmu_filter.delay * pmu_filter.per_frame - (len(whole) - 1) // 2
+    )  # samples between the tick's newest and the first used
     return np.concatenate([np.zeros(first), whole])

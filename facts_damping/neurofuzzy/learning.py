@@ -102,14 +102,14 @@ def learners(nets: Sequence[Network], starts: Sequence[Float1]) -> Learners:
 
 
 @compiled
-def infer(net: Network, own: Learner) -> None:
+def infer(net: Network, learner: Learner) -> None:
     """Compute output and gradients with respect to parameters at `own.x`; result in `own.passed`."""
-    forward(net, own.theta, own.x, own.passed)
-    backward(net, own.passed)
+    forward(net, learner.theta, learner.x, learner.passed)
+    backward(net, learner.passed)
 
 
 @compiled
-def _rates(net: Network, own: Learner, rule: Rule, curvature: Float1) -> None:
+def _rates(net: Network, learner: Learner, rule: Rule, curvature: Float1) -> None:
     """Compute the learning rates of each output and group in `own.rate`.
 
     Lyapunov: eta / (curvature_p |du_p/df|^2), half of the stability bound of |e|, (4.36), (4.39), (5.27); with
@@ -117,81 +117,81 @@ def _rates(net: Network, own: Learner, rule: Rule, curvature: Float1) -> None:
     of each group separately, as in the thesis; with G groups a step then multiplies the error by 1 - G eta.
     """
     if rule.rate == FIXED:
-        own.rate[:] = rule.eta
+        learner.rate[:] = rule.eta
         return
-    own.squares[:] = 0.0
+    learner.squares[:] = 0.0
     antecedents = net.inputs * net.rules * net.stored
     for o in range(net.outputs):
         if rule.rate == LYAPUNOV_GROUPS:
-            for f in range(own.theta.size):
-                own.squares[o, own.group[f]] += own.passed.by_theta[o, f] ** 2
+            for f in range(learner.theta.size):
+                learner.squares[o, learner.group[f]] += learner.passed.by_theta[o, f] ** 2
             continue
-        slopes = own.passed.by_theta[o]
+        slopes = learner.passed.by_theta[o]
         total = dot(0.0, slopes[:antecedents], slopes[:antecedents])
         for j in range(net.rules):
             at = antecedents + (j * net.outputs + o) * net.width
             total = dot(total, slopes[at : at + net.width], slopes[at : at + net.width])
-        own.squares[o, 0] = total
-    for g in range(own.rate.shape[1]):
+        learner.squares[o, 0] = total
+    for g in range(learner.rate.shape[1]):
         root = 0.0
         for o in range(net.outputs):
-            root += math.sqrt(curvature[o] * own.squares[o, g if rule.rate == LYAPUNOV_GROUPS else 0])
+            root += math.sqrt(curvature[o] * learner.squares[o, g if rule.rate == LYAPUNOV_GROUPS else 0])
         for o in range(net.outputs):
-            own.rate[o, g] = rule.eta / (root * root + REGULAR)
+            learner.rate[o, g] = rule.eta / (root * root + REGULAR)
 
 
 @entry_point
-def learn(net: Network, own: Learner, rule: Rule, error: Float1, curvature: Float1) -> None:
+def learn(net: Network, learner: Learner, rule: Rule, error: Float1, curvature: Float1) -> None:
     """Run one step of adaptation with the gradients of the last pass.
 
     `error`: (outputs,), ec_p; `curvature`: (outputs,), sum_q J_qp^2 + hbar_p, for Lyapunov rates.
     """
-    _rates(net, own, rule, curvature)
+    _rates(net, learner, rule, curvature)
     antecedents = net.inputs * net.rules * net.stored
     for f in range(antecedents):
-        own.change[f] = 0.0
+        learner.change[f] = 0.0
         for o in range(net.outputs):
-            own.change[f] += own.rate[o, own.group[f]] * error[o] * own.passed.by_theta[o, f]
+            learner.change[f] += learner.rate[o, learner.group[f]] * error[o] * learner.passed.by_theta[o, f]
     for j in range(net.rules):
         for o in range(net.outputs):
             at = antecedents + (j * net.outputs + o) * net.width
-            change, slope = own.change[at : at + net.width], own.passed.by_theta[o, at : at + net.width]
+            change, slope = learner.change[at : at + net.width], learner.passed.by_theta[o, at : at + net.width]
             if rule.rate == LYAPUNOV_GROUPS:
                 for f in range(net.width):
-                    change[f] = own.rate[o, own.group[at + f]] * error[o] * slope[f] + rule.momentum * change[f]
+                    change[f] = learner.rate[o, learner.group[at + f]] * error[o] * slope[f] + rule.momentum * change[f]
                 continue
-            by = own.rate[o, 0] * error[o]  # one rate for all groups
+            by = learner.rate[o, 0] * error[o]  # one rate for all groups
             for f in range(net.width):
                 change[f] = by * slope[f] + rule.momentum * change[f]
-    total = dot(0.0, own.change, own.change)
+    total = dot(0.0, learner.change, learner.change)
     fraction = 1.0
     if rule.clip > 0.0 and total > rule.clip * rule.clip:
         fraction = rule.clip / math.sqrt(total)
-    _move(own, rule, fraction)
+    _move(learner, rule, fraction)
     for o in range(net.outputs):
-        own.moved[o] = dot(0.0, own.passed.by_theta[o, :antecedents], own.change[:antecedents])
+        learner.moved[o] = dot(0.0, learner.passed.by_theta[o, :antecedents], learner.change[:antecedents])
         for j in range(net.rules):
             at = antecedents + (j * net.outputs + o) * net.width
             end = at + net.width
-            own.moved[o] = dot(own.moved[o], own.passed.by_theta[o, at:end], own.change[at:end])
+            learner.moved[o] = dot(learner.moved[o], learner.passed.by_theta[o, at:end], learner.change[at:end])
 
 
 @compiled
-def _move(own: Learner, rule: Rule, fraction: float) -> None:
+def _move(learner: Learner, rule: Rule, fraction: float) -> None:
     """Move the parameters by a fraction of `own.change`, and store the actual change there."""
-    for f in range(own.theta.size):
-        before = own.theta[f]
-        after = before + fraction * own.change[f] - rule.leakage * (before - own.start[f])
+    for f in range(learner.theta.size):
+        before = learner.theta[f]
+        after = before + fraction * learner.change[f] - rule.leakage * (before - learner.start[f])
         if rule.projection > 0.0:
-            after = min(max(after, own.low[f]), own.high[f])
-        own.theta[f] = after
-        own.change[f] = after - before
+            after = min(max(after, learner.low[f]), learner.high[f])
+        learner.theta[f] = after
+        learner.change[f] = after - before
 
 
 @entry_point
 def write_learning(
     net: Network,
-    own: Learner,
+    learner: Learner,
     lyapunov: Float1,
     tick: int,
     controller: int,
@@ -201,13 +201,13 @@ def write_learning(
 ) -> int:
     """Write LEARNING rows to `out` from `first` on; returns the index after the last. `lyapunov`: V, its decrease."""
     groups = (
-        own.group[own.group.size - 1] + 1
+        learner.group[learner.group.size - 1] + 1
     )  # groups are numbered in order of appearance: the last has the highest number
     for o in range(net.outputs):
         for g in range(groups):
             row = out[first]
             row.tick, row.controller, row.identifier = tick, controller, identifier
-            row.output, row.group, row.rate = o, g, own.rate[o, g]
+            row.output, row.group, row.rate = o, g, learner.rate[o, g]
             row.lyapunov, row.fall = lyapunov[0], lyapunov[1]
             first += 1
     return first

@@ -12,6 +12,8 @@ from facts_damping.case.names import controller_addresses, identifier_addresses,
 from facts_damping.control.bank import act, set_estimate
 from facts_damping.control.table import kind_of
 from facts_damping.nodes.admission.member import CONTROLLER, Member
+from facts_damping.nodes.admission.publishers import Reading
+from facts_damping.nodes.base import lines
 from facts_damping.nodes.base.live_parameters import declare_settings
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
@@ -64,7 +66,7 @@ class ControllerNode:
         member.subscribe_frames(link.topic("pmu/delivered"), self.ticks.frames)
         if identifier:
             topic, estimates = f"{member.graph}{identifier}/estimate", Estimates(self.case, self.index)
-            member.message_filter.subscribe(JacobianEstimate, topic, self.ticks.receive, estimates.read)
+            member.message_filter.subscribe(JacobianEstimate, topic, self.ticks.receive, Reading(estimates.read))
         member.message_filter.subscribe_run_state()
         self.spinner, self.activation = member.spin(), member.joining
         extra = int(self.options.recorder)
@@ -84,7 +86,7 @@ class ControllerNode:
         finally:
             self.weights.keep(self.learnt, last=True)
             for times in step_times(self.programs).values():
-                self.member.message_filter.log.line(f"steps {' '.join(map(repr, times))}")
+                self.member.message_filter.log.line(lines.steps_line(times))
 
     def learnt(self) -> Weights | None:
         """The adapted weights; None if there are none."""

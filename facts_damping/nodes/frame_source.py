@@ -15,6 +15,7 @@ from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import RunError, one_line
 from facts_damping.nodes import clock
 from facts_damping.nodes.admission.member import PLANT, Member
+from facts_damping.nodes.base import lines
 from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.qos import LATCHED, PUBLISHER_QOS
 from facts_damping.nodes.base.spinner import Stopped
@@ -98,13 +99,13 @@ class FrameSource:
         self._to_state.publish(stamped(message, tick_ns(max(tick, 0), self._case.run.frame_rate)))
 
     def progress(self, done: int, misses: int, now: bool = True) -> None:
-        """Write the progress line `tick DONE TICKS MISSES` for the program that runs the graph.
+        """Write a line of progress for the program that runs the graph.
 
         If not `now`: unless the last one is younger than `PROGRESS_S`.
         """
         if now or clock.monotonic() - self._reported_s > PROGRESS_S:
             self._reported_s = clock.monotonic()
-            self._log.line(f"tick {done} {self.ticks} {misses}")
+            self._log.line(lines.ticks_line(lines.Ticks(done, self.ticks, misses)))
 
     def wait_for_answers(self, spinner: Spinner, tick: int, what: str) -> None:
         """Wait until all have answered a tick. Raises `RunError` naming silent nodes; `what`: missing message."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.plant.model import Plant, PlantState
-    from facts_damping.signals import GridEvent
+    from facts_damping.record import GridEvent
 
 
 class LivePlant:

@@ -20,6 +20,8 @@ from facts_damping.case.names import (
 from facts_damping.control.table import kind_of
 from facts_damping.nodes import clock
 from facts_damping.nodes.admission.member import RECORDER, Member
+from facts_damping.nodes.admission.publishers import Reading
+from facts_damping.nodes.base import lines
 from facts_damping.nodes.base.managed import AlwaysActive
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
@@ -118,7 +120,8 @@ class Recorder:
             use = partial(self.on_message, name)
             check = self.check(kind, topic)
             begins = partial(begins_a_run, check) if waited and not unticked else None
-            self.message_filter.subscribe(kind, topic, use, begins=begins, check=check, common=unticked, qos=qos)
+            reading = Reading(begins=begins, check=check)
+            self.message_filter.subscribe(kind, topic, use, reading, common=unticked, qos=qos)
         self.message_filter.senders.know_plant()
         self.written = 0
         self.spinner = self.member.spin()
@@ -183,7 +186,7 @@ class Recorder:
             self.write()
             lost = {f"{topic} {publisher}": count for (topic, publisher), count in self.message_filter.lost().items()}
             self.writer.close(lost, self.message_filter.publishers())
-        self.message_filter.log.line(f"lost {sum(lost.values())}")
+        self.message_filter.log.line(lines.lost_line(sum(lost.values())))
         self.message_filter.log.info(f"{self.folder}: {self.health().message}")
 
     def drain(self) -> None:

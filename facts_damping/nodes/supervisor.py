@@ -37,6 +37,7 @@ from facts_damping.monitor_table import (
     reason_of,
 )
 from facts_damping.nodes.admission.member import SUPERVISOR, Member
+from facts_damping.nodes.admission.publishers import Reading
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node
@@ -112,7 +113,7 @@ class SupervisorNode:
         for c in self.sources:
             member.subscribe_setpoints(topics[names[c]], inputs.store(names[c]), names[c], [c])
         for part, (kind, read) in readers.items():
-            member.message_filter.subscribe(kind, f"{member.graph}{topics[part]}", inputs.store(part), read)
+            member.message_filter.subscribe(kind, f"{member.graph}{topics[part]}", inputs.store(part), Reading(read))
         link = link_addresses(case)[case.used_links[self.index]]
         member.subscribe_frames(link.topic("pmu/delivered"), inputs.frames)
         return inputs, {part: partial(node.count_publishers, member.graph + topic) for part, topic in topics.items()}

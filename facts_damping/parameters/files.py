@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, meant
 from facts_damping.input_files import is_file, read_text, share_folder
-from facts_damping.parameters.validation import short
+from facts_damping.parameters.field_errors import short
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 
 if TYPE_CHECKING:
@@ -108,23 +108,23 @@ def anchored(content: Any, folder: Path) -> Any:
 
     What YAML's aliases share stays shared, also with itself.
     """
-    made: dict[tuple[int, str], Any] = {}  # by what it is made of, and the field of which that is the value
+    anchored_of: dict[tuple[int, str], Any] = {}  # by the content, and the field of which that is the value
 
-    def of(one: Any, field: str, depth: int) -> Any:
-        if isinstance(one, str):
-            return str(folder / one) if field in PATHS and re.fullmatch(FILE, one) else one
-        if not isinstance(one, (dict, list)) or depth > DEEPEST:
-            return one
-        key = id(one), field
-        if key not in made:
-            made[key] = one  # for what contains itself
-            if isinstance(one, list):
-                made[key] = [of(part, field, depth + 1) for part in one]
+    def of(part: Any, field: str, depth: int) -> Any:
+        if isinstance(part, str):
+            return str(folder / part) if field in PATHS and re.fullmatch(FILE, part) else part
+        if not isinstance(part, (dict, list)) or depth > DEEPEST:
+            return part
+        key = id(part), field
+        if key not in anchored_of:
+            anchored_of[key] = part  # for what contains itself
+            if isinstance(part, list):
+                anchored_of[key] = [of(item, field, depth + 1) for item in part]
             else:
-                axis = str(one.get("field", "")).rpartition(".")[2]  # of a study: its values are of that field
-                last = {name: axis if name == "values" else str(name).rpartition(".")[2] for name in one}
-                made[key] = {name: of(value, last[name], depth + 1) for name, value in one.items()}
-        return made[key]
+                axis = str(part.get("field", "")).rpartition(".")[2]  # of a study: its values are of that field
+                last = {name: axis if name == "values" else str(name).rpartition(".")[2] for name in part}
+                anchored_of[key] = {name: of(value, last[name], depth + 1) for name, value in part.items()}
+        return anchored_of[key]
 
     return of(content, "", 0)
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.parameters.events import Scenario
+from facts_damping.parameters.field_errors import FieldError, check_field, short, worded
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.measurement import Measurement
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.run import Run, Scenario
+from facts_damping.parameters.run import Run
 from facts_damping.parameters.supervision import Supervision
-from facts_damping.parameters.validation import FieldError, check_field, short, worded
 
 if TYPE_CHECKING:
     from facts_damping.parameters.base import ParameterModel

@@ -11,10 +11,10 @@ from pydantic import Field, StringConstraints
 
 from facts_damping.errors import InputError
 from facts_damping.input_files import read_text
+from facts_damping.output.writing import write_whole
 from facts_damping.parameters.base import ParameterModel, quantity
-from facts_damping.parameters.validation import check
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.yaml_text import UNREADABLE, dump, parse
-from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,9 +10,9 @@ import numpy as np
 from facts_damping.compiling.structs import Table
 from facts_damping.elementary import magnitude, phase, rect
 from facts_damping.errors import InputError
-from facts_damping.parameters.plant.blocks import MODELS
+from facts_damping.numerics.phasors import magnitudes, over, times
+from facts_damping.parameters.plant.block_models import MODELS
 from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
-from facts_damping.phasors import magnitudes, over, times
 from facts_damping.plant import load_noise
 from facts_damping.plant.converters import devices
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.compiling.structs import Float1, Float2
+    from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.grid import Load
     from facts_damping.parameters.plant.system import Device, System
-    from facts_damping.parameters.run import Event
 
 
 LARGE = 100  # machines, infinite buses and ports, above which factors are faster than a dense matrix
@@ -61,35 +61,23 @@ def build(
     Raises `InputError` if the power flow does not converge, if limits exclude the initial state, or if an event is
     impossible.
     """
-    steps = topology_intervals(system, listed)
-    flow = solve(system, installed)
-    states = _States()
+    steps, flow, states = topology_intervals(system, listed), solve(system, installed), _States()
     rotating = _machines(system, flow, states)
     if rotating.violations:
         raise InputError(str(rotating.violations[0]))
-    ports = _Ports()
-    for g, m in enumerate(system.machines):
-        rotating.rows[g]["column"] = g
-        if rotating.rows[g]["saliency"].any():
-            port = ports.add(SALIENT, g, Place(m.bus, machine=m.name))
-            rotating.rows[g]["column"] = len(system.machines) + len(system.infinite_buses) + port
-            rotating.rows[g]["salient"] = 1.0
+    ports = _salient_ports(system, rotating)
     magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
-    loads = port_loads(system, noisy)
-    own, oscillating = {load.name for load in loads}, oscillating_loads(listed)
-    loads += [one for one in system.loads if one.name in oscillating and one.name not in own]  # after those with noise
+    loads = _loads_at_ports(system, noisy, listed)
     load_rows = _loads(system, loads, flow, magnitude, states, ports)
     placed = _devices(system, in_service(system, installed), flow, magnitude, states, ports)
     if watchdog is not None:
         placed["watchdog"] = watchdog
-    norton = rotating.rows["admittance"]
-    at = {m.name: g for g, m in enumerate(system.machines)}
-    pmus = [-1 if s.machine is None else at[s.machine] for s in system.pmus]
+    at: dict[str | None, int] = {m.name: g for g, m in enumerate(system.machines)}
     online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
-    given = [(system, ports.places, norton, s.topology, magnitude) for s in steps]
+    given = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
     sources = [*(m.bus for m in system.machines), *(i.bus for i in system.infinite_buses)]
-    large = len(system.machines) + len(system.infinite_buses) + len(ports.rows) > LARGE
+    large = len(sources) + len(ports.rows) > LARGE
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=to_ns(system.step),
@@ -113,13 +101,31 @@ def build(
         oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
         network=np.zeros((0, 0, 0), np.complex128) if large else np.array([reduce_network(*one) for one in given]),
         sparse_networks=Table([sparse_network(*one) for one in given] if large else []),
-        pmu_machine=np.array(pmus),
+        pmu_machine=np.array([at.get(pmu.machine, -1) for pmu in system.pmus]),
     )
-    n = len(installed)
-    source = np.zeros(len(ports.rows), np.complex128)
+    n, source = len(installed), np.zeros(len(ports.rows), np.complex128)
     lines = line([system.device(name).dead_time for name in installed])
     state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), initial_watch(n), source, *lines)
     return Built(plant, state, flow, states.names)
+
+
+def _salient_ports(system: System, rotating: _Rotating) -> _Ports:
+    """Ports of machines whose subtransient reactances differ by axis; the columns of all machines are set."""
+    ports = _Ports()
+    for g, m in enumerate(system.machines):
+        rotating.rows[g]["column"] = g
+        if rotating.rows[g]["saliency"].any():
+            port = ports.add(SALIENT, g, Place(m.bus, machine=m.name))
+            rotating.rows[g]["column"] = len(system.machines) + len(system.infinite_buses) + port
+            rotating.rows[g]["salient"] = 1.0
+    return ports
+
+
+def _loads_at_ports(system: System, noisy: Collection[str], listed: Sequence[Event]) -> list[Load]:
+    """The loads that have ports: those of `port_loads`, then those that oscillate."""
+    loads = port_loads(system, noisy)
+    names, oscillating = {load.name for load in loads}, oscillating_loads(listed)
+    return loads + [load for load in system.loads if load.name in oscillating and load.name not in names]
 
 
 def port_loads(system: System, noisy: Collection[str]) -> list[Load]:
@@ -241,24 +247,24 @@ def limit_violations(system: System) -> list[block_controls.LimitViolation]:
 
 
 def _add_blocks(
-    made: _Rotating, g: int, data: Any, seen: dict[str, float], states: _States
+    rotating: _Rotating, g: int, data: Any, seen: dict[str, float], states: _States
 ) -> list[block_controls.LimitViolation]:
     """Add a block control at rest; return the limits that exclude this state."""
     role, control = MODELS[data.model].role, block_controls.control(data)
     wanted, reference = {"exciter": ("Ifd", "Vref"), "governor": ("Pm", "Pref")}.get(role, (None, None))
     sensed = {name: value for name, value in seen.items() if name in blocks.SENSED}
     rest = block_controls.at_rest(control, data, sensed, None if wanted is None else seen[wanted], reference)
-    first = sum(map(len, made.blocks))
+    first = sum(map(len, rotating.blocks))
     rows = control.rows.copy()
     rows["state"][rows["state"] >= 0] += states.offset
-    row = made.controls[g]
+    row = rotating.controls[g]
     row[f"{role}_first"], row[f"{role}_end"] = first, first + len(rows)
     row[f"{role}_gives"] = control.gives.index(block_controls.GIVES[role])
     if role == "exciter":
         row["Vref"] = rest.reference
     elif role == "governor":
         row["power_offset"] = rest.reference - seen["Pm"]
-    made.blocks.append(rows)
+    rotating.blocks.append(rows)
     states.add(data.machine, control.states, rest.states)
     return rest.violations
 

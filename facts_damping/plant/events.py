@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import InputError, check_known
-from facts_damping.parameters import run as events
+from facts_damping.parameters import events
 from facts_damping.plant.grid.network import FaultPlace, Topology, check_islands
 from facts_damping.signals import NEVER, to_ns
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.system import System
-    from facts_damping.parameters.run import Event
 
     Lasting = events.Fault | events.Brake | events.ForcedOscillation
 

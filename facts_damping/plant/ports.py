@@ -13,7 +13,7 @@ import math
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1, Float2
 from facts_damping.elementary import magnitude
-from facts_damping.matrices import eliminate
+from facts_damping.numerics.matrices import eliminate
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.grid.sparse_network import solve_voltages
 from facts_damping.plant.laws import SMALL, characteristic, law

@@ -86,29 +86,29 @@ def initial_clock_state(devices: int) -> NDArray[Any]:
 
 
 @compiled
-def accepts(own: Any, watch: Any, setpoint: Any, setpoint_max: float, now: int) -> bool:
+def accepts(settings: Any, watch: Any, setpoint: Any, setpoint_max: float, now: int) -> bool:
     """Whether a setpoint may act; updates the state of the watchdog.
 
-    `own` is a row of WATCHDOG, `watch` one of WATCH, `setpoint` one of SETPOINT, `setpoint_max` the device's limit,
-    p.u. A watchdog that is off refuses only non-finite values; others are limited.
+    `settings` is a row of WATCHDOG, `watch` one of WATCH, `setpoint` one of SETPOINT, `setpoint_max` the device's
+    limit, p.u. A watchdog that is off refuses only non-finite values; others are limited.
     """
-    if own.on == 0:
+    if settings.on == 0:
         return math.isfinite(setpoint.value)
     age = now - setpoint.measured_ns
     again = setpoint.issued_ns == watch.issued_ns and setpoint.measured_ns <= watch.measured_ns
     if not abs(setpoint.value) <= setpoint_max:
         watch.refused_value += 1
-    elif age > own.max_age_ns or age < -own.tick_ns or setpoint.issued_ns > now + own.tick_ns:
+    elif age > settings.max_age_ns or age < -settings.tick_ns or setpoint.issued_ns > now + settings.tick_ns:
         watch.refused_stamp += 1
     elif again or setpoint.issued_ns < watch.issued_ns:
         watch.refused_order += 1
     else:
-        late = watch.accepted_ns != NOT_YET and now - watch.accepted_ns >= own.timeout_ns
+        late = watch.accepted_ns != NOT_YET and now - watch.accepted_ns >= settings.timeout_ns
         watch.good = 0 if late else watch.good
         watch.accepted_ns, watch.issued_ns, watch.measured_ns = now, setpoint.issued_ns, setpoint.measured_ns
         if watch.released == 1:
             watch.good += 1
-            if watch.good == own.good:
+            if watch.good == settings.good:
                 watch.released = watch.good = 0
         return bool(watch.released == 0)
     watch.good = 0
@@ -116,11 +116,11 @@ def accepts(own: Any, watch: Any, setpoint: Any, setpoint_max: float, now: int) 
 
 
 @compiled
-def due_ns(own: Any, watch: Any) -> int:
+def due_ns(settings: Any, watch: Any) -> int:
     """Time of the release if no setpoint comes; -1: none, as it is released already or has had no setpoint."""
-    if own.on == 0 or watch.released == 1 or watch.accepted_ns == NOT_YET:
+    if settings.on == 0 or watch.released == 1 or watch.accepted_ns == NOT_YET:
         return NOT_YET
-    return int(watch.accepted_ns + own.timeout_ns)
+    return int(watch.accepted_ns + settings.timeout_ns)
 
 
 @compiled

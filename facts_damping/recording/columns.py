@@ -65,10 +65,10 @@ def blocks(data: Sequence[bytes], fields: Mapping[str, Any], message_type: str) 
     return counted(sorted(found, key=lambda one: int(one.rows[0]))), len(data) - sum(len(one.rows) for one in found)
 
 
-def counted(found: list[Block]) -> list[Block]:
+def counted(blocks: list[Block]) -> list[Block]:
     """Blocks renumbered so that places have no gaps."""
-    places = np.sort(np.concatenate([one.rows for one in found])) if found else np.zeros(0, np.int64)
-    return [one._replace(rows=np.searchsorted(places, one.rows)) for one in found]
+    places = np.sort(np.concatenate([one.rows for one in blocks])) if blocks else np.zeros(0, np.int64)
+    return [one._replace(rows=np.searchsorted(places, one.rows)) for one in blocks]
 
 
 def kept(block: Block, rows: NDArray[np.int64]) -> Block:

@@ -14,8 +14,9 @@ import numpy as np
 
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
+from facts_damping.record import GridEvent, RunChange
 from facts_damping.recording.decode import time_ns
-from facts_damping.signals import NANOSECONDS, GridEvent, RunChange
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -71,11 +72,11 @@ def _shift(part: Any, begin_ns: int) -> None:
         _shift(one, begin_ns)
 
 
-def events(found: Iterable[Block]) -> list[GridEvent]:
+def events(blocks: Iterable[Block]) -> list[GridEvent]:
     """Grid events by time."""
     numbered = [
         (int(row), GridEvent(int(at), block.message.kind, block.message.element, float(value), float(location)))
-        for block in found
+        for block in blocks
         for row, at, value, location in zip(
             block.rows, time_ns(block.message.header.stamp), block.message.value, block.message.location, strict=True
         )
@@ -83,10 +84,10 @@ def events(found: Iterable[Block]) -> list[GridEvent]:
     return [event for _, event in sorted(numbered, key=lambda pair: (pair[1].time_ns, pair[0]))]
 
 
-def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
+def refused(blocks: Iterable[Block]) -> list[dict[str, Any]]:
     """Totals refused by each node: `node`, `topic`, `cause`, `source`, `count` (its largest: counters only grow)."""
     maximum: dict[tuple[str, str, str, str], int] = {}
-    for block in found:
+    for block in blocks:
         for entry in block.message.refused:
             key = (block.message.node, entry.topic, entry.cause, entry.source)
             maximum[key] = max(maximum.get(key, 0), int(np.max(entry.count)))
@@ -94,13 +95,13 @@ def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
     return [dict(zip(names, (*key, count), strict=True)) for key, count in maximum.items()]
 
 
-def changes(found: Iterable[Block]) -> list[RunChange]:
+def changes(blocks: Iterable[Block]) -> list[RunChange]:
     """Changes during the run, by tick, then as recorded.
 
     Messages that this package cannot have sent are left out: unknown role or kind, a value that is not YAML.
     """
     rows: list[tuple[int, int, RunChange]] = []
-    for block in found:
+    for block in blocks:
         message = block.message
         if message.role not in ROLES or message.kind not in KINDS:
             continue
@@ -112,24 +113,24 @@ def changes(found: Iterable[Block]) -> list[RunChange]:
     return [change for _, _, change in sorted(rows, key=itemgetter(0, 1))]
 
 
-def run_ended(found: Iterable[Block]) -> tuple[str, int] | None:
+def run_ended(blocks: Iterable[Block]) -> tuple[str, int] | None:
     """Why the run ended and its last tick, by its plant; None if the plant does not state them.
 
     If the clock was set back meanwhile, this is not its last message.
     """
     ends = [
         (int(row), str(block.message.reason), int(tick))
-        for block in found
+        for block in blocks
         for row, state, tick in zip(block.rows, block.message.state, block.message.tick, strict=True)
         if state == ENDED
     ]
     return max(ends)[1:] if ends else None
 
 
-def joined(found: Iterable[Block]) -> list[dict[str, Any]]:
+def joined(blocks: Iterable[Block]) -> list[dict[str, Any]]:
     """Nodes that joined during the run, by time: `node`, `time_s`, `armed_s` (None: disarmed to the end)."""
     last: dict[tuple[int, str], float | None] = {}
-    for block in found:
+    for block in blocks:
         for status in block.message.status:
             values = {value.key: value.value for value in status.values}
             at, armed = values.get("joined_ns", ""), values.get("armed_ns", "")

@@ -8,14 +8,14 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv, parquet
 
+from facts_damping.output.writing import replacing
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.writer import writing
-from facts_damping.terminal import replacing
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 ANDES = ".lst"
 KINDS = (".parquet", ".csv", ANDES)

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.record import Absence
 from facts_damping.recording import decode
-from facts_damping.signals import Absence
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.record import RunChange
     from facts_damping.recording.decode import Series
-    from facts_damping.signals import RunChange
 
 OF_LINKS = ("delivered", "applied")  # each link has its own topics of these kinds
 ROLES = {
@@ -37,14 +37,14 @@ def late_starts(changes: Sequence[RunChange]) -> set[tuple[str, int, int]]:
     return {(change.role, change.index, change.tick) for change in changes if change.kind == "start"}
 
 
-def first_complete_tick(found: dict[str, list[Series]], late: set[tuple[str, int, int]]) -> int:
+def first_complete_tick(series: dict[str, list[Series]], late: set[tuple[str, int, int]]) -> int:
     """First tick at which the series of all nodes that were present then have begun."""
-    firsts = [(_owner(kind, i, one), int(one.ticks[0])) for kind, i, one in _of_nodes(found) if len(one.ticks)]
+    firsts = [(_owner(kind, i, one), int(one.ticks[0])) for kind, i, one in _of_nodes(series) if len(one.ticks)]
     return max([tick for owner, tick in firsts if not list(_begins(late, owner, 0, tick))], default=0)
 
 
 def find_absences(
-    found: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int
+    series: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int
 ) -> list[Absence]:
     """Absences of nodes: gaps from `first` to before `end` in which, or at whose end, the node began or restarted.
 
@@ -53,14 +53,14 @@ def find_absences(
     is an absence as well.
     """
     away: list[Absence] = []
-    for kind, i, one in _of_nodes(found):
+    for kind, i, one in _of_nodes(series):
         owner = _owner(kind, i, one)
-        link = None if kind in OF_LINKS else ("link", _link(found, owner[1]))
+        link = None if kind in OF_LINKS else ("link", _link(series, owner[1]))
         unserved = [x for x in away if (x.role, x.index) == link]  # complete: links come first
         for a, b in _gaps(one, first, end):
             served = any(x.first <= a and b <= x.end for x in unserved)
             begun = max(_begins(late, owner, a, b), default=None)
-            if begun is not None and kind in OF_LINKS and _answered(found, late, begun, b):
+            if begun is not None and kind in OF_LINKS and _answered(series, late, begun, b):
                 away.append(Absence(*owner, a, begun, kind))
             elif begun is not None or served:
                 away.append(Absence(*owner, a, b, kind))
@@ -68,10 +68,10 @@ def find_absences(
 
 
 def missing_ticks(
-    found: dict[str, list[Series]], away: Sequence[Absence], first: int, end: int
+    series: dict[str, list[Series]], away: Sequence[Absence], first: int, end: int
 ) -> Iterator[tuple[str, Series, list[tuple[int, int]]]]:
     """Kind, series, and its gaps from `first` to before `end` that are not absences of the node."""
-    for kind, parts in found.items():
+    for kind, parts in series.items():
         for i, one in enumerate(parts):
             gaps = _gaps(one, first, end)
             if kind in ROLES:
@@ -80,10 +80,10 @@ def missing_ticks(
             yield kind, one, [(a, b) for a, b in gaps if a < b]
 
 
-def gap_notes(found: dict[str, list[Series]], away: Sequence[Absence], last: int) -> list[str]:
+def gap_notes(series: dict[str, list[Series]], away: Sequence[Absence], last: int) -> list[str]:
     """A note for each topic that lacks ticks before the last one, which needs no reply."""
     notes = []
-    for _, one, gaps in missing_ticks(found, away, 0, last):
+    for _, one, gaps in missing_ticks(series, away, 0, last):
         if gaps:
             count = sum(b - a for a, b in gaps)
             listed = list(islice((tick for a, b in gaps for tick in range(a, b)), LISTED + 1))
@@ -92,14 +92,14 @@ def gap_notes(found: dict[str, list[Series]], away: Sequence[Absence], last: int
     return notes
 
 
-def first_missing(found: dict[str, list[Series]], away: Sequence[Absence], ticks: NDArray[np.int64]) -> int | None:
+def first_missing(series: dict[str, list[Series]], away: Sequence[Absence], ticks: NDArray[np.int64]) -> int | None:
     """First tick in the span of `ticks` that `ticks` or a series of NEEDED_FOR_REPLAY lacks; None if complete."""
     first, end = int(ticks[0]), int(ticks[-1]) + 1
-    needed = [gaps for kind, _, gaps in missing_ticks(found, away, first, end) if kind in NEEDED_FOR_REPLAY]
+    needed = [gaps for kind, _, gaps in missing_ticks(series, away, first, end) if kind in NEEDED_FOR_REPLAY]
     return min([gaps[0][0] for gaps in [*needed, _between(ticks, first, end)] if gaps], default=None)
 
 
-def lost_messages(found: dict[str, list[Series]], counted: Mapping[str, int], last: int) -> int:
+def lost_messages(series: dict[str, list[Series]], counted: Mapping[str, int], last: int) -> int:
     """Number of messages that a recording lacks: those that its recorder missed, and ticks of the plant up to the last.
 
     `counted`: by the recorder, for `topic` or `topic publisher`; it does not see what is missing at the end. `last`:
@@ -108,7 +108,7 @@ def lost_messages(found: dict[str, list[Series]], counted: Mapping[str, int], la
     lost: Counter[str] = Counter()
     for whose, count in counted.items():
         lost[whose.partition(" ")[0]] += count
-    plant = [one for kind in OF_PLANT for one in found[kind] if len(one.ticks)]
+    plant = [one for kind in OF_PLANT for one in series[kind] if len(one.ticks)]
     first, last = min(one.ticks[0] for one in plant), max([last, *(one.ticks[-1] for one in plant)])
     for one in plant:
         lost[one.topic] = max(lost[one.topic], sum(b - a for a, b in _gaps(one, int(first), int(last) + 1)))
@@ -120,31 +120,31 @@ def _begins(late: set[tuple[str, int, int]], owner: tuple[str, int], first: int,
     return (tick for role, place, tick in late if (role, place) == owner and first <= tick <= end)
 
 
-def _answered(found: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int) -> bool:
+def _answered(series: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int) -> bool:
     """Whether a controller issued a setpoint or began within these ticks, so that it received deliveries."""
     begun = any(role == "controller" and first <= tick < end for role, _, tick in late)
-    return begun or any(((one.ticks >= first) & (one.ticks < end)).any() for one in found.get("issued", []))
+    return begun or any(((one.ticks >= first) & (one.ticks < end)).any() for one in series.get("issued", []))
 
 
-def _of_nodes(found: dict[str, list[Series]]) -> Iterator[tuple[str, int, Series]]:
+def _of_nodes(series: dict[str, list[Series]]) -> Iterator[tuple[str, int, Series]]:
     for kind in ROLES:
-        for i, one in enumerate(found.get(kind, [])):
+        for i, one in enumerate(series.get(kind, [])):
             yield kind, i, one
 
 
-def _owner(kind: str, i: int, one: Series) -> tuple[str, int]:
+def _owner(kind: str, i: int, series: Series) -> tuple[str, int]:
     """Role and index of a topic's node: links by their order in the run, others by the number in their name."""
-    return ROLES[kind], i if kind in OF_LINKS else decode.place(one.topic.split("/")[-2])
+    return ROLES[kind], i if kind in OF_LINKS else decode.place(series.topic.split("/")[-2])
 
 
-def _link(found: dict[str, list[Series]], controller: int) -> int:
+def _link(series: dict[str, list[Series]], controller: int) -> int:
     """Index of the link that a controller, its supervisor and its identifier use: its own, else the first."""
-    places = [decode.place(one.topic.split("/")[-3]) for one in found.get("delivered", [])]
+    places = [decode.place(one.topic.split("/")[-3]) for one in series.get("delivered", [])]
     return max([i for i, place in enumerate(places) if place == controller], default=0)
 
 
-def _gaps(one: Series, first: int, end: int) -> list[tuple[int, int]]:
-    there = np.unique(one.ticks[(one.ticks >= first) & (one.ticks < end)])
+def _gaps(series: Series, first: int, end: int) -> list[tuple[int, int]]:
+    there = np.unique(series.ticks[(series.ticks >= first) & (series.ticks < end)])
     return _between(there, first, end)
 
 

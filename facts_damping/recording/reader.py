@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import reduce
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -13,12 +14,13 @@ from facts_damping.errors import OLD_NAMES, InputError, RecordingError, one_line
 from facts_damping.parameters.recorded_run import recorded_run
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.recording import decode, events, gaps
+from facts_damping.record import Record
+from facts_damping.recording import decode, decoded_tables, events, gaps
 from facts_damping.recording.gaps import OF_LINKS
 from facts_damping.recording.scan import scan
 from facts_damping.recording.validation import drop_foreign, expected, sender
 from facts_damping.recording.writer import CONFIGURATION
-from facts_damping.signals import NANOSECONDS, Record
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -117,14 +119,34 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     ends = [events.run_ended(messages[topic]) for topic in topics["run"]]
     lost = gaps.lost_messages(found, content.lost, ends[0][1] if ends and ends[0] else -1)
     _check_end(ticks, configuration, found["state"][0], content.complete, ends, notes)
+    return replace(
+        _tables(configuration, found, ticks, of),
+        links=len(found["delivered"]),
+        events=events.events(untimed["events"]),
+        refused=events.refused(untimed["refused"]),
+        joined=events.joined(untimed["diagnostics"]),
+        changes=changes,
+        absences=away,
+        publishers=content.publishers,
+        versions=content.versions,
+        notes=notes,
+        messages_lost=lost,
+        gap_tick=gaps.first_missing(found, away, ticks),
+    )
+
+
+def _tables(
+    configuration: dict[str, Any], series: Mapping[str, Sequence[Series]], ticks: NDArray[np.int64], of: Expected
+) -> Record:
+    """A record with the tables of its ticks; `of`: names that the run gives."""
     first, last = int(ticks[0]), int(ticks[-1])
-    cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
+    cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in series.items()}
     measured, state = (decode.select(cut[kind][0], ticks) for kind in REQUIRED)
     pmus = _named(of, "pmu", measured, "frames")
     devices, machines = (_named(of, kind, state, f"{kind}s") for kind in ("device", "machine"))
     controllers, issued = _controllers(cut["issued"], cut["applied"])
-    applied = decode.setpoints(cut["applied"], controllers, devices)
-    frames, measured_ns, status = decode.frames(measured, pmus)
+    applied = decoded_tables.setpoints(cut["applied"], controllers, devices)
+    frames, measured_ns, status = decoded_tables.frames(measured, pmus)
     return Record(
         configuration=configuration,
         pmus=pmus,
@@ -135,30 +157,19 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         frames=frames,
         measured_ns=measured_ns,
         status=status,
-        delivered=decode.deliveries(cut["delivered"], pmus),
-        issued=decode.setpoints(issued, controllers, devices),
-        applied=applied if len(cut["applied"]) < 2 else decode.merged(applied),
-        supervised=decode.setpoints(cut["supervised"], controllers, devices),
-        supervision=decode.supervision(cut["supervision"], controllers),
-        machines=decode.truth(state, "machines", "machine", machines),
-        devices=decode.truth(state, "devices", "device", devices),
-        estimates=decode.estimates(cut["estimates"], devices),
-        learning=decode.learning(cut["learning"], cut["estimates"]),
+        delivered=decoded_tables.deliveries(cut["delivered"], pmus),
+        issued=decoded_tables.setpoints(issued, controllers, devices),
+        applied=applied if len(cut["applied"]) < 2 else decoded_tables.merged(applied),
+        supervised=decoded_tables.setpoints(cut["supervised"], controllers, devices),
+        supervision=decoded_tables.supervision(cut["supervision"], controllers),
+        machines=decoded_tables.truth(state, "machines", "machine", machines),
+        devices=decoded_tables.truth(state, "devices", "device", devices),
+        estimates=decoded_tables.estimates(cut["estimates"], devices),
+        learning=decoded_tables.learning(cut["learning"], cut["estimates"]),
         in_synchronism=decode.column(state, attrgetter("in_synchronism"), np.bool_),
-        links=len(found["delivered"]),
-        events=events.events(untimed["events"]),
-        refused=events.refused(untimed["refused"]),
-        joined=events.joined(untimed["diagnostics"]),
-        changes=changes,
-        absences=away,
-        latest=decode.latest("controller", cut["learning"], attrgetter("controller"))
-        | decode.latest("identifier", cut["estimates"], attrgetter("identifier"))
-        | decode.latest("supervisor", cut["supervision"], attrgetter("controller")),
-        publishers=content.publishers,
-        versions=content.versions,
-        notes=notes,
-        messages_lost=lost,
-        gap_tick=gaps.first_missing(found, away, ticks),
+        latest=decoded_tables.latest("controller", cut["learning"], attrgetter("controller"))
+        | decoded_tables.latest("identifier", cut["estimates"], attrgetter("identifier"))
+        | decoded_tables.latest("supervisor", cut["supervision"], attrgetter("controller")),
     )
 
 
@@ -254,7 +265,7 @@ def _silent(content: Content, frames: str, frame_rate: Any) -> set[str]:
 
 
 def _ticks(
-    found: dict[str, list[Series]], late: set[tuple[str, int, int]], complete: bool, silent: set[str]
+    series: dict[str, list[Series]], late: set[tuple[str, int, int]], complete: bool, silent: set[str]
 ) -> NDArray[np.int64]:
     """Ticks that the record keeps: those of both frames and state; of a cut recording, up to the last that all have.
 
@@ -262,7 +273,7 @@ def _ticks(
     because a recorder does not discover all topics at once. The tick that ends an unstable run stays: it needs no
     reply. `silent`: topics that do not count at the end. Raises RecordingError if none is left.
     """
-    plant, everything = [found[kind][0] for kind in REQUIRED], [one for parts in found.values() for one in parts]
+    plant, everything = [series[kind][0] for kind in REQUIRED], [one for parts in series.values() for one in parts]
     ticks: NDArray[np.int64] = reduce(np.intersect1d, [one.ticks for one in plant])
     needed = everything if len(ticks) or not complete else plant
     synchronous = decode.column(plant[1], attrgetter("in_synchronism"), np.bool_)
@@ -271,7 +282,7 @@ def _ticks(
         last = min(one.ticks[-1] if len(one.ticks) else -1 for one in everything if one.topic not in silent)
         ticks = ticks[ticks <= last]
     if len(ticks) and ticks[0] > 0:
-        ticks = ticks[ticks >= gaps.first_complete_tick(found, late)]
+        ticks = ticks[ticks >= gaps.first_complete_tick(series, late)]
     if not len(ticks):
         raise RecordingError(f"no tick is complete in the recording: {_apart(needed)}")
     return ticks
@@ -318,9 +329,9 @@ def _check_end(
     notes.append(f"{why}: the record ends with tick {ticks[-1]} at {end:.3f} s{of}")
 
 
-def _named(of: Expected, kind: str, found: Series, entries: str) -> list[str]:
+def _named(of: Expected, kind: str, series: Series, entries: str) -> list[str]:
     """PMUs, devices or machines in the run's order, silent ones included; else in order of appearance."""
-    return list(of.names.get(kind) or decode.names_of(found.blocks, entries, kind))
+    return list(of.names.get(kind) or decode.names_of(series.blocks, entries, kind))
 
 
 def _controllers(issued: Sequence[Series], applied: Sequence[Series]) -> tuple[list[str], list[Series]]:

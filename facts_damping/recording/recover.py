@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING
 
 from facts_damping.digest import digest
 from facts_damping.errors import RecordingError
+from facts_damping.output.writing import write_whole
 from facts_damping.recording.bagfile import CUSTOM, DIGEST, FILE_NAME, INFORMATION, dump
 from facts_damping.recording.columns import stamp_ns
 from facts_damping.recording.reader import load
 from facts_damping.recording.scan import metadata, scan
 from facts_damping.recording.schemas import parse_schema, type_hash
 from facts_damping.recording.writer import RecordingWriter
-from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
+    from facts_damping.record import Record
     from facts_damping.recording.bagfile import TopicInfo
     from facts_damping.recording.scan import Content, RawMessage
-    from facts_damping.signals import Record
 
 
 def seal(folder: Path | str) -> Record:

@@ -75,12 +75,12 @@ def drop_foreign(
                 of = of._replace(names={**of.names, **_named(kind, messages[topic])})
 
 
-def _sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: list[str]) -> list[Block]:
+def _sift(kind: str, topic: str, blocks: Sequence[Block], of: Expected, notes: list[str]) -> list[Block]:
     """Messages of a topic that belong to the run; `notes` count the others."""
     valid: list[Block] = []
     unknown: Counter[str] = Counter()
     odd: Counter[str] = Counter()
-    for block in found:
+    for block in blocks:
         foreign = [name for whose, name in _names(kind, block.message) if name not in of.names.get(whose, [name])]
         if foreign:
             unknown[foreign[0]] += len(block.rows)
@@ -123,17 +123,17 @@ def _names(kind: str, message: Any) -> Iterator[tuple[str, str]]:
             yield whose, getattr(entry, field) if field else entry
 
 
-def _named(kind: str, found: Sequence[Block]) -> dict[str, list[str]]:
+def _named(kind: str, blocks: Sequence[Block]) -> dict[str, list[str]]:
     """Names in the messages of a kind, by kind of owner."""
     return {
-        whose: list(dict.fromkeys(name for block in found for of, name in _names(kind, block.message) if of == whose))
+        whose: list(dict.fromkeys(name for block in blocks for of, name in _names(kind, block.message) if of == whose))
         for whose, _, _ in NAMES[kind]
     }
 
 
-def sender(found: Sequence[Block], topic: str) -> str:
+def sender(blocks: Sequence[Block], topic: str) -> str:
     """Name of the controller of a setpoint topic: from the topic's name, else the most frequent in its messages."""
     name, counts = topic.split("/")[-2], Counter[str]()
-    for block in found:
+    for block in blocks:
         counts[block.message.controller] += len(block.rows)
     return name if name in counts or not counts else counts.most_common(1)[0][0]

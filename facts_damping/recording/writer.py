@@ -11,10 +11,10 @@ from mcap.writer import CompressionType, Writer
 
 from facts_damping.errors import RecordingError
 from facts_damping.interruption import clean_up_first
+from facts_damping.output.writing import write_whole
 from facts_damping.recording.bagfile import FILE_NAME, INFORMATION, RELIABLE, TopicInfo, bag_information, dump, qos_text
 from facts_damping.recording.chunks import may_pack
 from facts_damping.recording.schemas import schema_text, type_hash
-from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from typing import Any
 
+    from facts_damping.record import Record
     from facts_damping.report.contents import ReportedRun
-    from facts_damping.signals import Record
 
 # Pictures of `analysis.pictures` by section.
 FIRST = ("tie_power", "differences")  # the first of these that has data opens the report

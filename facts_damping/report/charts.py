@@ -105,11 +105,11 @@ def _map(index: int, run: ReportedRun) -> list[Map]:
     return [Map(index, f"{name}, {run.name} [{UNIT}]", *_thinned(found), UNIT, lines)]
 
 
-def _thinned(found: Distribution) -> tuple[tuple[float, float, float, float], NDArray[np.float32]]:
+def _thinned(distribution: Distribution) -> tuple[tuple[float, float, float, float], NDArray[np.float32]]:
     """Outer edges and values (frequencies, times) within the band: the largest value by magnitude of each block."""
-    t, f = found.time_s, found.frequency_hz
+    t, f = distribution.time_s, distribution.frequency_hz
     inside = np.flatnonzero((f >= BAND[0]) & (f <= BAND[1]))
-    values = _blocks(_blocks(found.values[:, inside], COLUMNS).T, ROWS)
+    values = _blocks(_blocks(distribution.values[:, inside], COLUMNS).T, ROWS)
     dt, df = t[1] - t[0], f[1]
     low, high = f[inside[[0, -1]]]
     extent = float(t[0] - dt / 2), float(t[-1] + dt / 2), float(low - df / 2), float(high + df / 2)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SENTENCES: dict[str, str] = parse(read_text(Path(__file__).with_name("sentences.yaml")))
 Mark = Literal["", "best", "worst"]

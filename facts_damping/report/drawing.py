@@ -100,7 +100,7 @@ def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
     return made
 
 
-def _curve(made: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
+def _curve(figure: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
     """One curve; curves of a run over the same x share a source."""
     key = curve.run, curve.x.tobytes()
     source = shared.sources.setdefault(key, models.ColumnDataSource({"x": curve.x}))
@@ -110,43 +110,43 @@ def _curve(made: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
     look: dict[str, Any] = {"name": name, "color": COLOURS[curve.run % len(COLOURS)], "source": source}
     renderer: DataRenderer
     if curve.style == "points":
-        renderer = made.scatter("x", column, size=8, line_width=2, fill_color=None, **look)
+        renderer = figure.scatter("x", column, size=8, line_width=2, fill_color=None, **look)
     else:
-        renderer = made.line("x", column, line_dash=curve.style, line_width=WIDTHS[curve.style], **look)
+        renderer = figure.line("x", column, line_dash=curve.style, line_width=WIDTHS[curve.style], **look)
     renderer.tags = [f"run-{curve.run}"]  # the page hides a run by this tag
     return renderer
 
 
-def _map(one: Map, shared: _Shared) -> Figure:
-    first, last, low, high = one.extent
+def _map(distribution: Map, shared: _Shared) -> Figure:
+    first, last, low, high = distribution.extent
     labels: dict[str, Any] = {"x_axis_label": "t [s]", "y_axis_label": "f [Hz]"}
     made = figure(height=TALL, x_range=shared.time, y_range=_range(low, high), **labels, **DRESS)
-    largest = float(np.abs(one.values).max()) or 1.0
+    largest = float(np.abs(distribution.values).max()) or 1.0
     colours = models.LinearColorMapper(palette=PALETTE, low=-largest, high=largest)
-    area, name = (first, low, last - first, high - low), shared.names[one.run]
-    image = made.image([one.values], *area, color_mapper=colours, name=name)
-    image.tags = [f"run-{one.run}"]
+    area, name = (first, low, last - first, high - low), shared.names[distribution.run]
+    image = made.image([distribution.values], *area, color_mapper=colours, name=name)
+    image.tags = [f"run-{distribution.run}"]
     made.add_layout(ColorBar(color_mapper=colours, width=10, title=None, background_fill_color=None), "right")
-    for line in one.lines:
+    for line in distribution.lines:
         made.add_layout(Span(location=line, dimension="width", line_color="black", line_dash="dashed", line_width=0.8))
     _mark_events(made, shared)
-    tips = [("t [s]", "$x{0.0}"), ("f [Hz]", "$y{0.000}"), (f"W [{one.unit}]", "@image")]
+    tips = [("t [s]", "$x{0.0}"), ("f [Hz]", "$y{0.000}"), (f"W [{distribution.unit}]", "@image")]
     _equip(made, models.HoverTool(renderers=[image], tooltips=tips), "both")
     return made
 
 
-def _mark_events(made: Figure, shared: _Shared) -> None:
+def _mark_events(figure: Figure, shared: _Shared) -> None:
     for at in shared.events:
-        made.add_layout(Span(location=at, dimension="height", line_color=GREY, line_dash="dashed", line_width=1))
+        figure.add_layout(Span(location=at, dimension="height", line_color=GREY, line_dash="dashed", line_width=1))
 
 
-def _equip(made: Figure, hover: models.HoverTool, zoomed: Literal["width", "both"]) -> None:
+def _equip(figure: Figure, hover: models.HoverTool, zoomed: Literal["width", "both"]) -> None:
     """Add tools: drag zooms; wheel zoom and pan are off at first, so that the page scrolls over the figure."""
     zoom = models.BoxZoomTool(dimensions=zoomed)
-    made.add_tools(zoom, models.PanTool(), models.WheelZoomTool(dimensions=zoomed), models.ResetTool(), hover)
-    made.toolbar.active_drag = zoom
-    made.toolbar.active_scroll = None
-    made.toolbar.logo = None
-    made.axis.axis_label_text_font_style = "normal"
-    made.axis.axis_label_text_font_size = made.axis.major_label_text_font_size = "12px"
-    made.grid.grid_line_color = "#e8e8e8"
+    figure.add_tools(zoom, models.PanTool(), models.WheelZoomTool(dimensions=zoomed), models.ResetTool(), hover)
+    figure.toolbar.active_drag = zoom
+    figure.toolbar.active_scroll = None
+    figure.toolbar.logo = None
+    figure.axis.axis_label_text_font_style = "normal"
+    figure.axis.axis_label_text_font_size = figure.axis.major_label_text_font_size = "12px"
+    figure.grid.grid_line_color = "#e8e8e8"

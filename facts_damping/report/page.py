@@ -14,10 +14,10 @@ from markupsafe import Markup
 from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.errors import InputError
 from facts_damping.escaping import escaped
+from facts_damping.output.writing import write_whole
 from facts_damping.report.build import MAX_EVENTS, build
 from facts_damping.report.contents import ReportedRun, ReportTable
 from facts_damping.report.drawing import draw
-from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from bokeh.models import Model
 
+    from facts_damping.record import Record
     from facts_damping.report.contents import Report
-    from facts_damping.signals import Record
 
 LONG = 24  # characters: longer table entries are wrapped
 MARKS = {"best": "▲", "worst": "▼"}

@@ -11,11 +11,11 @@ import numpy as np
 from facts_damping.caching import shared
 from facts_damping.case.supervision import ends, reserves
 from facts_damping.control import identifier_model
-from facts_damping.control.bank import Bank, BankState, bank, controller_network
+from facts_damping.control.bank import Bank, BankState, Known, bank, controller_network
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.identifier import identifiers
 from facts_damping.control.identifier_model import Identified, Identifiers, IdentifierState
-from facts_damping.control.inputs import TURN, UNSET
+from facts_damping.control.inputs import TURN, UNSET, Wiring
 from facts_damping.control.neuro_fuzzy import PlantPrior
 from facts_damping.control.table import kind_of
 from facts_damping.elementary import exp_complex
@@ -25,16 +25,17 @@ from facts_damping.link.stages import mean_delay
 from facts_damping.link.transfer import Links, links
 from facts_damping.measurement.build import make_pmus
 from facts_damping.neurofuzzy.start import groups
+from facts_damping.numerics.phasors import times
 from facts_damping.parameters.run import Weights
 from facts_damping.parameters.supervision import Supervision
-from facts_damping.phasors import times
 from facts_damping.plant.build import Built, build, with_noise
 from facts_damping.plant.events import timeline
 from facts_damping.plant.load_noise import draw as draw_noise
 from facts_damping.plant.load_noise import noisy_loads
 from facts_damping.plant.model import copy
 from facts_damping.plant.watchdog import settings as watchdog_settings
-from facts_damping.signals import CHANNELS, GridEvent
+from facts_damping.record import GridEvent
+from facts_damping.signals import CHANNELS
 from facts_damping.small_signal import own_linear
 from facts_damping.small_signal.residues import Residues, residues
 from facts_damping.supervision.model import Supervisors, SupervisorState, Watched, supervisors
@@ -153,23 +154,28 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
     Raises `InputError` if a neuro-fuzzy controller's sensitivity has the wrong sign for the plant, or if an LQG design
     for the plant fails.
     """
-    devices = [case.system.device(name) for name in case.run.devices]
-    limits = {d.name: (d.setpoint_max, d.rate_max) for d in devices}
-    pmus = [pmu.name for pmu in case.system.pmus]
     if plant is None and needs_residues(case):
         plant = plant_residues(case)
-    known = [_known(case, i, plant) for i in range(len(case.controllers))]
-    omega = [_compensated(case, i, plant) for i in range(len(case.controllers))]
-    designs = [_designed(case, i, plant) for i in range(len(case.controllers))]
-    rate, nominal = case.run.frame_rate, case.system.frequency
-    plan = pmus, limits, rate, known, omega, designs, nominal, case.run.seed
-    made, state = bank(case.controllers, case.system.signals, *plan)
-    rows = [
-        _identified(case, i, made, own)
-        for i, own in enumerate(known)
-        if own is not None and case.controllers[i].scheme == "indirect"
+    known = [
+        Known(_known(case, i, plant), _compensated(case, i, plant), _designed(case, i, plant))
+        for i in range(len(case.controllers))
     ]
-    return made, state, *identifiers(rows, case.system.signals, pmus, rate, nominal)
+    wiring = wired(case)
+    controls, state = bank(case.controllers, wiring, known, case.run.seed)
+    rows = [
+        _identified(case, i, controls, own.prior)
+        for i, own in enumerate(known)
+        if own.prior is not None and case.controllers[i].scheme == "indirect"
+    ]
+    return controls, state, *identifiers(rows, wiring)
+
+
+def wired(case: Case) -> Wiring:
+    """What the controllers of a case are connected to."""
+    devices = [case.system.device(name) for name in case.run.devices]
+    limits = {device.name: (device.setpoint_max, device.rate_max) for device in devices}
+    pmus = [pmu.name for pmu in case.system.pmus]
+    return Wiring(case.system.signals, pmus, limits, case.run.frame_rate, case.system.frequency)
 
 
 def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Supervisors, SupervisorState]:
@@ -185,24 +191,21 @@ def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Superv
         for c, controller in enumerate(case.controllers)
         if controller.fallback_of is None and case.supervision is not None
     ]
-    limits = {name: case.system.device(name).setpoint_max for name in case.run.devices}
-    pmus, rate = [pmu.name for pmu in case.system.pmus], case.run.frame_rate
     given = case.supervision or Supervision()
-    known = given, case.system.signals, pmus, limits, rate, case.system.frequency, ends(case.system)
-    made, state = supervisors(watched, case.controllers, *known)
+    made, state = supervisors(watched, case.controllers, given, wired(case), ends(case.system))
     _check_probes(case, given, made, plant)
     return made, state
 
 
-def _check_probes(case: Case, given: Supervision, made: Supervisors, plant: Residues | None) -> None:
+def _check_probes(case: Case, given: Supervision, supervisors: Supervisors, plant: Residues | None) -> None:
     """Raise `InputError` for a probe without a mode, or one that ends after the scheduled arming."""
     start = given.probe.start
-    if plant is None and made.settings.size and (given.arming.probe or start is not None):
+    if plant is None and supervisors.settings.size and (given.arming.probe or start is not None):
         field = "arming.probe: true" if given.arming.probe else f"probe.start: {start:g}"
         raise InputError(f"supervision.{field} given; allowed: no probe, as the plant has no electromechanical mode")
     if start is None or not given.arming.probe or case.run.arm_at is None:
         return
-    for own in made.settings:
+    for own in supervisors.settings:
         devices, rate = len(case.controllers[own["controller"]].devices), case.run.frame_rate
         over = math.ceil(start * rate) + devices * math.ceil(own["probe_s"] * rate - 1e-6)
         if math.ceil(case.run.arm_at * rate) < over:
@@ -293,16 +296,16 @@ def _no_smith(mode: complex | None) -> str:
     return f"a Smith predictor does not damp the plant's least damped mode {of} after disturbances"
 
 
-def _identified(case: Case, i: int, made: Bank, known: PlantPrior) -> Identified:
+def _identified(case: Case, i: int, bank: Bank, known: PlantPrior) -> Identified:
     c = case.controllers[i]
     places = [case.run.devices.index(device) for device in c.devices]
     return Identified(
         controller=i,
-        settings=made.settings[i],
+        settings=bank.settings[i],
         kind=str(c.parameters["identifier"]),
         signals=c.signals,
         devices=places,
-        limits=made.actuators.limit[i, : len(places)].tolist(),
+        limits=bank.actuators.limit[i, : len(places)].tolist(),
         known=known,
         weights=np.array(c.weights.identifier) if isinstance(c.weights, Weights) and c.weights.identifier else None,
         predicts=c.compensation == "prediction",

@@ -20,8 +20,8 @@ from facts_damping.errors import InputError
 from facts_damping.input_files import naming_no_files
 from facts_damping.link.transfer import Links, changed, replaced
 from facts_damping.monitor_table import COMMANDS
+from facts_damping.parameters.field_errors import worded
 from facts_damping.parameters.files import read_value
-from facts_damping.parameters.validation import worded
 from facts_damping.plant.load_noise import fitted as fitted_noise
 from facts_damping.plant.model import fitted, workspace
 from facts_damping.plant.watchdog import initial_watch, let_go, rearm
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.link import Link
     from facts_damping.plant.build import Built
     from facts_damping.plant.model import Plant, PlantState
-    from facts_damping.signals import GridEvent, Record, RunChange
+    from facts_damping.record import GridEvent, Record, RunChange
     from facts_damping.simulation.tick import Loop
     from facts_damping.supervision.model import Supervisors, SupervisorState
 
@@ -81,20 +81,20 @@ def with_links(case: Case, index: int, link: Link) -> Case:
     return replace(case, links=[link if i == index else one for i, one in enumerate(case.links)])
 
 
-def relinked(made: Links, case: Case, index: int) -> Links:
+def relinked(links: Links, case: Case, index: int) -> Links:
     """Running links with the stages of link `index` taken from the case."""
     up, down = (
-        replaced(getattr(made, way), index, [getattr(link, way) for link in case.links], spec)
+        replaced(getattr(links, way), index, [getattr(link, way) for link in case.links], spec)
         for way, spec in ways(case).items()
     )
-    return made._replace(up=up, down=down)
+    return links._replace(up=up, down=down)
 
 
-def renumbered(made: Links, case: Case, index: int, path: str, value: float) -> tuple[Links, Case]:
+def renumbered(links: Links, case: Case, index: int, path: str, value: float) -> tuple[Links, Case]:
     """Running links with a number of a stage changed, such as `up.0.delay`, and the changed case."""
     way, place, link = with_number(case.links[index], path, value)
-    own = changed(getattr(made, way), index, place, getattr(link, way)[place], ways(case)[way])
-    return made._replace(up=own) if way == "up" else made._replace(down=own), with_links(case, index, link)
+    own = changed(getattr(links, way), index, place, getattr(link, way)[place], ways(case)[way])
+    return links._replace(up=own) if way == "up" else links._replace(down=own), with_links(case, index, link)
 
 
 def measured_otherwise(case: Case, path: str, value: float, before: Pmus) -> tuple[Pmus, Case]:

@@ -14,6 +14,7 @@ from facts_damping.link.stages import SPOOF
 from facts_damping.link.transfer import RING_NO_ROOM
 from facts_damping.measurement.build import clocks_differ
 from facts_damping.plant.model import workspace
+from facts_damping.record import Record
 from facts_damping.signals import (
     CHANNELS,
     DELIVERY,
@@ -23,7 +24,6 @@ from facts_damping.signals import (
     MACHINE_TRUTH,
     SETPOINT,
     SUPERVISION,
-    Record,
 )
 from facts_damping.simulation.build import (
     build_control,

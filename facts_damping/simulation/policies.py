@@ -150,8 +150,8 @@ def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any], bool
         return file, _step_of(made, found.__name__, where), bool(getattr(made, "once_a_tick", False))
 
 
-def _step_of(made: Any, name: str, where: str) -> Callable[..., Any]:
-    step: Callable[..., Any] | None = getattr(made, "step", None)
+def _step_of(controller: Any, name: str, where: str) -> Callable[..., Any]:
+    step: Callable[..., Any] | None = getattr(controller, "step", None)
     allowed = f"step(self, {', '.join(STEP)})"
     if not callable(step):
         raise InputError(f"{where}: {name} has no step; allowed: a class with {allowed}")

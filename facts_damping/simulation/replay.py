@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 # Fields of a controller whose change makes its stored parameters invalid.
 SHAPES = ("name", "scheme", "devices", "signals", "profile")
@@ -264,13 +264,13 @@ def first_learning(record: Record, learning: NDArray[Any]) -> int | None:
     return _first_tick(record, record.learning, learning[np.isin(again, there)])
 
 
-def _first_tick(record: Record, one: NDArray[Any], other: NDArray[Any]) -> int | None:
+def _first_tick(record: Record, table: NDArray[Any], other: NDArray[Any]) -> int | None:
     """First tick with a bit difference between the rows of two tables; None: identical."""
-    one, other = canonical(one), canonical(other)
-    if one.tobytes() == other.tobytes():
+    table, other = canonical(table), canonical(other)
+    if table.tobytes() == other.tobytes():
         return None
     ticks = record.ticks.tolist()
-    differ = (k for k in ticks if one[one["tick"] == k].tobytes() != other[other["tick"] == k].tobytes())
+    differ = (k for k in ticks if table[table["tick"] == k].tobytes() != other[other["tick"] == k].tobytes())
     return int(next(differ, ticks[-1] + 1))
 
 

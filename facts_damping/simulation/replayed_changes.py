@@ -13,7 +13,7 @@ from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.run import Weights
-from facts_damping.signals import Absence
+from facts_damping.record import Absence
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.changes import ask, set_parameter
 from facts_damping.simulation.restarts import restore
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record, RunChange
+    from facts_damping.record import Record, RunChange
     from facts_damping.simulation.tick import ControlSystem
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.neurofuzzy.network import Network
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 EMPTY = {"issued": SETPOINT, "estimates": ESTIMATE, "supervised": SETPOINT, "supervision": SUPERVISION}
 KEPT = 36_000  # ticks for which results are kept; no node uses older ones

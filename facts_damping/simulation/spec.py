@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.small_signal import linear_plant, modal_analysis
+from facts_damping.small_signal import linear_plant, modal_tables
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,7 +39,7 @@ class Spec:
     @cached_property
     def plant(self) -> linear_plant.LinearPlant:
         """The linearised plant at the start, with all signals and installed devices (docs/own_controllers.md)."""
-        return linear_plant.of(modal_analysis.analyse(self.system, self.installed))
+        return linear_plant.of(modal_tables.analyse(self.system, self.installed))
 
 
 def spec_of(case: Case, c: int) -> Spec:

@@ -93,10 +93,10 @@ class Loop(Struct):
 
 
 @compiled
-def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> int:
+def _append(table: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> int:
     """Store `count` entries from index `at` on, as far as there is room; returns the index after the last."""
-    for i in range(min(count, kept.size - at)):
-        kept[at + i] = entries[i]
+    for i in range(min(count, table.size - at)):
+        table[at + i] = entries[i]
     return at + count
 
 
@@ -108,7 +108,7 @@ def control_step(
     ring: Int2,
     tick: int,
     devices: DeviceTruths,
-    kept: Signals,
+    signals: Signals,
 ) -> int:
     """Run controllers on the entries delivered in a tick, then supervisors, then identifiers.
 
@@ -123,31 +123,31 @@ def control_step(
         issued = act(
             bank, bank_state, c, tick, delivered[used[c]], ring[used[c], RING_DELIVERED], control.issued, issued
         )
-    kept.used[ISSUED] = _append(kept.issued, kept.used[ISSUED], control.issued, issued)
+    signals.used[ISSUED] = _append(signals.issued, signals.used[ISSUED], control.issued, issued)
     acting = issued
     if control.supervisors.settings.size == 0:
         for i in range(issued):
             control.passed[i] = control.issued[i]
     else:
-        acting = _supervised(control, delivered, ring, issued, tick, devices, kept)
-    rows = kept.used[ESTIMATES]
+        acting = _supervised(control, delivered, ring, issued, tick, devices, signals)
+    rows = signals.used[ESTIMATES]
     for n in range(ids.controller.size):
         c = ids.controller[n]
         identify(ids, id_state, n, delivered[used[c]], ring[used[c], RING_DELIVERED])
         store_setpoints(ids, id_state, n, control.passed, acting)
-        rows = write_estimates(ids, id_state, n, tick, kept.estimates, rows)
+        rows = write_estimates(ids, id_state, n, tick, signals.estimates, rows)
         set_estimate(bank_state, c, id_state.jacobian[n], id_state.change[n], id_state.held.newest_ns[n])
-    kept.used[ESTIMATES], rows = rows, kept.used[LEARNED]
+    signals.used[ESTIMATES], rows = rows, signals.used[LEARNED]
     for c in range(bank.code.size):
         if bank.code[c] == DIRECT or bank.code[c] == INDIRECT:
             net = shape_of(bank.shape[c])
             own, fall = bank_state.learner.each[c], bank_state.memory.lyapunov[c]
-            rows = write_learning(net, own, fall, tick, c, 0, kept.learning, rows)
+            rows = write_learning(net, own, fall, tick, c, 0, signals.learning, rows)
     for n in range(ids.controller.size):
         net = shape_of(ids.shape[n])
         own, fall = id_state.learner.each[n], id_state.lyapunov[n]
-        rows = write_learning(net, own, fall, tick, ids.controller[n], 1, kept.learning, rows)
-    kept.used[LEARNED] = rows
+        rows = write_learning(net, own, fall, tick, ids.controller[n], 1, signals.learning, rows)
+    signals.used[LEARNED] = rows
     return acting
 
 
@@ -159,7 +159,7 @@ def _supervised(
     issued: int,
     tick: int,
     devices: NDArray[Any],
-    kept: Signals,
+    signals: Signals,
 ) -> int:
     """Run a tick of all supervisors; returns the number of their setpoints."""
     supervisors, state, acting = control.supervisors, control.supervisor_state, 0
@@ -183,9 +183,9 @@ def _supervised(
             control.passed,
             acting,
         )
-        if write_status(supervisors, state, s, tick, kept.supervision, kept.used[STATUSES]):
-            kept.used[STATUSES] += 1
-    kept.used[SUPERVISED] = _append(kept.supervised, kept.used[SUPERVISED], control.passed, acting)
+        if write_status(supervisors, state, s, tick, signals.supervision, signals.used[STATUSES]):
+            signals.used[STATUSES] += 1
+    signals.used[SUPERVISED] = _append(signals.supervised, signals.used[SUPERVISED], control.passed, acting)
     return acting
 
 

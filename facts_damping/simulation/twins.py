@@ -22,7 +22,7 @@ from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.case.loading import recorded_case
 from facts_damping.control.table import kind_of
 from facts_damping.errors import FactsDampingError
-from facts_damping.parameters.run import Scenario
+from facts_damping.parameters.events import Scenario
 from facts_damping.plant.events import topology_intervals
 from facts_damping.plant.grid.network import Topology
 from facts_damping.simulation.changes import rerun
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.plant.events import TopologyInterval
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping.simulation.tick import Loop
 
     Grid = tuple[Topology, dict[str, float], dict[str, float]]

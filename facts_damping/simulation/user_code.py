@@ -149,10 +149,10 @@ def source_hash(field: str, text: str) -> str:
     return hashlib.sha256(read_bytes(Path(file), FMU)).hexdigest() if Path(file).is_file() else ""
 
 
-def file_of(found: Any) -> str:
+def file_of(member: Any) -> str:
     """The file of a class; empty if it has none, such as a compiled one."""
     try:
-        return inspect.getsourcefile(found) or ""
+        return inspect.getsourcefile(member) or ""
     except TypeError:
         return ""
 

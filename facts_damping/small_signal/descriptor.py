@@ -15,8 +15,8 @@ import numpy as np
 
 from facts_damping.compiling.structs import Table
 from facts_damping.errors import InputError
-from facts_damping.matrices import STEPS, product, shift_near
-from facts_damping.phasors import magnitudes, over
+from facts_damping.numerics.matrices import STEPS, product, shift_near
+from facts_damping.numerics.phasors import magnitudes, over
 from facts_damping.plant.converters.site import LOAD, SALIENT
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.grid.sparse import ComplexEntries, factors, solve_network, substitute
@@ -153,8 +153,10 @@ def linearised(plant: Plant, state: PlantState, weights: Float2) -> Linear:
     many, buses = len(work.inputs), len(work.voltage)
     count = machines + ports + 2 * len(plant.pmu_machine)
 
-    def whole(one: ComplexEntries, rows: int) -> Any:
-        return csc_array((one.value, one.row, one.begin), (rows, len(one.begin) - 1))
+    def whole(complex_entries: ComplexEntries, rows: int) -> Any:
+        return csc_array(
+            (complex_entries.value, complex_entries.row, complex_entries.begin), (rows, len(complex_entries.begin) - 1)
+        )
 
     outputs = whole(net.outputs, many + buses).T.tocsc()
     given = outputs @ np.concatenate([work.inputs, work.voltage])

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.extras import library
+from facts_damping.output.writing import replacing
 from facts_damping.small_signal.residues import with_washouts
-from facts_damping.terminal import replacing
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.compiling.structs import Float1, Float2
-    from facts_damping.small_signal.modal_analysis import Modal
+    from facts_damping.small_signal.modal_tables import Modal
 
 
 class LinearPlant(NamedTuple):

@@ -22,8 +22,8 @@ import numpy as np
 
 from facts_damping.control.linear_law import Matrices
 from facts_damping.errors import InputError
-from facts_damping.matrices import product, root, sign, singular, solve
-from facts_damping.phasors import exponentials, magnitudes, over, times
+from facts_damping.numerics.matrices import product, root, sign, singular, solve
+from facts_damping.numerics.phasors import exponentials, magnitudes, over, times
 from facts_damping.small_signal.own_linear import held
 
 if TYPE_CHECKING:

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from facts_damping.output.picture_files import save_picture
 from facts_damping.small_signal import one_line
-from facts_damping.small_signal.modal_analysis import MAX_MACHINES, MAX_MODES, shown_modes
-from facts_damping.terminal import save_picture
+from facts_damping.small_signal.modal_tables import MAX_MACHINES, MAX_MODES, shown_modes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from facts_damping.small_signal.modal_analysis import Modal
+    from facts_damping.small_signal.modal_tables import Modal
 
 SHORT, APART = 0.15, 0.35  # of the longest arrow; rad: spacing of the labels of short arrows
 BODE_HZ = (0.05, 5.0)
@@ -25,7 +25,7 @@ def plot(modal: Modal, folder: Path) -> list[Path]:
     """Draw one_line.png, mode_shapes.png, and with installed devices transfer_functions.png into a folder."""
     interarea = [mode for mode in modal.swings if mode.label == "interarea"] or shown_modes(modal)
     minimum = min(interarea, key=lambda mode: mode.damping_ratio, default=None)
-    made = [one_line.draw(modal.system, modal.built.flow, modal.devices, minimum, folder / "one_line.png")]
+    made = [one_line.plot(modal.system, modal.built.flow, modal.devices, minimum, folder / "one_line.png")]
     if modal.swings:
         made.append(_plot_shapes(modal, folder / "mode_shapes.png"))
     if modal.devices and modal.system.signals:

@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from facts_damping.output.picture_files import save_picture
 from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
 from facts_damping.plant.converters.devices import losses_of
 from facts_damping.plant.grid.network import Topology, at_rest, branches, device_section
 from facts_damping.small_signal.bus_places import places
-from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import Device, System
     from facts_damping.plant.grid.power_flow import PowerFlow
     from facts_damping.small_signal.bus_places import Places
-    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.small_signal.eigenmodes import Eigenmode
 
 NAMED = 40  # buses, up to which all are labelled
 LABELS = 12  # number of labelled flows, the largest
@@ -70,7 +70,7 @@ def flows(system: System, flow: PowerFlow, installed: Sequence[str] = ()) -> lis
     return found
 
 
-def draw(
+def plot(
     system: System,
     flow: PowerFlow,
     installed: Sequence[str],
@@ -109,15 +109,15 @@ def draw(
     return save_picture(figure, path, dpi=130)
 
 
-def _branches(axes: Axes, at: Places, found: list[tuple[str, str, float]], taken: list[Float1]) -> None:
+def _branches(axes: Axes, at: Places, flows: list[tuple[str, str, float]], taken: list[Float1]) -> None:
     """Draw branches with a width by power and an arrow in its direction; the largest are labelled where there is room.
 
     `taken`: places of machines.
     """
-    maximum = max((power for *_, power in found), default=1.0) or 1.0
+    maximum = max((power for *_, power in flows), default=1.0) or 1.0
     room, crowded = LABELS, len(at) > NAMED
     near = APART * np.ptp(np.array(list(at.values())), axis=0).max()
-    for a, b, power in sorted(found, key=lambda one: -one[2]):
+    for a, b, power in sorted(flows, key=lambda one: -one[2]):
         start, end = at[a], at[b]
         width = THINNEST + (WIDEST - THINNEST) * power / maximum
         axes.plot(*np.transpose([start, end]), color="0.75", lw=width, zorder=1, solid_capstyle="round")

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.caching import shared
-from facts_damping.matrices import eigenvalue_near, product
-from facts_damping.phasors import angles, over, times
-from facts_damping.small_signal import descriptor, linearisation
+from facts_damping.numerics.matrices import eigenvalue_near, product
+from facts_damping.numerics.phasors import angles, over, times
+from facts_damping.small_signal import descriptor, eigenmodes, linearisation
 from facts_damping.small_signal.descriptor import Descriptor
 from facts_damping.small_signal.zero_order_hold import held_for
 
@@ -99,7 +99,7 @@ def residues(
     """
     pmus = [s.name for s in system.pmus]
     model = linearisation.linear_model(built, system.signals, pmus, measured, frame_rate)
-    swings = [mode for mode in linearisation.modes(model.matrix, built.state_names, system) if mode.swings]
+    swings = [mode for mode in eigenmodes.modes(model.matrix, built.state_names, system) if mode.swings]
     if not swings:
         return None
     minimum = min(swings, key=lambda mode: mode.damping_ratio)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.matrices import product
 from facts_damping.measurement.filters import Filter, taps
-from facts_damping.phasors import exponentials
+from facts_damping.numerics.matrices import product
+from facts_damping.numerics.phasors import exponentials
 from facts_damping.small_signal.zero_order_hold import held_for
 
 if TYPE_CHECKING:
@@ -45,18 +45,20 @@ class Filtered(NamedTuple):
         return self._replace(C=self.C[rows], D=self.D[rows], taps=self.taps[rows])
 
 
-def filtered(made: Filter, channels: Sequence[str], C: Float2, D: Float2, frame_rate: int) -> Filtered:
+def filtered(pmu_filter: Filter, channels: Sequence[str], C: Float2, D: Float2, frame_rate: int) -> Filtered:
     """The measurement filter for signals of some channels; C and D give the samples."""
-    rows = [taps(made, channel, frame_rate) for channel in channels]
-    frames = -(-(max(map(len, rows)) - 1) // made.per_frame)
-    padded = np.zeros((len(rows), 1 + frames * made.per_frame))
+    rows = [taps(pmu_filter, channel, frame_rate) for channel in channels]
+    frames = -(-(max(map(len, rows)) - 1) // pmu_filter.per_frame)
+    padded = np.zeros((len(rows), 1 + frames * pmu_filter.per_frame))
     for row, one in zip(padded, rows, strict=True):
         row[: len(one)] = one
-    return Filtered(C, D, padded, made.per_frame, float(made.per_frame * frame_rate), made.delay / frame_rate)
+    return Filtered(
+        C, D, padded, pmu_filter.per_frame, float(pmu_filter.per_frame * frame_rate), pmu_filter.delay / frame_rate
+    )
 
 
 def samples(
-    own: Filtered, A: Float2, B: Float2, x: Float2, inputs: Sequence[tuple[list[int], Float2, Float2, float]]
+    filtered: Filtered, A: Float2, B: Float2, x: Float2, inputs: Sequence[tuple[list[int], Float2, Float2, float]]
 ) -> Float3:
     """Samples in a frame, at t_k + i / rate, (per_frame, signals, columns), as rows in terms of `x` and inputs.
 
@@ -64,32 +66,32 @@ def samples(
     exactly this time uses the first.
     """
     found = []
-    for i in range(own.per_frame):
-        at = i / own.rate
-        state, seen = product(held_for(A, B, at)[0], x), np.zeros((len(own.C), x.shape[1]))
+    for i in range(filtered.per_frame):
+        at = i / filtered.rate
+        state, seen = product(held_for(A, B, at)[0], x), np.zeros((len(filtered.C), x.shape[1]))
         for columns, old, new, switch in inputs:
             b = B[:, columns]
             if at <= switch:
                 state = state + product(held_for(A, b, at)[1], old)
-                seen = seen + product(own.D[:, columns], old)
+                seen = seen + product(filtered.D[:, columns], old)
             else:
                 onward, later = held_for(A, b, at - switch)
                 state = state + product(onward, held_for(A, b, switch)[1], old) + product(later, new)
-                seen = seen + product(own.D[:, columns], new)
-        found.append(product(own.C, state) + seen)
+                seen = seen + product(filtered.D[:, columns], new)
+        found.append(product(filtered.C, state) + seen)
     return np.array(found)
 
 
-def remember(own: Filtered, sampled: Float3, memory: Float2) -> Float2:
+def remember(filtered: Filtered, sampled: Float3, memory: Float2) -> Float2:
     """Filter memory for the next frames after a frame's samples: rows of `memory`, (frames * signals, columns).
 
     The transposed form: w_m(k+1) = w_(m+1)(k) + sum_i g_(m M - i) y(t_k + i / rate), y(k) = g_0 y(t_k) + w_1(k), with M
     samples per frame.
     """
-    n, frames = len(own.taps), own.frames
+    n, frames = len(filtered.taps), filtered.frames
     kept = memory.reshape(frames, n, -1)
     following = np.concatenate([kept[1:], np.zeros_like(kept[:1])])
     for m in range(1, frames + 1):
-        for i in range(own.per_frame):
-            following[m - 1] += own.taps[:, m * own.per_frame - i, None] * sampled[i]
+        for i in range(filtered.per_frame):
+            following[m - 1] += filtered.taps[:, m * filtered.per_frame - i, None] * sampled[i]
     return following.reshape(frames * n, -1)

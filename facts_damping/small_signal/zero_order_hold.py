@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.matrices import exponential, least_squares, product
+from facts_damping.numerics.matrices import exponential, least_squares, product
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from facts_damping.compiling import entry_point
 from facts_damping.compiling.structs import Array, Bool2, Complex2, Float1, Float3, Float4, Int2, Struct
-from facts_damping.control.inputs import TURN, UNSET, Inputs, LatestSamples, clear, inputs
+from facts_damping.control.inputs import TURN, UNSET, Inputs, LatestSamples, Wiring, clear, inputs
 from facts_damping.monitor_table import CONSEQUENCES, CYCLES, MONITORS, NO_CAUSE, OFF, PLAUSIBLE, SHADOW
 from facts_damping.parameters.supervision import watches
 from facts_damping.signals import CHANNELS, NANOSECONDS, NEVER, to_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from facts_damping.parameters.plant.pmus import Signal
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.supervision import Supervision
 
@@ -179,28 +178,24 @@ def supervisors(
     watched: Sequence[Watched],
     controllers: Sequence[Controller],
     given: Supervision,
-    signals: Mapping[str, Signal],
-    pmus: Sequence[str],
-    limits: Mapping[str, float],
-    frame_rate: int,
-    nominal: float,
+    wiring: Wiring,
     ends: Sequence[tuple[int, int]] = (),
 ) -> tuple[Supervisors, SupervisorState]:
-    """Build the supervisors of controllers, in shadow; `limits`: p.u., of all installed devices in order."""
-    n, order = len(watched), list(limits)
+    """Build the supervisors of controllers, in shadow; `ends`: PMUs at both ends of each line that has two."""
+    n, order, frame_rate = len(watched), list(wiring.limits), wiring.frame_rate
     own = [controllers[one.controller] for one in watched]
     maximum = max([len(c.devices) for c in own], default=0)
-    made, held = inputs([c.signals for c in own], signals, pmus, nominal)
+    made, held = inputs([c.signals for c in own], wiring.signals, wiring.pmus, wiring.nominal)
     settings, thresholds = np.zeros(n, SETTINGS), np.zeros((n, len(MONITORS)), THRESHOLD)
     devices, used = np.zeros((n, maximum), DEVICE), np.zeros((n, len(CHANNELS)), np.bool_)
     devices["place"] = UNSET
     for s, one in enumerate(watched):
-        _set(settings[s], one, given, frame_rate, nominal)
+        _set(settings[s], one, given, frame_rate, wiring.nominal)
         _thresholds(thresholds[s], given, settings[s])
         for d, name in enumerate(own[s].devices):
-            devices[s, d] = order.index(name), limits[name] * given.authority.fraction, one.residue[d]
+            devices[s, d] = order.index(name), wiring.limits[name][0] * given.authority.fraction, one.residue[d]
         for name in own[s].signals:
-            used[s, list(CHANNELS).index(signals[name].channel)] = True
+            used[s, list(CHANNELS).index(wiring.signals[name].channel)] = True
     ticks = max([CYCLES_KEPT * int(one["cycle"]) + 1 for one in settings], default=1)
     ticks = max(ticks, round(2.0 * frame_rate) + 1)
     frozen = Supervisors(
@@ -215,7 +210,7 @@ def supervisors(
     state = SupervisorState(
         rows=np.zeros(n, SUPERVISOR),
         held=held,
-        pmus=np.zeros((n, len(pmus)), PMU),
+        pmus=np.zeros((n, len(wiring.pmus)), PMU),
         commanded=np.zeros((n, maximum), COMMANDED),
         past=np.zeros((n, ticks, 5)),
         phasors=np.zeros((n, 1 + maximum, 3)),
@@ -257,19 +252,19 @@ def begin(given: Inputs, state: SupervisorState, s: int) -> None:
         device.added = 0j
 
 
-def _set(row: Any, one: Watched, given: Supervision, frame_rate: int, nominal: float) -> None:
+def _set(row: Any, watched: Watched, given: Supervision, frame_rate: int, nominal: float) -> None:
     arming, probe = given.arming, given.probe
-    omega = one.eigenvalue.imag
-    row["controller"], row["reserve"], row["link"] = one.controller, one.reserve, one.link
+    omega = watched.eigenvalue.imag
+    row["controller"], row["reserve"], row["link"] = watched.controller, watched.reserve, watched.link
     row["frame_rate"], row["nominal"] = frame_rate, nominal
-    row["arm_ns"] = NEVER if one.arm_at is None else to_ns(one.arm_at)
+    row["arm_ns"] = NEVER if watched.arm_at is None else to_ns(watched.arm_at)
     row["probe_ns"] = NEVER if probe.start is None else to_ns(probe.start)
     row["needs_probe"] = arming.probe
     row["ramp"], row["trip_ramp"], row["fall_back_ramp"] = arming.ramp, arming.trip_ramp, arming.fall_back_ramp
     row["recovery"] = arming.recovery
     row["rate"] = math.inf if given.authority.rate is None else given.authority.rate
     row["energy"] = math.inf if given.authority.energy is None else given.authority.energy / 2.0
-    row["sigma"], row["omega"] = one.eigenvalue.real, omega
+    row["sigma"], row["omega"] = watched.eigenvalue.real, omega
     row["cycle"] = frame_rate if omega == 0.0 else max(2, round(TURN / omega * frame_rate))
     row["amplitude"], row["apart"] = probe.amplitude, probe.apart
     row["probe_s"] = row["cycle"] * probe.cycles / frame_rate

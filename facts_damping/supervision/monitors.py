@@ -46,7 +46,7 @@ PHASOR = 0.25  # rate of the phasor filters / omega of the mode
 
 
 @compiled
-def check_entry(made: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
+def check_entry(supervisors: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
     """Update a PMU's data quality from a newer frame; call it for each frame of an arrival, before `ingest`."""
     pmu = state.pmus[s, entry.pmu]
     before_ns = pmu.measured_ns
@@ -55,7 +55,7 @@ def check_entry(made: Supervisors, state: SupervisorState, s: int, entry: Any) -
     pmu.measured_ns = entry.measured_ns
     values = entry.values
     pmu.early = (entry.measured_ns - entry.arrival_ns) * 1e-9
-    off = values[_FREQUENCY] - made.settings[s].nominal
+    off = values[_FREQUENCY] - supervisors.settings[s].nominal
     if before_ns == UNSET or math.isnan(pmu.angle):
         pmu.angle = pmu.angle_at_start = values[_ANGLE]
         return
@@ -66,13 +66,13 @@ def check_entry(made: Supervisors, state: SupervisorState, s: int, entry: Any) -
         turn -= TURN * math.floor(turn / TURN + 0.5)
         pmu.turning += fraction * (-turn / (TURN * dt) - pmu.turning)
         pmu.angle += turn + TURN * off * dt
-    slip = values[_SPEED] * made.settings[s].nominal - off
+    slip = values[_SPEED] * supervisors.settings[s].nominal - off
     if math.isfinite(slip):
         pmu.slipping += fraction * (slip - pmu.slipping)
 
 
 @compiled
-def update_signals(made: Supervisors, state: SupervisorState, s: int, since_ns: int, arrival_ns: int) -> None:
+def update_signals(supervisors: Supervisors, state: SupervisorState, s: int, since_ns: int, arrival_ns: int) -> None:
     """Update latency, jitter and the signal's phasor from new signals."""
     row, dt = state.rows[s], since_ns * 1e-9
     latency = (arrival_ns - state.held.newest_ns[s]) * 1e-9
@@ -82,25 +82,25 @@ def update_signals(made: Supervisors, state: SupervisorState, s: int, since_ns: 
     row.latency += fraction * (latency - row.latency)
     row.jitter += fraction * (abs(latency - row.latency) - row.jitter)
     row.arrived_ns = arrival_ns
-    omega = made.settings[s].omega
+    omega = supervisors.settings[s].omega
     if omega > 0.0:
         phasor(omega, 0.0, PHASOR * omega, state.phasors[s, 0], state.held.signal[s, 0], dt)
 
 
 @compiled
-def update_filters(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
+def update_filters(supervisors: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
     """Store a tick's signal and outputs, and update the outputs' phasors.
 
     The outputs are those that act; if none acts, the controller's setpoints, limited to the authority.
     """
-    row, own, size = state.rows[s], made.settings[s], state.past.shape[1]
+    row, own, size = state.rows[s], supervisors.settings[s], state.past.shape[1]
     place, y = state.past[s, tick % size], state.held.signal[s, 0]
     gain = 1.0 - exp(-SLOW * own.omega / own.frame_rate)
     place[0] = _slow(row.slow, gain, y if math.isfinite(y) else row.slow[0])
     place[1] = place[2] = place[3] = place[4] = 0.0
-    for d in range(made.devices.shape[1]):
-        device, limit = state.commanded[s, d], made.devices[s, d].limit
-        if made.devices[s, d].place == UNSET:
+    for d in range(supervisors.devices.shape[1]):
+        device, limit = state.commanded[s, d], supervisors.devices[s, d].limit
+        if supervisors.devices[s, d].place == UNSET:
             continue
         acting = row.state in (ARMED, FALLBACK)
         u = device.output if acting else min(max(device.given[CONTROLLER], -limit), limit)
@@ -135,9 +135,9 @@ def _turn(device: Any, u: float, minimum: float) -> float:
 
 
 @compiled
-def check_data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
+def check_data(supervisors: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
     """Update the monitors of data."""
-    row, own, held = state.rows[s], made.settings[s], state.held
+    row, own, held = state.rows[s], supervisors.settings[s], state.held
     value = row.values
     value[MISSING] = (end_ns - max(row.arrived_ns, 0)) * 1e-9
     value[JITTER] = row.jitter
@@ -155,14 +155,14 @@ def check_data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -
         value[SPEED] = max(value[SPEED], abs(pmu.slipping))
         value[STATUS] += 1.0 if held.status[s, i] & BAD else 0.0
         value[CLOCK] = max(value[CLOCK], pmu.early)
-        for c in range(made.plausible.size):
-            if made.used[s, c]:
+        for c in range(supervisors.plausible.size):
+            if supervisors.used[s, c]:
                 size = held.entry[s, i, c] - (own.nominal if c == _FREQUENCY else 0.0)
-                value[RANGE] = max(value[RANGE], abs(size) / made.plausible[c])
+                value[RANGE] = max(value[RANGE], abs(size) / supervisors.plausible[c])
     value[STALE] = 0.0 if oldest == UNSET else (end_ns - oldest) * 1e-9
     value[MISALIGNED] = (newest - oldest) * 1e-9
-    for i in range(made.ends.shape[0]):
-        a, b = held.entry[s, made.ends[i, 0], _POWER], held.entry[s, made.ends[i, 1], _POWER]
+    for i in range(supervisors.ends.shape[0]):
+        a, b = held.entry[s, supervisors.ends[i, 0], _POWER], held.entry[s, supervisors.ends[i, 1], _POWER]
         value[POWERS] = max(value[POWERS], abs(a + b) / max(abs(a), abs(b), MIN_POWER))
     value[LOCAL] = 0.0
     if row.state == FALLBACK:
@@ -170,9 +170,9 @@ def check_data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -
 
 
 @compiled
-def controller(made: Supervisors, state: SupervisorState, s: int, end_ns: int, lapses: int) -> None:
+def controller(supervisors: Supervisors, state: SupervisorState, s: int, end_ns: int, lapses: int) -> None:
     """Update the monitors of the controller; `lapses`: number of non-finite setpoints in this tick."""
-    row, rate = state.rows[s], made.settings[s].frame_rate
+    row, rate = state.rows[s], supervisors.settings[s].frame_rate
     value = row.values
     value[SILENT] = 0.0 if row.owed_ns == UNSET else (end_ns - row.owed_ns) * 1e-9
     value[NON_FINITE] = lapses + (1.0 if row.finite == 0 else 0.0)
@@ -200,33 +200,33 @@ def _count(past: Float2, tick: int, window: int, side: float) -> int:
 
 
 @compiled
-def check_grid(made: Supervisors, state: SupervisorState, s: int, devices: NDArray[Any]) -> None:
+def check_grid(supervisors: Supervisors, state: SupervisorState, s: int, devices: NDArray[Any]) -> None:
     """Update the monitors of the grid; those based on frames are NaN while data are unsound."""
-    value, own = state.rows[s].values, made.settings[s]
+    value, own = state.rows[s].values, supervisors.settings[s]
     value[DEVICE] = 0.0
-    for d in range(made.devices.shape[1]):
-        place = made.devices[s, d].place
+    for d in range(supervisors.devices.shape[1]):
+        place = supervisors.devices[s, d].place
         if place != UNSET and (devices[place].blocked > 0.0 or devices[place].released > 0.0):
             value[DEVICE] += 1.0
     before = value[ISLANDING]
     value[FREQUENCY] = value[ISLANDING] = value[HARM] = value[GROWING] = math.nan
-    if unsound(made, state, s):
+    if unsound(supervisors, state, s):
         return
     if math.isnan(before):
         _count_turns_anew(state, s)
-    value[FREQUENCY], value[ISLANDING] = _apart(made, state, s)
+    value[FREQUENCY], value[ISLANDING] = _apart(supervisors, state, s)
     if own.omega > 0.0:
-        value[HARM], value[GROWING] = _harm(made, state, s), _growth(made, state, s)
+        value[HARM], value[GROWING] = _harm(supervisors, state, s), _growth(supervisors, state, s)
 
 
 @compiled
-def _apart(made: Supervisors, state: SupervisorState, s: int) -> tuple[float, float]:
+def _apart(supervisors: Supervisors, state: SupervisorState, s: int) -> tuple[float, float]:
     """Largest frequency deviation, Hz, and largest change of an angle between two PMUs since the start, degrees."""
     held, worst, low, high = state.held, 0.0, math.inf, -math.inf
     for i in range(held.entry_ns.shape[1]):
         pmu = state.pmus[s, i]
         if held.uses[s, i] and held.entry_ns[s, i] != UNSET:
-            worst = max(worst, abs(held.entry[s, i, _FREQUENCY] - made.settings[s].nominal))
+            worst = max(worst, abs(held.entry[s, i, _FREQUENCY] - supervisors.settings[s].nominal))
             moved = pmu.angle - pmu.angle_at_start
             low, high = min(low, moved), max(high, moved)
     return worst, math.degrees(max(0.0, high - low))
@@ -245,28 +245,31 @@ def _count_turns_anew(state: SupervisorState, s: int) -> None:
 
 
 @compiled
-def unsound(made: Supervisors, state: SupervisorState, s: int) -> bool:
+def unsound(supervisors: Supervisors, state: SupervisorState, s: int) -> bool:
     """Whether a monitor of data whose consequence is a fallback or trip exceeds its limit."""
     for m in range(LAST_OF_DATA + 1):
-        if made.thresholds[s, m].follows >= FALL_BACK and state.rows[s].values[m] > made.thresholds[s, m].limit:
+        if (
+            supervisors.thresholds[s, m].follows >= FALL_BACK
+            and state.rows[s].values[m] > supervisors.thresholds[s, m].limit
+        ):
             return True
     return False
 
 
 @compiled
-def _harm(made: Supervisors, state: SupervisorState, s: int) -> float:
+def _harm(supervisors: Supervisors, state: SupervisorState, s: int) -> float:
     """Growth rate that the outputs add to the mode, 1/s: Re sum_d R_d u_d / y, with phasors u_d, y; 0 if none acts."""
     acts, total = False, 0.0
-    for d in range(made.devices.shape[1]):
-        if made.devices[s, d].place != UNSET:
+    for d in range(supervisors.devices.shape[1]):
+        if supervisors.devices[s, d].place != UNSET:
             size = magnitude(complex(state.phasors[s, 1 + d, 1], state.phasors[s, 1 + d, 2]))
-            acts = acts or size > ACTS * made.devices[s, d].limit
-            total += (made.devices[s, d].residue * gain_of(made, state, s, d)).real
+            acts = acts or size > ACTS * supervisors.devices[s, d].limit
+            total += (supervisors.devices[s, d].residue * gain_of(supervisors, state, s, d)).real
     return total if acts else 0.0
 
 
 @compiled
-def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
+def _growth(supervisors: Supervisors, state: SupervisorState, s: int) -> float:
     """Mean growth rate of the slow signal over three cycles minus the mode's open-loop rate sigma, 1/s.
 
     A cycle's growth rate: ln(range / range in the cycle before) / cycle. The value is 0 unless
@@ -276,7 +279,7 @@ def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
     - the newest range is MORE times the earlier ones as they would be by now without control: `row.free` is the
       largest of them three cycles ago.
     """
-    row, past, own, size = state.rows[s], state.past[s], made.settings[s], state.past.shape[1]
+    row, past, own, size = state.rows[s], state.past[s], supervisors.settings[s], state.past.shape[1]
     cycle = own.cycle
     if row.tick + 1 < CYCLES_KEPT * cycle:
         return 0.0

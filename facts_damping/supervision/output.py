@@ -32,7 +32,7 @@ def source_of(state: int) -> int:
 
 @compiled
 def forward_setpoints(
-    made: Supervisors,
+    supervisors: Supervisors,
     state: SupervisorState,
     s: int,
     tick: int,
@@ -46,7 +46,7 @@ def forward_setpoints(
     Returns the index after the last setpoint written, the number of non-finite setpoints, and whether the controller
     issued any.
     """
-    row, own = state.rows[s], made.settings[s]
+    row, own = state.rows[s], supervisors.settings[s]
     lapses, answered, acts = 0, False, source_of(row.state)
     a, b = _next(issued, many, 0, own.controller), _next(issued, many, 0, own.reserve)
     while a < many or b < many:
@@ -57,7 +57,7 @@ def forward_setpoints(
             answered, a = True, _next(issued, many, a + 1, own.controller)
         else:
             row.reserve_ns, b = given.issued_ns, _next(issued, many, b + 1, own.reserve)
-        d = _place(made, s, given.device)
+        d = _place(supervisors, s, given.device)
         if d == UNSET:
             continue
         if math.isfinite(given.value):
@@ -65,7 +65,7 @@ def forward_setpoints(
         elif of_controller or source == acts:
             lapses += 1
         if source == acts:
-            _write(made, state, s, d, tick, given.issued_ns, given.measured_ns, out, first)
+            _write(supervisors, state, s, d, tick, given.issued_ns, given.measured_ns, out, first)
             first += 1
     return first, lapses, answered
 
@@ -79,33 +79,33 @@ def _next(issued: NDArray[Any], many: int, i: int, controller: int) -> int:
 
 
 @compiled
-def _place(made: Supervisors, s: int, device: int) -> int:
+def _place(supervisors: Supervisors, s: int, device: int) -> int:
     """Index of an installed device among a supervisor's devices; UNSET if it has none."""
-    for d in range(made.devices.shape[1]):
-        if made.devices[s, d].place == device:
+    for d in range(supervisors.devices.shape[1]):
+        if supervisors.devices[s, d].place == device:
             return d
     return UNSET
 
 
 @compiled
 def emit_zero(
-    made: Supervisors, state: SupervisorState, s: int, tick: int, at_ns: int, out: NDArray[Any], first: int
+    supervisors: Supervisors, state: SupervisorState, s: int, tick: int, at_ns: int, out: NDArray[Any], first: int
 ) -> int:
     """Write setpoints of zero, of the rest of a ramp, or of a probe. Returns the index after the last.
 
     They use no measurement: their time of measurement is that of issue.
     """
-    for d in range(made.devices.shape[1]):
-        if made.devices[s, d].place != UNSET:
-            state.commanded[s, d].given[NOBODY] = probe.tones(made, state, s, d, at_ns)
-            _write(made, state, s, d, tick, at_ns, at_ns, out, first)
+    for d in range(supervisors.devices.shape[1]):
+        if supervisors.devices[s, d].place != UNSET:
+            state.commanded[s, d].given[NOBODY] = probe.tones(supervisors, state, s, d, at_ns)
+            _write(supervisors, state, s, d, tick, at_ns, at_ns, out, first)
             first += 1
     return first
 
 
 @compiled
 def _write(
-    made: Supervisors,
+    supervisors: Supervisors,
     state: SupervisorState,
     s: int,
     d: int,
@@ -116,45 +116,45 @@ def _write(
     first: int,
 ) -> None:
     """Write a device's setpoint at a time: the acting source's, ramped, limited in size, energy and rate."""
-    row, own = state.rows[s], made.settings[s]
-    device, b, limit = state.commanded[s, d], fraction(row, at_ns), made.devices[s, d].limit
+    row, own = state.rows[s], supervisors.settings[s]
+    device, b, limit = state.commanded[s, d], fraction(row, at_ns), supervisors.devices[s, d].limit
     v, before = min(max(device.given[source_of(row.state)], -limit), limit), device.output
     if b < 1.0:
         v = (1.0 - b) * device.begun + b * v
     since = (at_ns - row.issued_ns) * 1e-9
     if d == 0 or since > 0.0:
-        _spend(made, state, s, since)
+        _spend(supervisors, state, s, since)
         row.issued_ns = at_ns
         row.since = since
     if row.spent >= own.energy:
-        limit *= math.sqrt(own.energy / MINUTE / _commanded(made, s))
+        limit *= math.sqrt(own.energy / MINUTE / _commanded(supervisors, s))
     v = min(max(v, -limit), limit)
     if math.isfinite(own.rate):
         reach = own.rate * row.since
         v = min(max(v, before - reach), before + reach)
     device.output = v
     setpoint = out[first]
-    setpoint.tick, setpoint.controller, setpoint.device = tick, own.controller, made.devices[s, d].place
+    setpoint.tick, setpoint.controller, setpoint.device = tick, own.controller, supervisors.devices[s, d].place
     setpoint.measured_ns, setpoint.issued_ns, setpoint.effective_ns, setpoint.value = measured_ns, at_ns, at_ns, v
 
 
 @compiled
-def _spend(made: Supervisors, state: SupervisorState, s: int, since: float) -> None:
+def _spend(supervisors: Supervisors, state: SupervisorState, s: int, since: float) -> None:
     """Add the energy used in `since` seconds, and regain it at a rate of `energy` a minute."""
-    row, own = state.rows[s], made.settings[s]
+    row, own = state.rows[s], supervisors.settings[s]
     if math.isfinite(own.energy):
         used = 0.0
-        for d in range(made.devices.shape[1]):
-            if made.devices[s, d].place != UNSET:
-                used += (state.commanded[s, d].output / made.devices[s, d].limit) ** 2
+        for d in range(supervisors.devices.shape[1]):
+            if supervisors.devices[s, d].place != UNSET:
+                used += (state.commanded[s, d].output / supervisors.devices[s, d].limit) ** 2
         row.spent = max(0.0, row.spent + (used - own.energy / MINUTE) * since)
 
 
 @compiled
-def _commanded(made: Supervisors, s: int) -> int:
+def _commanded(supervisors: Supervisors, s: int) -> int:
     found = 0
-    for d in range(made.devices.shape[1]):
-        found += made.devices[s, d].place != UNSET
+    for d in range(supervisors.devices.shape[1]):
+        found += supervisors.devices[s, d].place != UNSET
     return found
 
 

@@ -25,32 +25,32 @@ PIVOT = 1e-12  # least pivot / squared norm of its column; below it the column d
 
 
 @compiled
-def tones(made: Supervisors, state: SupervisorState, s: int, d: int, at_ns: int) -> float:
+def tones(supervisors: Supervisors, state: SupervisorState, s: int, d: int, at_ns: int) -> float:
     """A probe's setpoint for a device at a time, p.u.; 0 if the device is not being probed."""
-    row, own = state.rows[s], made.settings[s]
+    row, own = state.rows[s], supervisors.settings[s]
     if row.probe_ns == UNSET or d != row.probed:
         return 0.0
     t, w = (at_ns - row.probe_ns) * 1e-9, own.omega
     both = sin(w * (1.0 - own.apart) * t) + sin(w * (1.0 + own.apart) * t)
-    return own.amplitude * made.devices[s, d].limit * both  # type: ignore[no-any-return]
+    return own.amplitude * supervisors.devices[s, d].limit * both  # type: ignore[no-any-return]
 
 
 @compiled
-def write_regressors(made: Supervisors, state: SupervisorState, s: int, tick: int, u: float) -> None:
+def write_regressors(supervisors: Supervisors, state: SupervisorState, s: int, tick: int, u: float) -> None:
     """Advance the modal state z to the next tick's start, with setpoint `u` constant over this tick."""
-    row, own = state.rows[s], made.settings[s]
+    row, own = state.rows[s], supervisors.settings[s]
     size = state.expected.shape[1]
     eigenvalue = complex(own.sigma, own.omega)
     step = exp_complex(eigenvalue / own.frame_rate)
     before = state.expected[s, tick % size]
-    held = made.devices[s, row.probed].residue * (step - 1.0) / eigenvalue
+    held = supervisors.devices[s, row.probed].residue * (step - 1.0) / eigenvalue
     state.expected[s, (tick + 1) % size] = step * before + held * u
 
 
 @compiled
-def update_fit(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
+def update_fit(supervisors: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
     """Add the newest signal to the fit if it was measured during the probe and is recent enough."""
-    row, own, measured = state.rows[s], made.settings[s], state.held.newest_ns[s]
+    row, own, measured = state.rows[s], supervisors.settings[s], state.held.newest_ns[s]
     at = (measured * own.frame_rate + NANOSECONDS // 2) // NANOSECONDS
     size = state.expected.shape[1]
     if measured < row.probe_ns or at > tick or tick - at >= size - 1:
@@ -98,7 +98,7 @@ def fit(sums: Float2, squares: float, work: Float2, first: int) -> float:
 
 
 @compiled
-def store_result(made: Supervisors, state: SupervisorState, s: int) -> None:
+def store_result(supervisors: Supervisors, state: SupervisorState, s: int) -> None:
     """Store the result of a device's probe, and reset the fit for the next device."""
     row, d = state.rows[s], state.rows[s].probed
     sums, work, found = state.sums[s, 0], state.sums[s, 1], state.commanded[s, d]
@@ -107,7 +107,7 @@ def store_result(made: Supervisors, state: SupervisorState, s: int) -> None:
     g = complex(work[0, UNKNOWNS], work[1, UNKNOWNS])
     found.gain, found.phase = magnitude(g), phase(g)
     found.coherence = max(0.0, 1.0 - left / without) if without > 0.0 else 0.0
-    found.added = made.devices[s, d].residue * g * gain_of(made, state, s, d)
+    found.added = supervisors.devices[s, d].residue * g * gain_of(supervisors, state, s, d)
     reset_fit(state, s)
     row.probed += 1
 
@@ -119,7 +119,7 @@ def reset_fit(state: SupervisorState, s: int) -> None:
 
 
 @compiled
-def gain_of(made: Supervisors, state: SupervisorState, s: int, d: int) -> complex:
+def gain_of(supervisors: Supervisors, state: SupervisorState, s: int, d: int) -> complex:
     """Phasor of output d / phasor of the first signal, at the mode and at the same time; 0 without a signal.
 
     The signal's phasor is advanced by omega from its time of measurement to now.
@@ -128,5 +128,5 @@ def gain_of(made: Supervisors, state: SupervisorState, s: int, d: int) -> comple
     if not magnitude(y) > 0.0:
         return 0j
     since = (state.rows[s].now_ns - state.held.newest_ns[s]) * 1e-9
-    y *= exp_complex(complex(0.0, made.settings[s].omega * since))
+    y *= exp_complex(complex(0.0, supervisors.settings[s].omega * since))
     return complex(state.phasors[s, 1 + d, 1], state.phasors[s, 1 + d, 2]) / y

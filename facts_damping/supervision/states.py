@@ -12,22 +12,22 @@ from facts_damping.supervision.model import Supervisors, SupervisorState
 
 
 @compiled
-def handle_commands(made: Supervisors, state: SupervisorState, s: int, start_ns: int) -> None:
+def handle_commands(supervisors: Supervisors, state: SupervisorState, s: int, start_ns: int) -> None:
     """Execute commands of the schedule and the operator."""
-    row, own = state.rows[s], made.settings[s]
+    row, own = state.rows[s], supervisors.settings[s]
     if row.start_ns < own.probe_ns <= start_ns:
-        begin_probe(made, state, s, start_ns)
+        begin_probe(supervisors, state, s, start_ns)
     if row.start_ns < own.arm_ns <= start_ns:
-        arm(made, state, s, start_ns, codes.BY_SCHEDULE)
+        arm(supervisors, state, s, start_ns, codes.BY_SCHEDULE)
     asked, row.asked = row.asked, 0
     if asked == codes.ARM:
-        arm(made, state, s, start_ns, codes.BY_OPERATOR)
+        arm(supervisors, state, s, start_ns, codes.BY_OPERATOR)
     elif asked == codes.DISARM:
         change(state, s, codes.DISARMED, codes.BY_OPERATOR, start_ns, own.trip_ramp)
     elif asked == codes.RESET and (row.state in (codes.DISARMED, codes.TRIPPED)):
         change(state, s, codes.SHADOW, codes.BY_OPERATOR, start_ns, own.trip_ramp)
     elif asked == codes.PROBE:
-        begin_probe(made, state, s, start_ns)
+        begin_probe(supervisors, state, s, start_ns)
 
 
 @compiled
@@ -40,10 +40,10 @@ def change(state: SupervisorState, s: int, to: int, cause: int, at_ns: int, ramp
 
 
 @compiled
-def begin_probe(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -> None:
+def begin_probe(supervisors: Supervisors, state: SupervisorState, s: int, at_ns: int) -> None:
     """Start to probe the devices one by one; refused unless in shadow with a known mode."""
     row = state.rows[s]
-    if row.state != codes.SHADOW or made.settings[s].omega <= 0.0:
+    if row.state != codes.SHADOW or supervisors.settings[s].omega <= 0.0:
         row.refused = codes.NOT_IN_SHADOW
         return
     row.probe_ns, row.probed = at_ns, 0
@@ -53,35 +53,35 @@ def begin_probe(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -
 
 
 @compiled
-def finish_probe(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -> None:
+def finish_probe(supervisors: Supervisors, state: SupervisorState, s: int, at_ns: int) -> None:
     """Finish a device's probe, and start that of the next device."""
     row = state.rows[s]
-    probe.store_result(made, state, s)
-    more = row.probed < made.devices.shape[1] and made.devices[s, row.probed].place != UNSET
+    probe.store_result(supervisors, state, s)
+    more = row.probed < supervisors.devices.shape[1] and supervisors.devices[s, row.probed].place != UNSET
     row.probe_ns = at_ns if more else UNSET
 
 
 @compiled
-def _due(made: Supervisors, state: SupervisorState, s: int, m: int) -> bool:
+def _due(supervisors: Supervisors, state: SupervisorState, s: int, m: int) -> bool:
     """Whether a monitor has exceeded its limit for its set duration."""
     row = state.rows[s]
-    return bool(row.over_ns[m] != UNSET and row.now_ns - row.over_ns[m] >= made.thresholds[s, m].lasts_ns)
+    return bool(row.over_ns[m] != UNSET and row.now_ns - row.over_ns[m] >= supervisors.thresholds[s, m].lasts_ns)
 
 
 @entry_point
-def refusal(made: Supervisors, state: SupervisorState, s: int) -> int:
+def refusal(supervisors: Supervisors, state: SupervisorState, s: int) -> int:
     """Code of the monitor or other cause that forbids arming now; NO_CAUSE if arming is allowed."""
-    row, own = state.rows[s], made.settings[s]
+    row, own = state.rows[s], supervisors.settings[s]
     if row.state != codes.SHADOW or row.probe_ns != UNSET:
         return codes.NOT_IN_SHADOW if row.state != codes.SHADOW else codes.NOT_PROBED
     for m in range(row.values.size):
-        watched = made.thresholds[s, m]
-        if watched.follows >= codes.FALL_BACK and _due(made, state, s, m):
+        watched = supervisors.thresholds[s, m]
+        if watched.follows >= codes.FALL_BACK and _due(supervisors, state, s, m):
             return m
     added, probed = 0.0, False
-    for d in range(made.devices.shape[1]):
+    for d in range(supervisors.devices.shape[1]):
         found = state.commanded[s, d]
-        if made.devices[s, d].place == UNSET:
+        if supervisors.devices[s, d].place == UNSET:
             continue
         if math.isnan(found.gain):
             if own.needs_probe:
@@ -98,20 +98,20 @@ def refusal(made: Supervisors, state: SupervisorState, s: int) -> int:
 
 
 @compiled
-def arm(made: Supervisors, state: SupervisorState, s: int, at_ns: int, by: int) -> None:
+def arm(supervisors: Supervisors, state: SupervisorState, s: int, at_ns: int, by: int) -> None:
     """Arm, or store the reason of the refusal."""
     row = state.rows[s]
-    row.refused = refusal(made, state, s)
+    row.refused = refusal(supervisors, state, s)
     if row.refused == codes.NO_CAUSE:
-        change(state, s, codes.ARMED, by, at_ns, made.settings[s].ramp)
+        change(state, s, codes.ARMED, by, at_ns, supervisors.settings[s].ramp)
 
 
 @compiled
-def judge(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
+def judge(supervisors: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
     """Compare the monitors with their limits, and fall back, trip or recover."""
-    row, own, worst, cause = state.rows[s], made.settings[s], codes.OFF, codes.NO_CAUSE
+    row, own, worst, cause = state.rows[s], supervisors.settings[s], codes.OFF, codes.NO_CAUSE
     for m in range(row.values.size):
-        watched = made.thresholds[s, m]
+        watched = supervisors.thresholds[s, m]
         if watched.follows == codes.OFF or not row.values[m] > watched.limit:
             row.over_ns[m] = UNSET
             continue
@@ -119,9 +119,9 @@ def judge(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> Non
             row.sound_ns = end_ns
         if row.over_ns[m] == UNSET:
             row.over_ns[m] = end_ns
-        if _due(made, state, s, m) and watched.follows > worst:
+        if _due(supervisors, state, s, m) and watched.follows > worst:
             worst, cause = watched.follows, m
-    waits = made.thresholds[s, monitors.LOCAL].limit
+    waits = supervisors.thresholds[s, monitors.LOCAL].limit
     recent = row.reserve_ns != UNSET and (end_ns - row.reserve_ns) * 1e-9 <= waits  # setpoint of a fallback
     if row.state == codes.ARMED and worst == codes.FALL_BACK and recent:
         change(state, s, codes.FALLBACK, cause, end_ns, own.fall_back_ramp)

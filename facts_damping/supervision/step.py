@@ -25,7 +25,7 @@ from facts_damping.supervision.states import finish_probe, handle_commands, judg
 
 @entry_point
 def supervise(
-    made: Supervisors,
+    supervisors: Supervisors,
     state: SupervisorState,
     s: int,
     tick: int,
@@ -46,28 +46,34 @@ def supervise(
     must hold the controller's health (`controller_health`). A failed supervisor writes nothing. A supervisor ignores
     scheduled commands from before it started or restarted.
     """
-    row, own = state.rows[s], made.settings[s]
+    row, own = state.rows[s], supervisors.settings[s]
     if own.dead_ns <= start_ns < own.back_ns:
         return first
     if own.hung == 0 and row.start_ns < own.dead_ns and start_ns >= own.back_ns:
-        begin(made.inputs, state, s)
+        begin(supervisors.inputs, state, s)
     if row.tick < 0 and tick > 0:
         row.start_ns = start_ns  # it started later than the run
-    handle_commands(made, state, s, start_ns)
+    handle_commands(supervisors, state, s, start_ns)
     row.tick, row.start_ns, row.now_ns = tick, start_ns, end_ns
-    first, lapses, answered = forward_setpoints(made, state, s, tick, issued, many, out, first)
+    first, lapses, answered = forward_setpoints(supervisors, state, s, tick, issued, many, out, first)
     if row.probe_ns != UNSET:
-        probe.write_regressors(made, state, s, tick, state.commanded[s, row.probed].output)
+        probe.write_regressors(supervisors, state, s, tick, state.commanded[s, row.probed].output)
     if row.state not in (ARMED, FALLBACK):
-        first = emit_zero(made, state, s, tick, end_ns - 1, out, first)
-    _process_frames(made, state, s, tick, delivered, count, answered)
-    _judge(made, state, s, tick, end_ns, devices, lapses)
+        first = emit_zero(supervisors, state, s, tick, end_ns - 1, out, first)
+    _process_frames(supervisors, state, s, tick, delivered, count, answered)
+    _judge(supervisors, state, s, tick, end_ns, devices, lapses)
     return first
 
 
 @entry_point
 def _process_frames(
-    made: Supervisors, state: SupervisorState, s: int, tick: int, delivered: Deliveries, count: int, answered: bool
+    supervisors: Supervisors,
+    state: SupervisorState,
+    s: int,
+    tick: int,
+    delivered: Deliveries,
+    count: int,
+    answered: bool,
 ) -> None:
     """Process the frames of a tick, one arrival time after another, as the controller does."""
     row, i = state.rows[s], 0
@@ -75,16 +81,16 @@ def _process_frames(
     while i < count:
         arrival, j = delivered[i].arrival_ns, i
         while j < count and delivered[j].arrival_ns == arrival:
-            monitors.check_entry(made, state, s, delivered[j])
+            monitors.check_entry(supervisors, state, s, delivered[j])
             j += 1
-        i = ingest(made.inputs, state.held, s, delivered, i, count)
-        since = compute_signals(made.inputs, state.held, s)
+        i = ingest(supervisors.inputs, state.held, s, delivered, i, count)
+        since = compute_signals(supervisors.inputs, state.held, s)
         if since < 0:
             continue
-        monitors.update_signals(made, state, s, since, arrival)
+        monitors.update_signals(supervisors, state, s, since, arrival)
         owed = arrival if owed == UNSET else owed
         if row.probe_ns != UNSET:
-            probe.update_fit(made, state, s, tick)
+            probe.update_fit(supervisors, state, s, tick)
     if answered:
         row.owed_ns = UNSET
     elif row.owed_ns == UNSET:
@@ -93,24 +99,26 @@ def _process_frames(
 
 @entry_point
 def _judge(
-    made: Supervisors, state: SupervisorState, s: int, tick: int, end_ns: int, devices: DeviceTruths, lapses: int
+    supervisors: Supervisors, state: SupervisorState, s: int, tick: int, end_ns: int, devices: DeviceTruths, lapses: int
 ) -> None:
     """Update the monitors at the end of a tick, and act on them."""
     row = state.rows[s]
-    monitors.update_filters(made, state, s, tick)
-    if row.probe_ns != UNSET and (end_ns - row.probe_ns) * 1e-9 >= made.settings[s].probe_s:
-        finish_probe(made, state, s, end_ns)
-    monitors.check_data(made, state, s, end_ns)
-    monitors.controller(made, state, s, end_ns, lapses)
-    monitors.check_grid(made, state, s, devices)
-    judge(made, state, s, end_ns)
+    monitors.update_filters(supervisors, state, s, tick)
+    if row.probe_ns != UNSET and (end_ns - row.probe_ns) * 1e-9 >= supervisors.settings[s].probe_s:
+        finish_probe(supervisors, state, s, end_ns)
+    monitors.check_data(supervisors, state, s, end_ns)
+    monitors.controller(supervisors, state, s, end_ns, lapses)
+    monitors.check_grid(supervisors, state, s, devices)
+    judge(supervisors, state, s, end_ns)
 
 
 @entry_point
-def write_status(made: Supervisors, state: SupervisorState, s: int, tick: int, out: Supervisions, at: int) -> bool:
+def write_status(
+    supervisors: Supervisors, state: SupervisorState, s: int, tick: int, out: Supervisions, at: int
+) -> bool:
     """Write a supervisor's status after a tick to `out[at]`; returns False if it has failed."""
     report = out[at]
-    row, own = state.rows[s], made.settings[s]
+    row, own = state.rows[s], supervisors.settings[s]
     if row.tick != tick:
         return False
     report.tick, report.controller, report.state = row.tick, own.controller, row.state
@@ -120,9 +128,9 @@ def write_status(made: Supervisors, state: SupervisorState, s: int, tick: int, o
     report.probe_gain = report.probe_phase = report.probe_coherence = math.nan
     report.added_damping = report.phase_margin = report.gain_margin = math.nan
     added, worst = 0j, -1.0
-    for d in range(made.devices.shape[1]):
+    for d in range(supervisors.devices.shape[1]):
         found = state.commanded[s, d]
-        if made.devices[s, d].place == UNSET or math.isnan(found.gain):
+        if supervisors.devices[s, d].place == UNSET or math.isnan(found.gain):
             continue
         apart = abs(log(max(found.gain, 1e-9))) + abs(found.phase)
         added += found.added
@@ -137,15 +145,15 @@ def write_status(made: Supervisors, state: SupervisorState, s: int, tick: int, o
 
 
 @compiled
-def read_health(bank: Bank, state: BankState, c: int, found: Any) -> None:
-    """Write the health of controller c to `found`: outputs finite, parameter norm, Lyapunov function and its fall.
+def read_health(bank: Bank, state: BankState, c: int, health: Any) -> None:
+    """Write the health of controller c to `health`: outputs finite, parameter norm, Lyapunov function and its fall.
 
     Nodes get it by messages.
     """
-    found.finite = 1
+    health.finite = 1
     for d in range(bank.device.shape[1]):
         if bank.device[c, d] != UNSET and not math.isfinite(state.unlimited[c, d]):
-            found.finite = 0
+            health.finite = 0
     net, total = shape_of(bank.shape[c]), 0.0
     size = net.inputs * net.rules * net.stored + net.rules * net.outputs * net.width
     groups = 1 + state.learner.group[c, size - 1] if net.rules > 0 else 0
@@ -156,11 +164,11 @@ def read_health(bank: Bank, state: BankState, c: int, found: Any) -> None:
                 square += state.learner.theta[c, f] ** 2
         norm = math.sqrt(square)
         total += norm * norm
-    found.norm = math.sqrt(total)
-    found.lyapunov, found.fall = state.memory.lyapunov[c, 0], state.memory.lyapunov[c, 1]
+    health.norm = math.sqrt(total)
+    health.lyapunov, health.fall = state.memory.lyapunov[c, 0], state.memory.lyapunov[c, 1]
 
 
 @entry_point
-def controller_health(bank: Bank, state: BankState, c: int, found: SupervisorRows, at: int) -> None:
+def controller_health(bank: Bank, state: BankState, c: int, supervisor_rows: SupervisorRows, at: int) -> None:
     """Write the health of controller c into row `at` of SUPERVISOR."""
-    read_health(bank, state, c, found[at])
+    read_health(bank, state, c, supervisor_rows[at])

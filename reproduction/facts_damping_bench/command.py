@@ -10,7 +10,7 @@ from facts_damping.cli.options import common
 if TYPE_CHECKING:
     import argparse
 
-    from facts_damping.cli.commands import Add
+    from facts_damping.cli.parser import Add
 
 
 def add_to(add: Add) -> None:
@@ -31,8 +31,9 @@ def bench(arguments: argparse.Namespace) -> None:
     from facts_damping.cli.runs import say
     from facts_damping.errors import check_known
     from facts_damping.interruption import clean_up_first
+    from facts_damping.output.terminal import Progress
+    from facts_damping.output.writing import write_json
     from facts_damping.parameters import files
-    from facts_damping.terminal import Progress, write_json
     from facts_damping_bench import grid, large, pages, study, ticks
     from facts_damping_bench.programs import EXCHANGE, LARGE, OURS, PROGRAMS
 

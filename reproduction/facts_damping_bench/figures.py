@@ -56,12 +56,12 @@ class Equal(NamedTuple):
     at_error_s: float  # between it and the next coarser one, log-log; with the coarsest of all: its own
 
 
-def difference(one: ArrayLike, reference: ArrayLike) -> float:
+def difference(array_like: ArrayLike, reference: ArrayLike) -> float:
     """Largest difference of a machine's swing at an instant after the fault over the largest swing of the reference.
 
     A swing is a speed less the mean of all, so that the drift of a grid without governors hides nothing.
     """
-    a, b = np.asarray(one), np.asarray(reference)
+    a, b = np.asarray(array_like), np.asarray(reference)
     return float(np.abs(a - b).max() / np.abs(b).max())
 
 

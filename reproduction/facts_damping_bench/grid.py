@@ -135,9 +135,9 @@ def instants(end: float = DURATION) -> NDArray[np.float64]:
     return np.arange(round(FAULT_END * RATE) + 1, round(end * RATE) + 1) / RATE
 
 
-def swings(made: TimedRun, end: float = DURATION) -> NDArray[np.float64]:
+def swings(timed_run: TimedRun, end: float = DURATION) -> NDArray[np.float64]:
     """Speeds less their mean at the instants, p.u. (machines, instants); between a program's own by a spline."""
-    free = made.time_s > FAULT_END + 1e-4
-    free &= np.diff(made.time_s, prepend=-1.0) > 1e-9  # some programs say an instant twice
-    found = CubicSpline(made.time_s[free], made.speeds[free])(instants(end)).T
+    free = timed_run.time_s > FAULT_END + 1e-4
+    free &= np.diff(timed_run.time_s, prepend=-1.0) > 1e-9  # some programs say an instant twice
+    found = CubicSpline(timed_run.time_s[free], timed_run.speeds[free])(instants(end)).T
     return np.asarray(found - found.mean(axis=0))

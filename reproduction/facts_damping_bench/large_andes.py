@@ -20,7 +20,7 @@ def prepare(grid: Grid, folder: Path) -> None:  # noqa: ARG001 (what every progr
     andes.config_logger(stream_level=50)
 
 
-def run(made: None, grid: Grid, step: float, **_twin: Any) -> TimedRun:  # noqa: ARG001
+def run(prepared: None, grid: Grid, step: float, **_twin: Any) -> TimedRun:  # noqa: ARG001
     """One run."""
     began = time.perf_counter()
     raw, dyr = files()

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.loading import make_case
-from facts_damping.grid_formats.psse import import_case
 from facts_damping_bench.grid import DURATION, FAULT_END, FAULT_START, FAULT_X, RATE, Grid, TimedRun
 from facts_damping_bench.large import BUS, files
 from facts_damping_bench.ours import timed
+from facts_damping_grids.psse_conversion import import_case
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,8 +19,8 @@ def prepare(grid: Grid, folder: Path) -> dict[str, Any]:  # noqa: ARG001 (what e
     return import_case(*files()).content
 
 
-def run(made: dict[str, Any], grid: Grid, step: float, **_twin: Any) -> TimedRun:  # noqa: ARG001
+def run(prepared: dict[str, Any], grid: Grid, step: float, **_twin: Any) -> TimedRun:  # noqa: ARG001
     """One run; its set-up solves the power flow, starts machines and controls, and reduces the network."""
     fault = {"time": FAULT_START, "kind": "fault", "bus": f"B{BUS}", "duration": FAULT_END - FAULT_START, "x": FAULT_X}
-    run = {"system": {**made, "step": step}, "scenario": [fault], "duration": DURATION, "frame_rate": RATE}
+    run = {"system": {**prepared, "step": step}, "scenario": [fault], "duration": DURATION, "frame_rate": RATE}
     return timed(lambda: make_case({**run, "devices": [], "controllers": []}, "bench"))

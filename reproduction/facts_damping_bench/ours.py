@@ -22,7 +22,7 @@ def prepare(grid: Grid, folder: Path) -> None:
 
 
 def run(
-    made: None,  # noqa: ARG001 (what every program's module takes)
+    prepared: None,  # noqa: ARG001 (what every program's module takes)
     grid: Grid,
     step: float,
     model: str = "genrou",

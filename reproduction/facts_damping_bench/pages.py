@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from facts_damping.terminal import save_picture, table
+from facts_damping.output.picture_files import save_picture
+from facts_damping.output.tables import table
 from facts_damping_bench import grid
 from facts_damping_bench.figures import EQUAL_ERROR, at_equal_error, ratio
 from facts_damping_bench.grid import SHOWN
@@ -53,20 +54,20 @@ def summary(results: Sequence[Result]) -> list[str]:
     return table(titles, [_row(one, results[0]) for one in results], left=2)
 
 
-def _row(one: Result, ours: Result) -> list[str]:
-    if one.failed and not one.rungs:
-        return [one.title, one.version or NOTHING, *[NOTHING] * 7]
-    found, beside = at_equal_error(one.rungs), at_equal_error(ours.rungs)
+def _row(result: Result, ours: Result) -> list[str]:
+    if result.failed and not result.rungs:
+        return [result.title, result.version or NOTHING, *[NOTHING] * 7]
+    found, beside = at_equal_error(result.rungs), at_equal_error(ours.rungs)
     cells = [NOTHING] * 3
     if found is not None:
         times = ratio(found.at_error_s, None if beside is None else beside.at_error_s)
         cells = [_s(found.at_error_s), _times(times), f"{1e3 * found.step_s:g}"]
-    cells.append(_s(one.rungs[0].setup_s))
-    if one.sweep is None or ours.sweep is None:
+    cells.append(_s(result.rungs[0].setup_s))
+    if result.sweep is None or ours.sweep is None:
         cells += [NOTHING, NOTHING]
     else:
-        cells += [f"{1.0 / one.sweep.run_s:.3g}", _times(one.sweep.run_s / ours.sweep.run_s)]
-    return [one.title, one.version, *cells, NOTHING if one.name == OURS else f"{100 * one.from_ours:.2g} %"]
+        cells += [f"{1.0 / result.sweep.run_s:.3g}", _times(result.sweep.run_s / ours.sweep.run_s)]
+    return [result.title, result.version, *cells, NOTHING if result.name == OURS else f"{100 * result.from_ours:.2g} %"]
 
 
 def _s(value: float) -> str:
@@ -110,20 +111,20 @@ def document(results: Sequence[Result], rates: Sequence[Rate]) -> dict[str, Any]
     }
 
 
-def _document(one: Result, ours: Result) -> dict[str, Any]:
-    found, beside = at_equal_error(one.rungs), at_equal_error(ours.rungs)
+def _document(result: Result, ours: Result) -> dict[str, Any]:
+    found, beside = at_equal_error(result.rungs), at_equal_error(ours.rungs)
     costs = None if found is None else found.at_error_s
     return {
-        "name": one.name,
-        "version": one.version or None,
-        "failed": one.failed or None,
-        "note": one.note,
-        "steps": [x._asdict() for x in one.rungs],
-        "reference_step_s": one.reference_step_s,
-        "from_ours": one.from_ours,
+        "name": result.name,
+        "version": result.version or None,
+        "failed": result.failed or None,
+        "note": result.note,
+        "steps": [x._asdict() for x in result.rungs],
+        "reference_step_s": result.reference_step_s,
+        "from_ours": result.from_ours,
         "at_equal_error": None if found is None else found._asdict(),
         "ratio": ratio(costs, None if beside is None else beside.at_error_s),
-        "sweep": None if one.sweep is None else {**one.sweep._asdict(), "runs_per_s": 1.0 / one.sweep.run_s},
+        "sweep": None if result.sweep is None else {**result.sweep._asdict(), "runs_per_s": 1.0 / result.sweep.run_s},
     }
 
 

@@ -51,9 +51,9 @@ def each(field: Field, act: Callable[[str, Session, Program], T]) -> dict[str, T
     return found
 
 
-def note(field: Field, name: str, **found: Any) -> None:
+def note(field: Field, name: str, **results: Any) -> None:
     """Enter what was found of a program."""
-    field.results[name] = field.results[name]._replace(**found)
+    field.results[name] = field.results[name]._replace(**results)
 
 
 def measure(
@@ -120,12 +120,12 @@ def _sweep(field: Field) -> None:
     """Runs of varied load, in as many turns for each; of ours several a turn."""
     took: dict[str, list[float]] = {}
 
-    def some(name: str, one: Session, _row: Program, turn: int) -> None:
+    def some(name: str, session: Session, _row: Program, turn: int) -> None:
         many = VARIED.get(name, OTHERS) // OTHERS
         step = sweep_step(field.results[name].rungs)
         for i in range(many):
             fraction = (turn * many + i + 0.5) / (many * OTHERS)
-            took.setdefault(name, []).append(one.ask(step, 1.0 + SPREAD * (fraction - 0.5))["total_s"])
+            took.setdefault(name, []).append(session.ask(step, 1.0 + SPREAD * (fraction - 0.5))["total_s"])
 
     for turn in range(OTHERS):
         each(field, lambda name, one, row, turn=turn: some(name, one, row, turn))  # type: ignore[misc]

@@ -63,7 +63,7 @@ def constant_impedances(ss: Any) -> None:
     config.q2q, config.q2i, config.q2z = 0.0, 0.0, 1.0
 
 
-def run(made: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001
+def run(prepared: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001
     """One run."""
     began = time.perf_counter()
     ss = build(grid)

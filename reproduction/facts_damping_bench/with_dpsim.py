@@ -65,7 +65,7 @@ def _machine(grid: Grid, m: Any, nodes: dict[str, Any]) -> Any:
     return made
 
 
-def run(made: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001
+def run(prepared: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001
     """One run, from the power flow given to it; called a step at a time, which spares its log files."""
     began = time.perf_counter()
     nodes = {}

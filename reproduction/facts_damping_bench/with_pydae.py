@@ -44,9 +44,9 @@ def _data(grid: Grid) -> dict[str, Any]:
     }
 
 
-def _swap(found: dict[str, Any], grid: Grid) -> None:
+def _swap(problem: dict[str, Any], grid: Grid) -> None:
     """What is given at the start and what is sought: V and P for the field voltage and the mechanical power."""
-    slots = [str(one) for one in found["y_ini_list"]]
+    slots = [str(one) for one in problem["y_ini_list"]]
     for m in grid.machines:
         given = {f"V_{m.bus}": (m.V, f"v_f_{m.name}")}
         if m.slack:
@@ -55,9 +55,9 @@ def _swap(found: dict[str, Any], grid: Grid) -> None:
             given[f"p_g_{m.name}"] = ((m.P or 0.0) / m.rating, f"p_m_{m.name}")
         for name, (value, sought) in given.items():
             slots[slots.index(name)] = sought
-            found["u_ini_dict"].pop(sought)
-            found["u_ini_dict"][name] = value
-    found["y_ini_list"] = slots
+            problem["u_ini_dict"].pop(sought)
+            problem["u_ini_dict"][name] = value
+    problem["y_ini_list"] = slots
 
 
 def prepare(grid: Grid, folder: Path) -> Any:  # noqa: ARG001 (it writes into the process's own)
@@ -70,18 +70,18 @@ def prepare(grid: Grid, folder: Path) -> Any:  # noqa: ARG001 (it writes into th
     return Model("bench")
 
 
-def _switch(made: Any, before: float, after: float) -> None:
+def _switch(model: Any, before: float, after: float) -> None:
     """Change the susceptance at the fault (p.u.) bit by bit in very short steps.
 
     Its Newton's method keeps the matrix of a step's begin, and does not bear the jump of the voltages at once; and its
     first step after an event has the slope before it.
     """
-    step, made.Dt = made.Dt, JUMP
+    step, model.Dt = model.Dt, JUMP
     for i in range(1, JUMPS + 1):
-        made.run(made.t_start + JUMP, {f"b_shunt_{FAULT_BUS}": before + (after - before) * i / JUMPS})
-    made.Dt = step
-    made.t_start -= JUMPS * JUMP  # these steps are none of the run's
-    made.step_counter -= JUMPS
+        model.run(model.t_start + JUMP, {f"b_shunt_{FAULT_BUS}": before + (after - before) * i / JUMPS})
+    model.Dt = step
+    model.t_start -= JUMPS * JUMP  # these steps are none of the run's
+    model.step_counter -= JUMPS
 
 
 def _guess(grid: Grid) -> dict[str, float]:
@@ -100,23 +100,23 @@ def _guess(grid: Grid) -> dict[str, float]:
     return {name: x - slack if name.startswith(("delta", "theta")) else x for name, x in found.items()}
 
 
-def run(made: Any, grid: Grid, step: float) -> TimedRun:
+def run(prepared: Any, grid: Grid, step: float) -> TimedRun:
     """One run."""
     began = time.perf_counter()
     shunts = {f"g_shunt_{bus}": y.real for bus, y in grid.admittance.items()}
     shunts |= {f"b_shunt_{bus}": y.imag for bus, y in grid.admittance.items()}
     angle, sound = f"K_delta_{grid.slack().name}", shunts[f"b_shunt_{FAULT_BUS}"]
-    made.itol, made.max_it, made.Dt, made.decimation = TOLERANCE, 50, step, round(1.0 / (RATE * step))
-    if not made.ini({**shunts, angle: ANGLE}, _guess(grid)):
+    prepared.itol, prepared.max_it, prepared.Dt, prepared.decimation = TOLERANCE, 50, step, round(1.0 / (RATE * step))
+    if not prepared.ini({**shunts, angle: ANGLE}, _guess(grid)):
         raise RuntimeError("no steady state was found")
-    made.set_value(angle, 0.0)
+    prepared.set_value(angle, 0.0)
     ready = time.perf_counter()
-    made.run(FAULT_START, {})
-    _switch(made, sound, sound - 1.0 / FAULT_X)
-    made.run(FAULT_END, {})
-    _switch(made, sound - 1.0 / FAULT_X, sound)
-    made.run(DURATION, {})
+    prepared.run(FAULT_START, {})
+    _switch(prepared, sound, sound - 1.0 / FAULT_X)
+    prepared.run(FAULT_END, {})
+    _switch(prepared, sound - 1.0 / FAULT_X, sound)
+    prepared.run(DURATION, {})
     ended = time.perf_counter()
-    made.post()
-    speeds = np.array([made.get_values(f"omega_{m.name}") for m in grid.machines]).T - 1.0
-    return TimedRun(ready - began, ended - ready, np.array(made.Time), speeds)
+    prepared.post()
+    speeds = np.array([prepared.get_values(f"omega_{m.name}") for m in grid.machines]).T - 1.0
+    return TimedRun(ready - began, ended - ready, np.array(prepared.Time), speeds)

@@ -78,7 +78,7 @@ def _records(grid: Grid) -> list[str]:
     return lines
 
 
-def run(made: Path, grid: Grid, step: float) -> TimedRun:
+def run(path: Path, grid: Grid, step: float) -> TimedRun:
     """One run, from the power flow given to it."""
     began = time.perf_counter()
     z = FAULT_X * grid.impedance(FAULT_BUS)
@@ -94,7 +94,7 @@ def run(made: Path, grid: Grid, step: float) -> TimedRun:
         "observed.dat": ["SYNC *"],
     }
     for name, lines in files.items():
-        (made / name).write_text("\n".join(lines) + "\n")
+        (path / name).write_text("\n".join(lines) + "\n")
     asked = stepss.cfg()
     asked.addData("case.dat")
     asked.addDst("fault.dst")

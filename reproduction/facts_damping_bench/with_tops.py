@@ -55,7 +55,7 @@ def _tables(grid: Grid) -> dict[str, Any]:
     }
 
 
-def run(made: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001 (what every program's module takes)
+def run(prepared: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001 (what every program's module takes)
     """One run; after an event voltages are solved anew, which its solver leaves to who calls it."""
     began = time.perf_counter()
     ps = tops.PowerSystemModel(model=_tables(grid))

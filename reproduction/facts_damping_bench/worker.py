@@ -20,11 +20,11 @@ from facts_damping_bench import grid as grids
 from facts_damping_bench.session import end_with_parent
 
 
-def answer(program: Any, made: Any, request: dict[str, Any]) -> dict[str, Any]:
+def answer(program: Any, prepared: Any, request: dict[str, Any]) -> dict[str, Any]:
     """The figures of one run: s of set-up, of the run in time, of all with what it gives back, and the swings."""
     case = grids.grid(request["load"])
     began = time.perf_counter()
-    found = program.run(made, case, request["step"], **request["more"])
+    found = program.run(prepared, case, request["step"], **request["more"])
     took = time.perf_counter() - began
     swings = grids.swings(found)
     return {"setup_s": found.setup_s, "wall_s": found.wall_s, "total_s": took, "swings": swings.tolist()}

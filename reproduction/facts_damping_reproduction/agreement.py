@@ -17,8 +17,8 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping import terminal
 from facts_damping.analysis.indices import improvement
+from facts_damping.output import tables
 from facts_damping_reproduction.printed import LLC, ControllerId
 
 if TYPE_CHECKING:
@@ -119,18 +119,18 @@ def statements(compared: Sequence[Compared]) -> list[Statement]:
     return found
 
 
-def contradictions(found: Iterable[Statement]) -> list[Statement]:
+def contradictions(statements: Iterable[Statement]) -> list[Statement]:
     """The statements that our runs contradict: the sign differs, or a run has no figures."""
-    return [s for s in found if not s.agrees]
+    return [s for s in statements if not s.agrees]
 
 
-def signs(found: Sequence[Statement]) -> list[Signs]:
+def signs(statements: Sequence[Statement]) -> list[Signs]:
     """Agreement of signs by table and kind of statement, then of each kind over all tables, then of everything."""
-    pairs = dict.fromkeys((s.table, s.what) for s in found)
-    rows = [_signs(*pair, [s for s in found if (s.table, s.what) == pair]) for pair in pairs]
-    kinds = dict.fromkeys(s.what for s in found)
-    rows += [_signs(ALL, what, [s for s in found if s.what == what]) for what in kinds]
-    return [*rows, _signs(ALL, ALL, found)] if found else rows
+    pairs = dict.fromkeys((s.table, s.what) for s in statements)
+    rows = [_signs(*pair, [s for s in statements if (s.table, s.what) == pair]) for pair in pairs]
+    kinds = dict.fromkeys(s.what for s in statements)
+    rows += [_signs(ALL, what, [s for s in statements if s.what == what]) for what in kinds]
+    return [*rows, _signs(ALL, ALL, statements)] if statements else rows
 
 
 def name(who: ControllerId) -> str:
@@ -155,7 +155,7 @@ def markdown(rows: Sequence[Any], left: Sequence[str], right: Sequence[str], for
     """A table in Markdown of fields of named tuples, aligned to the left and to the right (`text`)."""
     fields = [*left, *right]
     cells = [[value_text(flat(row)[field], form) for field in fields] for row in rows]
-    return terminal.table([field.replace("_", " ") for field in fields], cells, len(left), markdown=True)
+    return tables.table([field.replace("_", " ") for field in fields], cells, len(left), markdown=True)
 
 
 def value_text(value: Any, form: str = ".4g") -> str:
@@ -182,9 +182,9 @@ def _compared(cell: Cell, figures: Figures) -> Compared:
     return Compared(cell, figure, ours, None if ours is None else ours - cell.corrected)
 
 
-def _figure(found: Mapping[str, float] | None, quantity: str) -> float | None:
+def _figure(figures: Mapping[str, float] | None, quantity: str) -> float | None:
     """A figure of a run, where there is one and it is a number."""
-    value = None if found is None else found.get(quantity)
+    value = None if figures is None else figures.get(quantity)
     return value if value is not None and math.isfinite(value) else None
 
 
@@ -226,7 +226,9 @@ def _smoother(who: ControllerId) -> list[tuple[str, ControllerId]]:
     return found
 
 
-def _signs(table: str, what: str, found: Sequence[Statement]) -> Signs:
-    agree, printed = sum(s.agrees for s in found), sum(s.agrees_as_printed for s in found)
-    missing = sum(s.ours is None for s in found)
-    return Signs(table, what, len(found), agree, printed, missing, agree / len(found), printed / len(found))
+def _signs(table: str, what: str, statements: Sequence[Statement]) -> Signs:
+    agree, printed = sum(s.agrees for s in statements), sum(s.agrees_as_printed for s in statements)
+    missing = sum(s.ours is None for s in statements)
+    return Signs(
+        table, what, len(statements), agree, printed, missing, agree / len(statements), printed / len(statements)
+    )

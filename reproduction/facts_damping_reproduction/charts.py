@@ -61,17 +61,17 @@ def roughness(title: str, compared: Sequence[Compared]) -> Figure:
     return figure
 
 
-def ensemble(system: str, kept: Sequence[Spread], plain: Mapping[tuple[str, str], float | None]) -> Figure:
+def ensemble(system: str, spreads: Sequence[Spread], plain: Mapping[tuple[str, str], float | None]) -> Figure:
     """Improvement of an index over LLC of every controller: median over the draws with its interval, and as it is.
 
     `plain`: improvement in the scenario as it is, %, by scenario and controller.
     """
-    scenarios, whos = (list(dict.fromkeys(getattr(one, field) for one in kept)) for field in ("scenario", "who"))
+    scenarios, whos = (list(dict.fromkeys(getattr(one, field) for one in spreads)) for field in ("scenario", "who"))
     whos = [who for who in whos if who not in ("MISO none", "MISO LLC")]
     figure = Figure(figsize=(3.4 * len(scenarios) + 1.5, 1.6 + 0.2 * len(whos)), layout="constrained")
     axes: Any = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)
     for axis, scenario in zip(axes[0], scenarios, strict=True):
-        for one in kept:
+        for one in spreads:
             if one.scenario == scenario and one.who in whos:
                 row, inner = whos.index(one.who), np.maximum(one.over_llc, MINIMUM)
                 axis.plot(inner[1:], [row, row], color=COLOURS[0], lw=2.5, alpha=0.6)
@@ -113,16 +113,16 @@ def verdict(signs: Sequence[Signs], rankings: Sequence[Ranking]) -> Figure:
     return figure
 
 
-def variants(told: Sequence[Told]) -> Figure:
+def variants(told_rows: Sequence[Told]) -> Figure:
     """Agreement with the thesis of every set-up: signs and rank correlation, a mark a table."""
-    names, tables = (list(dict.fromkeys(getattr(one, field) for one in told)) for field in ("variant", "table"))
+    names, tables = (list(dict.fromkeys(getattr(one, field) for one in told_rows)) for field in ("variant", "table"))
     figure = Figure(figsize=(10.0, 1.4 + 0.27 * len(names)), layout="constrained")
     axes: Any = figure.subplots(1, 2, sharey=True)
     for axis, field, label in zip(
         axes, ("signs", "rho"), ("fraction of equal signs", "mean rank correlation"), strict=True
     ):
         for colour, marker, table in zip(COLOURS, MARKERS * 2, tables, strict=False):
-            own = [(getattr(one, field), names.index(one.variant)) for one in told if one.table == table]
+            own = [(getattr(one, field), names.index(one.variant)) for one in told_rows if one.table == table]
             places = np.array([place for place in own if place[0] is not None], float).reshape(-1, 2)
             axis.plot(*places.T, marker, color=colour, ms=5, alpha=0.8, label=f"table {table}")
         axis.set(xlabel=label)

@@ -10,7 +10,7 @@ from facts_damping.cli.options import common, jobs, whole
 if TYPE_CHECKING:
     import argparse
 
-    from facts_damping.cli.commands import Add
+    from facts_damping.cli.parser import Add
 
 
 def add_to(add: Add) -> None:
@@ -38,9 +38,9 @@ def reproduce(arguments: argparse.Namespace) -> None:
     """The thesis's tables, ours beside them: agreement, ensembles, explanations, pictures."""
     from facts_damping.cli.runs import say
     from facts_damping.interruption import CONTINUES, clean_up_first
+    from facts_damping.output.writing import write_json
     from facts_damping.parameters import files
     from facts_damping.parameters.profile import DEFAULT_PROFILE
-    from facts_damping.terminal import write_json
     from facts_damping_reproduction import pages
     from facts_damping_reproduction.agreement import markdown
     from facts_damping_reproduction.findings import find
@@ -69,9 +69,9 @@ def _what_holds(arguments: argparse.Namespace) -> None:
     from facts_damping.cli.runs import say
     from facts_damping.errors import InputError, check_known
     from facts_damping.interruption import CONTINUES, clean_up_first
+    from facts_damping.output.writing import write_json
     from facts_damping.parameters import files
     from facts_damping.parameters.profile import DEFAULT_PROFILE
-    from facts_damping.terminal import write_json
     from facts_damping_reproduction.adaptation import experiment, pages
 
     check_known("--profile", arguments.profile, [DEFAULT_PROFILE, experiment.PROFILE])

@@ -99,11 +99,11 @@ def median(x: NDArray[np.float64]) -> Interval:
     return Interval(float(np.median(x)), float(ordered[outside - 1]), float(ordered[n - outside]))
 
 
-def improvements(reference: NDArray[np.float64], own: NDArray[np.float64]) -> NDArray[np.float64]:
+def improvements(reference: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Improvement (4.109) draw by draw, %: 100 where only the reference is unstable, 0 where both are."""
     with np.errstate(invalid="ignore"):
-        found = np.asarray(100 * (1 - own / reference))
-    return np.where(np.isinf(reference), np.where(np.isinf(own), 0.0, 100.0), found)
+        found = np.asarray(100 * (1 - values / reference))
+    return np.where(np.isinf(reference), np.where(np.isinf(values), 0.0, 100.0), found)
 
 
 def spreads(rows: Sequence[Row], link: str) -> list[Spread]:
@@ -198,5 +198,5 @@ def _groups(figures: Figures, system: str, scenario: str) -> dict[str, list[Cont
     return {label: group for label, group in found.items() if len(group) > 1}
 
 
-def _known(found: Mapping[str, float] | None, quantity: str) -> float:
-    return np.inf if found is None else found[quantity]
+def _known(figures: Mapping[str, float] | None, quantity: str) -> float:
+    return np.inf if figures is None else figures[quantity]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.control.table import Value
+    from facts_damping.control.parameter_tables import Value
     from facts_damping_reproduction.agreement import Figures
     from facts_damping_reproduction.printed import Cell, ControllerId
     from facts_damping_reproduction.ranking import Ranking

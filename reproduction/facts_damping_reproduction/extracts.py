@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.analysis.indices import THESIS_INDICES
-from facts_damping.terminal import table
+from facts_damping.output.tables import table
 from facts_damping_reproduction.agreement import name
 from facts_damping_reproduction.explanations import TABLE
 from facts_damping_reproduction.printed import LLC
@@ -55,20 +55,22 @@ def agreed(findings: Findings) -> list[Agreed]:
     return [one for one in found if one.of]
 
 
-def _signs(found: Agreement, over: str) -> Signs | None:
-    signs = [one for one in found.signs_by_reference if (one.table, one.what) == ("all", f"improvement over {over}")]
+def _signs(agreement: Agreement, over: str) -> Signs | None:
+    signs = [
+        one for one in agreement.signs_by_reference if (one.table, one.what) == ("all", f"improvement over {over}")
+    ]
     return signs[0] if signs else None
 
 
-def fraction(found: Agreement, over: str) -> str:
+def fraction(agreement: Agreement, over: str) -> str:
     """How many of the improvements over a controller have the thesis's sign: `66 of 100 (66.0 %)`."""
-    signs = _signs(found, over)
+    signs = _signs(agreement, over)
     return f"{signs.agree} of {signs.statements} ({100 * signs.fraction:.1f} %)" if signs else "none"
 
 
-def rho(found: Agreement) -> str:
+def rho(agreement: Agreement) -> str:
     """Mean rank correlation over all orders."""
-    value = found.totals[-1].mean_rho if found.totals else None
+    value = agreement.totals[-1].mean_rho if agreement.totals else None
     return "-" if value is None else f"{value:.2f}"
 
 
@@ -135,17 +137,17 @@ def reached(findings: Findings, system: str) -> str:
     return "\n".join(table(["controller", *(" ".join(one) for one in columns)], rows, markdown=True))
 
 
-def better(found: Agreement, first: str, second: str) -> str:
+def better(agreement: Agreement, first: str, second: str) -> str:
     """How often the networks of one kind (`MISO indirect`) have lower indices than the same ones of another.
 
     Theirs and ours: `168 of 176, ours 90`. Theirs by the improvements over LLC.
     """
-    theirs, ours, of = _better(found, first, second)
+    theirs, ours, of = _better(agreement, first, second)
     return f"{theirs} of {of}, ours {ours}"
 
 
-def _better(found: Agreement, first: str, second: str) -> tuple[int, int, int]:
-    kept = [c for c in found.compared if c.cell.against == LLC and c.cell.scheme]
+def _better(agreement: Agreement, first: str, second: str) -> tuple[int, int, int]:
+    kept = [c for c in agreement.compared if c.cell.against == LLC and c.cell.scheme]
     at = {(f"{c.cell.architecture} {c.cell.scheme}", c.cell[1:3], c.cell.controller, c.cell.quantity): c for c in kept}
     pairs = [(c, at[first, a, b, q]) for (kind, a, b, q), c in at.items() if kind == second and (first, a, b, q) in at]
     theirs = sum(other.cell.corrected > c.cell.corrected for c, other in pairs)
@@ -153,13 +155,13 @@ def _better(found: Agreement, first: str, second: str) -> tuple[int, int, int]:
     return theirs, ours, len(pairs)
 
 
-def smoother(found: Agreement, what: str) -> str:
+def smoother(agreement: Agreement, what: str) -> str:
     """In how many cases a statement about roughness holds here, whatever the thesis says: `44 of 77`."""
-    return "{} of {}".format(*_smoother(found, what))
+    return "{} of {}".format(*_smoother(agreement, what))
 
 
-def _smoother(found: Agreement, what: str) -> tuple[int, int]:
-    own = [one for one in found.statements if one.what == what]
+def _smoother(agreement: Agreement, what: str) -> tuple[int, int]:
+    own = [one for one in agreement.statements if one.what == what]
     return sum((one.ours or 0.0) > 0.0 for one in own), len(own)
 
 

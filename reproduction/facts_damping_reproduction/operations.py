@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.input_files import share_folder
 from facts_damping.neurofuzzy.network import counted
 from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.terminal import table
+from facts_damping.output.tables import table
 from facts_damping_reproduction.printed import Operations, operations
 
 if TYPE_CHECKING:

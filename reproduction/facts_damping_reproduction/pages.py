@@ -11,9 +11,7 @@ from jinja2 import Environment, PackageLoader
 from markdown_it import MarkdownIt
 from pyarrow import csv
 
-from facts_damping.studies.pages import save
-from facts_damping.studies.sweeps.results import table
-from facts_damping.terminal import write_whole
+from facts_damping.output.writing import write_whole
 from facts_damping.version import __version__
 from facts_damping_reproduction import charts, extracts, side_by_side
 from facts_damping_reproduction.agreement import flat, markdown, name
@@ -21,6 +19,8 @@ from facts_damping_reproduction.ensembles import Interval
 from facts_damping_reproduction.printed import LLC
 from facts_damping_reproduction.results import LINK, TITLES
 from facts_damping_reproduction.templates import render
+from facts_damping_studies.pages import save
+from facts_damping_studies.sweeps.results import table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,10 +71,10 @@ def _lists(results: Results, findings: Findings) -> dict[str, Sequence[Any]]:
     }
 
 
-def _row(one: Any) -> dict[str, Any]:
+def _row(row: Any) -> dict[str, Any]:
     """A named tuple as scalars: an interval as three of them, names as one text."""
     found: dict[str, Any] = {}
-    for field, value in one._asdict().items():
+    for field, value in row._asdict().items():
         if isinstance(value, Interval):
             found |= {f"{field}_{end}": number for end, number in value._asdict().items()}
         elif hasattr(value, "_asdict"):

@@ -13,18 +13,18 @@ from facts_damping.analysis.plotting.plots import COLOURS, mark_events
 from facts_damping.analysis.time_frequency import BAND, analyse
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
-from facts_damping.studies.pages import save
-from facts_damping.studies.sweeps.batch import Base, make
 from facts_damping_reproduction.agreement import name
 from facts_damping_reproduction.printed import LLC, SCENARIOS, TABLES, ControllerId
 from facts_damping_reproduction.runs import BASELINES, changes
+from facts_damping_studies.pages import save
+from facts_damping_studies.sweeps.batch import Base, make
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     from facts_damping.analysis.plotting.pictures import Panel
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 BY_STEM = {picture.stem: picture for picture in PICTURES}
 WIDTH, ROW = 11.0, 1.7  # inch

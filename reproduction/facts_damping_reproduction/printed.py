@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from facts_damping.studies.sweeps.enumerated_axes import Scheme
+    from facts_damping_studies.sweeps.enumerated_axes import Scheme
 
 ROUGHNESS = "roughness"
 SCENARIOS = {  # as the thesis numbers them, and their names here
@@ -130,15 +130,15 @@ def operations() -> list[Operations]:
     return [Operations(r["controller"], *(int(_number(r[c] or "0", path, c)) for c in counts)) for r in rows]
 
 
-def inconsistent(found: Sequence[Cell], *, corrected: bool = False) -> list[Break]:
+def inconsistent(read_cells: Sequence[Cell], *, corrected: bool = False) -> list[Break]:
     """Pairs of improvements of a table that contradict each other by more than rounding, as printed or as corrected.
 
     With a the improvement over direct ANFTSC, b that of direct ANFTSC over LLC (tables 4.1, 4.2), that over LLC is
     c = 1 - (1 - a)(1 - b). Rounding by at most h each moves c by up to (1 - b) h_a + (1 - a) h_b + h_a h_b + h_c.
     """
-    at = {_place(c): c for c in [*cells(("4.1", "4.2")), *found]}
+    at = {_place(c): c for c in [*cells(("4.1", "4.2")), *read_cells]}
     breaks = []
-    for cell in found:
+    for cell in read_cells:
         if cell.against != DIRECT:
             continue
         partner = at[_place(cell._replace(against=LLC))]
@@ -208,22 +208,22 @@ def _meaning(
     )
 
 
-def _corrected(found: dict[tuple[str, str, str, str], Cell]) -> dict[tuple[str, str, str, str], Cell]:
+def _corrected(by_place: dict[tuple[str, str, str, str], Cell]) -> dict[tuple[str, str, str, str], Cell]:
     """The cells with the slips of `corrections.csv` in them."""
-    path, numbers = folder() / "corrections.csv", {key[0] for key in found}
+    path, numbers = folder() / "corrections.csv", {key[0] for key in by_place}
     for row in _rows(path, ("table", "scenario", "controller", "column", "printed", "corrected", "reason")):
         key = (row["table"], row["scenario"], row["controller"], row["column"])
         check_known(f"{path}: table", row["table"], TABLES)
         if row["table"] not in numbers:
             continue
-        cell, printed = found.get(key), _number(row["printed"], path, "printed")
+        cell, printed = by_place.get(key), _number(row["printed"], path, "printed")
         if cell is None or cell.printed != printed or not row["reason"]:
             given = cell and cell.printed
             raise InputError(
                 f"{path}: {' '.join(key)}: {printed} given; allowed: the printed figure ({given}), a reason"
             )
-        found[key] = cell._replace(corrected=_number(row["corrected"], path, "corrected"), reason=row["reason"])
-    return found
+        by_place[key] = cell._replace(corrected=_number(row["corrected"], path, "corrected"), reason=row["reason"])
+    return by_place
 
 
 def _file(number: str) -> Path:

@@ -87,17 +87,17 @@ def rankings(compared: Iterable[Compared], seed: int = 0) -> list[Ranking]:
     return [_ranking(key, group, seed) for key, group in groups.items()]
 
 
-def totals(found: Sequence[Ranking]) -> list[RankTotal]:
+def totals(rankings: Sequence[Ranking]) -> list[RankTotal]:
     """Sums by table, then of all."""
-    tables = list(dict.fromkeys(r.table for r in found))
-    rows = [_total(table, [r for r in found if r.table == table]) for table in tables]
-    return [*rows, _total("all", found)] if found else rows
+    tables = list(dict.fromkeys(r.table for r in rankings))
+    rows = [_total(table, [r for r in rankings if r.table == table]) for table in tables]
+    return [*rows, _total("all", rankings)] if rankings else rows
 
 
-def mean_ranks(found: Sequence[Ranking]) -> list[MeanRank]:
+def mean_ranks(rankings: Sequence[Ranking]) -> list[MeanRank]:
     """Mean places over the scenarios, by table, quantity and scheme, best first as the thesis has it."""
     places: dict[tuple[str, str, str, str], list[tuple[float, float]]] = {}
-    for r in found:
+    for r in rankings:
         for name, theirs, ours in zip(r.controllers, r.theirs, r.ours, strict=True):
             places.setdefault((r.table, r.quantity, r.scheme, name), []).append((theirs, ours))
     rows = [MeanRank(*key, *(float(x) for x in np.mean(pairs, axis=0))) for key, pairs in places.items()]
@@ -105,9 +105,9 @@ def mean_ranks(found: Sequence[Ranking]) -> list[MeanRank]:
     return sorted(rows, key=lambda row: (order.index(row[:3]), row.theirs))
 
 
-def rho(one: NDArray[np.float64], other: NDArray[np.float64]) -> float | None:
+def rho(first: NDArray[np.float64], other: NDArray[np.float64]) -> float | None:
     """Spearman's rank correlation; none where one of the two has no order."""
-    a, b = rankdata(one), rankdata(other)
+    a, b = rankdata(first), rankdata(other)
     return float(np.corrcoef(a, b)[0, 1]) if np.ptp(a) > 0.0 and np.ptp(b) > 0.0 else None
 
 
@@ -171,8 +171,8 @@ def _first_two(
     return best, next_best
 
 
-def _total(table: str, found: Sequence[Ranking]) -> RankTotal:
-    rhos = [r.rho for r in found if r.rho is not None]
+def _total(table: str, rankings: Sequence[Ranking]) -> RankTotal:
+    rhos = [r.rho for r in rankings if r.rho is not None]
     mean, low, high = (float(np.mean(rhos)), min(rhos), max(rhos)) if rhos else (None, None, None)
-    same = (sum(r.same_best for r in found), sum(r.same_second for r in found), sum(r.same_two for r in found))
-    return RankTotal(table, len(found), mean, low, high, *same, sum(len(r.far) for r in found))
+    same = (sum(r.same_best for r in rankings), sum(r.same_second for r in rankings), sum(r.same_two for r in rankings))
+    return RankTotal(table, len(rankings), mean, low, high, *same, sum(len(r.far) for r in rankings))

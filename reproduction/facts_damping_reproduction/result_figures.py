@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping.terminal import save_picture
+from facts_damping.output.picture_files import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,13 +6,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import check_known
+from facts_damping.output.terminal import Progress
 from facts_damping.parameters import files
-from facts_damping.studies.sweeps.enumerated_axes import every_scheme
-from facts_damping.studies.sweeps.pool import run_all
-from facts_damping.terminal import Progress
 from facts_damping_reproduction import explanations, pictures, runs
 from facts_damping_reproduction.operations import complexity
 from facts_damping_reproduction.printed import COMPLEXITY, LLC, SCENARIOS, TABLES, ControllerId, cells
+from facts_damping_studies.sweeps.enumerated_axes import every_scheme
+from facts_damping_studies.sweeps.pool import run_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

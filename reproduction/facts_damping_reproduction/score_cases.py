@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.output.writing import write_whole
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.terminal import write_whole
 
 Random = np.random.Generator
 START = 2.0  # s, of events and disturbances

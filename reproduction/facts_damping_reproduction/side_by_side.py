@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping import terminal
 from facts_damping.analysis.convergence import MARK
+from facts_damping.output import tables
 from facts_damping_reproduction.agreement import ComparedRun, compare, markdown, name
 from facts_damping_reproduction.ensembles import drawn, median
 from facts_damping_reproduction.operations import WHY
@@ -78,34 +78,37 @@ def _table(table: str, results: Results, findings: Findings) -> list[str]:
     return [*lines, *(markdown(broken, STATED, ["theirs", "ours"]) if broken else []), ""]
 
 
-def _cells(kept: Sequence[Compared], results: Results) -> list[str]:
+def _cells(comparisons: Sequence[Compared], results: Results) -> list[str]:
     """A row a controller, a column a quantity (of roughness an architecture and scheme)."""
-    smooth = kept[0].cell.against is None
-    columns = list(dict.fromkeys(_column(c, smooth=smooth) for c in kept))
-    rows = dict.fromkeys(c.cell.controller for c in kept)
-    at = {(c.cell.controller, _column(c, smooth=smooth)): c for c in kept}
+    smooth = comparisons[0].cell.against is None
+    columns = list(dict.fromkeys(_column(c, smooth=smooth) for c in comparisons))
+    rows = dict.fromkeys(c.cell.controller for c in comparisons)
+    at = {(c.cell.controller, _column(c, smooth=smooth)): c for c in comparisons}
     made = [
         [controller, *(_cell(at[controller, one], results) if (controller, one) in at else "" for one in columns)]
         for controller in rows
     ]
-    return terminal.table(["controller", *columns], made, markdown=True)
+    return tables.table(["controller", *columns], made, markdown=True)
 
 
-def _beside(kept: Sequence[Compared], against: ControllerId, results: Results) -> list[str]:
+def _beside(comparisons: Sequence[Compared], against: ControllerId, results: Results) -> list[str]:
     """A row a controller, a column an index: improvement over a reference that the thesis does not have."""
-    columns = list(dict.fromkeys(c.cell.quantity for c in kept))
+    columns = list(dict.fromkeys(c.cell.quantity for c in comparisons))
     rows: dict[str, list[str]] = {}
-    for c in kept:
+    for c in comparisons:
         other = c.cell._replace(against=against)
         ours = compare([other], results.figures)[0].ours
         told = "-" if ours is None else f"{ours:.4g}"
         rows.setdefault(c.cell.controller, []).append(f"{told}; {_median(other, results)}")
-    return terminal.table(["controller", *columns], [[who, *cells] for who, cells in rows.items()], markdown=True)
+    return tables.table(["controller", *columns], [[who, *cells] for who, cells in rows.items()], markdown=True)
 
 
-def _smooth_beside(own: Sequence[Compared], results: Results) -> str:
+def _smooth_beside(comparisons: Sequence[Compared], results: Results) -> str:
     """The roughness of the controllers that the thesis does not have, of the architectures in a table."""
-    (system, scenario), architectures = own[0].cell[1:3], dict.fromkeys(c.cell.architecture for c in own)
+    (system, scenario), architectures = (
+        comparisons[0].cell[1:3],
+        dict.fromkeys(c.cell.architecture for c in comparisons),
+    )
     whos = [who._replace(architecture=one) for one in architectures for who in BESIDE]
     found = {name(who): results.figures[ComparedRun(system, scenario, who)] for who in whos}
     told = [f"{who} {'-' if one is None else format(one[ROUGHNESS], '.4g')}" for who, one in found.items()]

@@ -7,16 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping.signals import (
-    CHANNELS,
-    DELIVERY,
-    DEVICE_TRUTH,
-    MACHINE_TRUTH,
-    NANOSECONDS,
-    SETPOINT,
-    GridEvent,
-    Record,
-)
+from facts_damping.record import GridEvent, Record
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
     from collections.abc import Callable

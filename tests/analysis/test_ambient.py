@@ -14,7 +14,7 @@ from facts_damping.analysis.modes.ambient import covariances, fit_ambient
 from facts_damping.analysis.modes.ringdown import COVERED, interval
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from tests.analysis.ambient_signals import MODES, RATE, SHAPES, ambient, same_noise
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def figures(fit: Fit) -> np.ndarray:
     )
 
 
-def test_it_is_what_another_program_finds() -> None:
+def test_ambient_modes_agree_with_pyoma() -> None:
     found = figures(fitted(ambient(same_noise())))
     assert len(found) == 2
     assert (np.abs(found[:, :2] - PYOMA[:, :2]) < 0.25 * PYOMA[:, 2:]).all()  # they take lag 1, too
@@ -83,7 +83,7 @@ def test_noise_of_measurement_does_not_matter() -> None:
     assert (np.abs(one[0, :2] - other[0, :2]) < 1.5 * other[0, 2:]).all()
 
 
-def test_the_unit_and_a_signal_at_rest_do_not_matter() -> None:
+def test_unit_and_a_signal_at_rest_do_not_matter() -> None:
     x = ambient(same_noise())
     still = np.zeros((len(x), 1))
     assert figures(fitted(1e-6 * x)) == pytest.approx(figures(fitted(x)), rel=1e-6)
@@ -101,7 +101,7 @@ def test_covariances_are_those_of_the_definition() -> None:
 @pytest.mark.parametrize(
     "x", [np.zeros((6000, 1)), np.full((6000, 1), np.nan), ambient(np.random.default_rng(0).standard_normal((550, 6)))]
 )
-def test_nothing_is_told_of_what_does_not_move_or_is_too_short(x: np.ndarray) -> None:
+def test_constant_missing_or_short_signal_has_no_ambient_modes(x: np.ndarray) -> None:
     assert fit_ambient(np.arange(len(x)) / RATE, x) is None
 
 
@@ -115,7 +115,7 @@ def interarea(case: Case) -> complex:
 AMBIENT = load_case("two_area_ambient", ["duration=300"])
 
 
-def test_a_run_tells_the_modes_of_the_linear_loop() -> None:
+def test_run_tells_the_modes_of_the_linear_loop() -> None:
     """Five minutes of two areas with a controller; the open loop's mode grows."""
     record = loop.run(AMBIENT)
     told = summarise(record)
@@ -134,7 +134,7 @@ def test_a_run_tells_the_modes_of_the_linear_loop() -> None:
     assert asked["modes_method"] in ("matrix_pencil", None)
 
 
-def test_a_run_with_an_event_is_a_ringdown_unless_asked_for() -> None:
+def test_run_with_an_event_is_a_ringdown_unless_asked_for() -> None:
     record = loop.run(load_case(None, ["load_noise.std=0.001", "duration=70"]))
     assert summarise(record)["modes_method"] == "matrix_pencil"
     asked = summarise(record, method="ssi")

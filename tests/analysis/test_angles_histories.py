@@ -23,7 +23,7 @@ from facts_damping.simulation import loop
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def test_centre_of_angle_weighs_by_stored_energy() -> None:
@@ -105,7 +105,7 @@ def test_groups_that_learn_alike_are_one_history(swing_record: Callable[..., Rec
     assert [key[3] for key in found] == [0, 2]
 
 
-def test_each_derivative_has_its_history(swing_record: Callable[..., Record]) -> None:
+def test_jacobian_of_each_signal_has_a_history(swing_record: Callable[..., Record]) -> None:
     rows = np.zeros(6, ESTIMATE)
     rows["tick"], rows["signal"] = np.repeat([0, 1, 5], 2), np.tile([0, 1], 3)
     rows["jacobian"] = [1, 10, 2, 20, 3, 30]

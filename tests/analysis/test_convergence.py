@@ -22,7 +22,7 @@ CHATTERS = ["scenario=multiple", "controllers.0.name=ANFTrMeC", "controllers.0.s
 
 
 @given(value=st.floats(1e-9, 1e6), change=st.floats(1e-12, 2.0))
-def test_no_digit_is_printed_that_does_not_hold(value: float, change: float) -> None:
+def test_figure_is_printed_with_its_converged_digits_only(value: float, change: float) -> None:
     """The last digit is worth twice the change at least, but where there is only one."""
     text = convergence.text(value, change)
     assert text.startswith("~") == (change > 0.01)
@@ -55,7 +55,7 @@ def checked(sets: list[str]) -> dict[str, Any]:
     return {**told, **convergence.compare(told, finer)}
 
 
-def test_a_lead_lag_converges_and_a_network_that_chatters_does_not() -> None:
+def test_lead_lag_converges_and_a_network_that_chatters_does_not() -> None:
     smooth, rough = checked(["scenario=multiple"]), checked([*CHATTERS, "duration=40"])
     assert smooth["converged"]
     assert max(smooth["step_change"].values()) < 1e-3

@@ -14,13 +14,13 @@ from facts_damping.analysis.details import compare, details, lines
 from facts_damping.analysis.modes import ambient
 from facts_damping.analysis.modes.poles import METHODS
 from facts_damping.analysis.summary import AUTO
-from facts_damping.cli.commands import parser
+from facts_damping.cli.parser import parser
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def told(record: Record) -> dict[str, Any]:
@@ -68,6 +68,6 @@ def test_text(swing_record: Callable[..., Record]) -> None:
     assert "improvement" not in text
 
 
-def test_the_command_line_offers_every_method() -> None:
+def test_command_line_offers_every_method() -> None:
     for method in (AUTO, *METHODS, ambient.METHOD):
         assert parser().parse_args(["analyze", "recording", "--modes-method", method]).modes_method == method

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def test_roughness_of_a_parabola_is_its_curvature() -> None:
@@ -101,7 +101,7 @@ def test_entries_under_way_are_not_lost(swing_record: Callable[..., Record]) -> 
     assert frames_lost(swing_record(200, delivered=record.delivered[record.delivered["measured_ns"] < 10**9])) > 0
 
 
-def test_what_never_arrives_is_lost_also_at_the_end(swing_record: Callable[..., Record]) -> None:
+def test_frame_that_never_arrives_is_lost_also_at_the_end(swing_record: Callable[..., Record]) -> None:
     """A PMU that falls silent, one that was never heard, and a link that brings nothing at all."""
     record = swing_record(200)
     rows = record.delivered
@@ -167,7 +167,7 @@ def test_hops_of_constant_delays(swing_record: Callable[..., Record]) -> None:
     assert np.array_equal(found["whole"]["sssc"], ages_ms(record))
 
 
-def test_each_controller_waits_on_its_own_link() -> None:
+def test_latency_of_a_controller_is_that_of_its_own_link() -> None:
     """Of two controllers the second has a link of its own, with 60 ms up; neither waits, for a link delivers whole."""
     slow = {"up": [{"stage": "network", "model": "constant", "delay": 0.06}], "down": []}
     controllers = [

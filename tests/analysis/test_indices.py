@@ -62,7 +62,7 @@ def test_curves_grow_to_the_totals(amplitude: float, since: float, seed: int) ->
         assert curve[-1] == pytest.approx(totals[name])
 
 
-def test_a_curve_at_any_instant_is_the_index_up_to_it() -> None:
+def test_curve_at_any_instant_is_the_index_up_to_it() -> None:
     t = np.linspace(0, 20, 20_001)
     _, curves = index_curves(t, np.exp(-0.3 * t))
     for name, (r, s, _) in INDICES.items():
@@ -86,7 +86,7 @@ def test_regions_of_an_error_that_comes_at_one_instant_and_decays() -> None:
     assert lengths["ISE"] < lengths["IAE"]
 
 
-def test_no_error_has_no_regions() -> None:
+def test_index_that_stays_zero_has_no_regions() -> None:
     assert regions(np.arange(5.0), np.zeros(5)) is None
     assert regions(np.zeros(0), np.zeros(0)) is None
 

@@ -31,10 +31,12 @@ from tests.passed import inputs
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from facts_damping.record import Record
     from facts_damping.report.contents import Report
-    from facts_damping.signals import Record
 
-pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*", "tests/analysis/conftest.py", "tests/chromium.py"])
+pytestmark = inputs(
+    contents=["facts_damping/**/*", "extensions/**/*", "config/**/*", "tests/analysis/conftest.py", "tests/chromium.py"]
+)
 
 DESK = {"viewport": {"width": 1200, "height": 900}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
@@ -85,7 +87,7 @@ def unstable(record: Record) -> Record:
 
 
 @given(arrays(np.float64, st.integers(0, 4000), elements=st.floats(-1e6, 1e6, allow_nan=False)), st.integers(10, 500))
-def test_an_envelope_has_all_extremes_in_order_and_few_points(values: Any, maximum: int) -> None:
+def test_envelope_has_all_extremes_in_order_and_few_points(values: Any, maximum: int) -> None:
     x = np.arange(len(values), dtype=float)
     at, shown = envelope(x, values, maximum)
     assert len(at) == len(shown) <= max(maximum, min(len(x), maximum)) + 2
@@ -100,7 +102,7 @@ def test_an_envelope_has_all_extremes_in_order_and_few_points(values: Any, maxim
             assert value in values[block : block + size]
 
 
-def test_an_envelope_keeps_gaps_and_ignores_single_missing_values() -> None:
+def test_envelope_keeps_gaps_and_ignores_single_missing_values() -> None:
     values = np.sin(np.arange(10_000.0))
     values[3000:5000] = np.nan
     values[7001] = np.nan
@@ -110,7 +112,7 @@ def test_an_envelope_keeps_gaps_and_ignores_single_missing_values() -> None:
     assert 4920 <= missing.max() <= 5000
 
 
-def test_a_long_trace_has_the_first_minute_after_the_event_in_full() -> None:
+def test_long_trace_has_the_first_minute_after_the_event_in_full() -> None:
     t = np.arange(216_000) / 60
     y = np.sin(2 * np.pi * 0.65 * t)
     at, shown = detailed(t, y, 1800.0)
@@ -150,7 +152,7 @@ def test_best_and_worst(values: Any, largest: bool, marks: list[str]) -> None:
     assert ranked(values, largest) == marks
 
 
-def test_the_summary_marks_the_better_damped_run(swing_record: Callable[..., Record]) -> None:
+def test_summary_marks_the_better_damped_run(swing_record: Callable[..., Record]) -> None:
     found = said(("slow", swing_record(damping=0.1)), ("quick", swing_record(damping=0.5)))
     assert found.remarks == []
     rows = {row[0].text: row[1:] for row in items(found)["summary"].rows}
@@ -162,7 +164,7 @@ def test_the_summary_marks_the_better_damped_run(swing_record: Callable[..., Rec
     assert 50 < float(improved["ITAE"][1]) < 100
 
 
-def test_every_item_explains_itself_and_has_axes_with_units(swing_record: Callable[..., Record]) -> None:
+def test_report_items_have_a_sentence_and_axes_with_units(swing_record: Callable[..., Record]) -> None:
     found = said(("a", swing_record()), ("b", swing_record(damping=0.1)))
     named = items(found)
     assert set(named) >= {
@@ -182,7 +184,7 @@ def test_every_item_explains_itself_and_has_axes_with_units(swing_record: Callab
             assert [one.run for one in item.maps] == [0, 1]
 
 
-def test_the_map_is_where_the_mode_is(swing_record: Callable[..., Record]) -> None:
+def test_map_is_where_the_mode_is(swing_record: Callable[..., Record]) -> None:
     (one,) = items(said(("a", swing_record(damping=0.05))))["spwvd"].maps
     first, last, low, high = one.extent
     row, column = np.unravel_index(np.argmax(one.values), one.values.shape)
@@ -193,7 +195,7 @@ def test_the_map_is_where_the_mode_is(swing_record: Callable[..., Record]) -> No
     assert one.values.size <= 300 * 150
 
 
-def test_an_unstable_run_is_worst_and_has_no_curve_of_indices(swing_record: Callable[..., Record]) -> None:
+def test_unstable_run_is_worst_and_has_no_curve_of_indices(swing_record: Callable[..., Record]) -> None:
     found = said(("sound", swing_record()), ("lost", unstable(swing_record())))
     assert found.remarks == ["lost is not stable: loss of synchronism at 9.98 s. It has no indices."]
     rows = {row[0].text: row[1:] for row in items(found)["summary"].rows}
@@ -213,7 +215,7 @@ def test_runs_that_cannot_be_compared_are_not_ranked(swing_record: Callable[...,
     assert "improvement" not in items(found)
 
 
-def test_what_a_recording_lacks_is_said(swing_record: Callable[..., Record]) -> None:
+def test_report_remarks_name_what_a_recording_lacks(swing_record: Callable[..., Record]) -> None:
     cut = swing_record(600, notes=["the end is missing: the record ends with tick 599"])
     cut.configuration["duration"] = 20
     found = said(("cut", cut))
@@ -221,7 +223,7 @@ def test_what_a_recording_lacks_is_said(swing_record: Callable[..., Record]) -> 
     assert "the recording ends too early" in found.remarks[1]
 
 
-def test_a_run_of_nearly_nothing(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
+def test_run_of_nearly_nothing(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     """Seven ticks, no device, no controller, no event: what cannot be is left out."""
     bare = swing_record(7, events=[], device_names=[], devices=np.zeros((7, 0), DEVICE_TRUTH), controller_names=[])
     bare = dataclasses.replace(bare, applied=bare.applied[:0], issued=bare.issued[:0])
@@ -244,13 +246,13 @@ def test_names_are_text_not_markup(tmp_path: Path, swing_record: Callable[..., R
     assert tags[0].count("script") > 2
 
 
-def test_a_long_record_makes_a_small_file(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
+def test_long_record_makes_a_small_file(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     """A quarter of an hour of a swing that hardly decays, which does not shrink by itself: whole it takes 3.9 MB."""
     long = swing_record(54_000, damping=1e-4)
     assert written(tmp_path, ("long", long)).stat().st_size < 2_500_000
 
 
-def test_nothing_is_loaded_from_elsewhere(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
+def test_report_page_loads_nothing_from_elsewhere(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     page = written(tmp_path, ("a", swing_record())).read_text()
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert not re.findall(r"https?://", markup)
@@ -259,12 +261,12 @@ def test_nothing_is_loaded_from_elsewhere(tmp_path: Path, swing_record: Callable
 
 
 @pytest.mark.parametrize("place", ["no/such/folder/report.html", "", "-", "."])
-def test_a_report_that_cannot_be_written_is_refused_first(place: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_that_cannot_be_written_is_refused_first(place: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["analyze", "no_such_recording", "--report", place]) == BAD_INPUT
     assert "--report" in capsys.readouterr().err
 
 
-def test_a_report_that_cannot_be_written_after_all(swing_record: Callable[..., Record]) -> None:
+def test_report_that_cannot_be_written_after_all(swing_record: Callable[..., Record]) -> None:
     with pytest.raises(InputError, match=r"report\.html: .*; allowed: a file in a folder that can be written"):
         written(Path("/proc"), ("a", swing_record()))
 
@@ -335,7 +337,7 @@ DRAWN = """() => [...document.querySelectorAll('figure')].map((one) => {
 
 @needs_browser
 @pytest.mark.parametrize("options", [DESK, PHONE], ids=["desk", "phone"])
-def test_all_figures_are_drawn_and_fit_the_screen(
+def test_report_figures_are_drawn_and_fit_the_screen(
     opened: Pages, options: dict[str, Any], swing_record: Callable[..., Record]
 ) -> None:
     page = opened(**options)
@@ -384,7 +386,7 @@ def test_dragging_zooms_all_charts_over_time_and_runs_can_be_hidden(opened: Page
 
 
 @needs_browser
-def test_a_finger_on_a_chart_scrolls_the_page(opened: Pages) -> None:
+def test_finger_on_a_chart_scrolls_the_page(opened: Pages) -> None:
     page = opened(**PHONE)
     page.wait_for_function(
         "[...Bokeh.documents[0].all_models].every((one) => (one.attributes.active_drag ?? null) === null)"

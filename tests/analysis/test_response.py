@@ -13,12 +13,13 @@ from facts_damping.analysis.judging import AMBIENT, LOST_TWIN, PULSE, RESPONSE, 
 from facts_damping.analysis.modes.ambient import fit_ambient
 from facts_damping.analysis.response import MIRROR, WITHOUT_EVENTS, Swings, Twin, variance_ratio
 from facts_damping.analysis.summary import summarise
-from facts_damping.signals import NANOSECONDS, GridEvent
+from facts_damping.record import GridEvent
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 T = np.arange(0.0, 40.0, 1 / 60)
 EVENT = [GridEvent(NANOSECONDS, "fault", "B7")]
@@ -66,7 +67,7 @@ def pair(swing_record: Callable[..., Record]) -> Callable[..., tuple[Record, Twi
 @pytest.mark.parametrize(
     ("sigma", "verdict"), [(-0.15, "damped"), (-0.3, "damped"), (0.04, "growing"), (0.0, "limit cycle")]
 )
-def test_the_verdict_is_that_of_the_response_whatever_the_noise(
+def test_verdict_is_that_of_the_response_whatever_the_noise(
     pair: Any, seed: int, sigma: float, verdict: str, mirror: bool
 ) -> None:
     record, twin = pair(swing(sigma), noise(seed), mirror=mirror)
@@ -81,13 +82,13 @@ def test_indices_are_those_of_the_run_itself(pair: Any) -> None:
     assert summarise(record, twin=twin)["indices"] == summarise(record)["indices"]
 
 
-def test_a_verdict_without_a_mirror_says_that_noise_is_in_it(pair: Any) -> None:
+def test_verdict_without_a_mirror_says_that_noise_is_in_it(pair: Any) -> None:
     found = summarise(pair(swing(-0.2), noise(1))[0])
     assert found["verdict_of"] == RUN
     assert found["verdict_because"].endswith("; noise is in it")
 
 
-def test_a_mirror_that_loses_synchronism_leaves_the_verdict_to_the_run(pair: Any) -> None:
+def test_mirror_that_loses_synchronism_leaves_the_verdict_to_the_run(pair: Any) -> None:
     record, twin = pair(swing(0.08), noise(2, 1e-5))
     twin.record.in_synchronism[-1] = False
     assert summarise(record, twin=twin)["verdict"] == "growing"
@@ -97,7 +98,7 @@ def test_a_mirror_that_loses_synchronism_leaves_the_verdict_to_the_run(pair: Any
     assert (found["verdict"], found["verdict_because"]) == ("undecided", LOST_TWIN)
 
 
-def test_a_mirror_that_is_shorter_is_compared_as_far_as_it_goes(pair: Any) -> None:
+def test_mirror_that_is_shorter_is_compared_as_far_as_it_goes(pair: Any) -> None:
     record, twin = pair(swing(-0.2), noise(3))
     names = ("time_ns", "frames", "measured_ns", "status", "machines", "devices", "in_synchronism")
     short = replace(twin.record, **{name: getattr(twin.record, name)[:1500] for name in names})
@@ -137,7 +138,7 @@ def test_noise_that_grows_late_is_growth(pair: Any, seed: int, mirror: bool) -> 
     assert judged(*pair(swing(-0.5), noise(seed, 1e-4), mirror=mirror))["verdict"] == "damped"
 
 
-def test_the_interval_of_a_ratio_of_variances_holds_the_ratio() -> None:
+def test_interval_of_a_ratio_of_variances_holds_the_ratio() -> None:
     """Two resonances of different damping in the same noise: the ratio of many seeds is in nine of ten intervals."""
     dt, ticks, waves = 0.05, 2400, np.random.default_rng(7).standard_normal((150, 2400, 1))
 

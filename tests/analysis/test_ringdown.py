@@ -18,7 +18,7 @@ from facts_damping.errors import InputError
 from facts_damping.plant.build import build as build_plant
 from facts_damping.simulation import loop
 from facts_damping.simulation.loop import run
-from facts_damping.small_signal import linearisation
+from facts_damping.small_signal import eigenmodes, linearisation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,7 +50,9 @@ def test_two_modes_exactly(slow: float, rate: int, method: str) -> None:
 @pytest.mark.parametrize("method", METHODS)
 @given(frequency=st.floats(0.15, 2.4), ratio=st.floats(-0.04, 0.15), amplitude=st.floats(1e-5, 1e-1))
 @settings(deadline=None, max_examples=15)
-def test_one_mode(method: str, frequency: float, ratio: float, amplitude: float) -> None:
+def test_single_mode_is_found_with_frequency_and_damping(
+    method: str, frequency: float, ratio: float, amplitude: float
+) -> None:
     (mode,) = fit(T, wave(frequency, ratio, amplitude), method).modes
     assert mode.frequency_hz == pytest.approx(frequency, rel=1e-6)
     assert mode.damping_ratio == pytest.approx(ratio, abs=1e-6)
@@ -156,7 +158,7 @@ def test_roots_that_cancel_each_other_are_not_taken_for_modes(method: str) -> No
     assert fast.frequency_hz == pytest.approx(1.1, rel=0.005)
 
 
-def test_an_unknown_method_is_refused() -> None:
+def test_unknown_method_is_refused() -> None:
     with pytest.raises(InputError, match=r"method: 'music' given; allowed: matrix_pencil, prony, era"):
         fit_ringdown(T, wave(0.6, 0.05), method="music")
 
@@ -182,7 +184,7 @@ def test_only_the_band_and_what_matters() -> None:
 
 
 @pytest.mark.parametrize("signal", [np.zeros(1200), 1e-3 * T, np.full(1200, np.nan), 1e-11 * wave(0.5, 0)], ids=str)
-def test_nothing_swings(signal: NDArray[np.float64]) -> None:
+def test_signal_without_oscillation_has_no_modes(signal: NDArray[np.float64]) -> None:
     assert ringdown_modes(T, signal) == []
     assert all(fit_ringdown(T, signal, method=method) is None for method in METHODS)
 
@@ -197,7 +199,7 @@ def test_small_disturbance_shows_the_mode_of_the_linearised_plant() -> None:
     case = load_case("two_area_small", ["controllers=[]", step])
     built = build_plant(case.system, case.run.devices, case.scenario.events)
     known = min(
-        linearisation.modes(linearisation.linearise(built)[0], built.state_names),
+        eigenmodes.modes(linearisation.linearise(built)[0], built.state_names),
         key=lambda mode: abs(mode.frequency_hz - 0.6),
     )
     record = run(case)

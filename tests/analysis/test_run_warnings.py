@@ -10,12 +10,13 @@ import pytest
 from facts_damping.analysis.run_warnings import limit_warnings
 from facts_damping.analysis.summary import summarise
 from facts_damping.api import simulate
-from facts_damping.signals import NANOSECONDS, GridEvent
+from facts_damping.record import GridEvent
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SYSTEM: dict[str, Any] = {
     "name": "pair",
@@ -45,7 +46,7 @@ def calm(swing_record: Callable[..., Record]) -> Callable[..., Record]:
 T = np.arange(1200) / 60
 
 
-def test_nothing_is_told_within_the_limits(calm: Callable[..., Record]) -> None:
+def test_run_within_the_limits_of_the_model_has_no_warnings(calm: Callable[..., Record]) -> None:
     assert limit_warnings(calm()) == []
     assert limit_warnings(calm((2.4 / 60, -2.4 / 60), (0.71, 1.19), infinite_buses=[{"name": "GRID"}])) == []
 
@@ -61,7 +62,7 @@ def test_frequency(calm: Callable[..., Record]) -> None:
     )  # nobody sees how fast a machine runs that is not connected
 
 
-def test_a_forced_oscillation_that_does_not_end(calm: Callable[..., Record]) -> None:
+def test_forced_oscillation_that_does_not_end(calm: Callable[..., Record]) -> None:
     begun = [GridEvent((2 + i) * NANOSECONDS, "forced_oscillation", name, 0.1) for i, name in enumerate(("G1", "G2"))]
     ends = GridEvent(4 * NANOSECONDS, "forced_oscillation", "G2", 0.0)
     (found,) = limit_warnings(calm((0, 0), (1, 1), *begun, ends))
@@ -88,7 +89,7 @@ def test_drift_that_nothing_holds(calm: Callable[..., Record]) -> None:
     assert limit_warnings(calm((up, 0), infinite_buses=[{"name": "GRID"}])) == []
 
 
-def test_a_load_step_without_governors_drifts_and_with_them_does_not() -> None:
+def test_load_step_without_governors_drifts_and_with_them_does_not() -> None:
     told = summarise(simulate())
     (line,) = told["warnings"]
     assert line.startswith("the common frequency has moved by +2.4")
@@ -96,7 +97,7 @@ def test_a_load_step_without_governors_drifts_and_with_them_does_not() -> None:
     assert summarise(simulate(**held))["warnings"] == []
 
 
-def test_an_island_is_told() -> None:
+def test_island_is_told() -> None:
     lines = [{"time": 1.0, "kind": "line_out", "line": name} for name in ("line_1", "line_2")]
     record = simulate(scenario=lines, duration=1.5, controllers=[])
     (island,) = [line for line in limit_warnings(record) if line.startswith("the grid has split")]

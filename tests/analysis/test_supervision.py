@@ -32,7 +32,7 @@ from facts_damping.simulation import loop
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SETTLED = ("supervision=standard", "arm_at=0.5")
 WRONG_SIGN = "controllers.0.faults=[{kind: wrong_sign, start: 2}]"
@@ -99,7 +99,7 @@ def test_changes_have_time_cause_value_and_the_run_s_limit(watched: Callable[[An
     ]
 
 
-def test_a_supervisor_that_never_arms_says_so(watched: Callable[[Any], dict[str, Any]]) -> None:
+def test_supervisor_that_never_arms_says_so(watched: Callable[[Any], dict[str, Any]]) -> None:
     found = watched(told(1200))
     assert (found["changes"], found["state"], tripped_texts([found])) == ([], "shadow", [])
     assert history_text(found) == "never armed, shadow to the end"
@@ -132,7 +132,7 @@ def test_why_it_was_not_armed(
     assert history_text(found).startswith(f"not armed at 2.00 s: {text}; never armed, shadow to the end")
 
 
-def test_a_supervisor_that_fails_is_silent(watched: Callable[[Any], dict[str, Any]]) -> None:
+def test_supervisor_that_fails_is_silent(watched: Callable[[Any], dict[str, Any]]) -> None:
     """Single ticks that are missing are not: devices wait for 0.2 s."""
     own = told(1200)
     own["state"][60:] = ARMED
@@ -148,7 +148,7 @@ def test_a_supervisor_that_fails_is_silent(watched: Callable[[Any], dict[str, An
     assert sum(found["fractions"].values()) == pytest.approx(len(kept) / 1200)
 
 
-def test_the_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:
+def test_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:
     own = told(1200)
     own["probe_gain"][60:], own["probe_gain"][600:] = 2.0, 1.1
     own["probe_phase"][60:], own["probe_coherence"][60:] = 0.1, 0.9
@@ -186,7 +186,7 @@ def test_many_changes_are_counted(watched: Callable[[Any], dict[str, Any]]) -> N
     assert text.endswith("; 14 more changes; armed again at 19.00 s: operator")
 
 
-def test_a_run_whose_controller_turns_its_sign_is_tripped_and_told() -> None:
+def test_run_whose_controller_turns_its_sign_is_tripped_and_told() -> None:
     record = loop.run(load_case("two_area_small", [*SETTLED, "duration=8", WRONG_SIGN]))
     result = summarise(record)
     (found,) = result["supervision"]

@@ -20,8 +20,8 @@ from facts_damping.simulation import loop
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from facts_damping.record import Record
     from facts_damping.report.contents import Report
-    from facts_damping.signals import Record
 
 SUPERVISED = ["supervision=standard", "arm_at=0.5", "duration=8"]
 WRONG_SIGN = "controllers.0.faults=[{kind: wrong_sign, start: 2}]"
@@ -49,7 +49,7 @@ def items(found: Report) -> dict[str, Any]:
     return {item.key: item for section in found.sections for item in section.items}
 
 
-def test_a_report_shows_states_monitors_and_changes(tripped: Record, tmp_path: Path) -> None:
+def test_report_shows_states_monitors_and_changes(tripped: Record, tmp_path: Path) -> None:
     found = said(it=tripped)
     assert (5.433, "controller_0_LLC tripped by harm") in found.events
     named = items(found)
@@ -74,7 +74,7 @@ def test_a_report_shows_states_monitors_and_changes(tripped: Record, tmp_path: P
     assert "major_label_overrides" in page
 
 
-def test_a_run_without_a_supervisor_beside_one_with(tripped: Record, alone: Record) -> None:
+def test_run_without_a_supervisor_beside_one_with(tripped: Record, alone: Record) -> None:
     named = items(said(alone=alone, it=tripped))
     assert {curve.run for panel in named["supervision"].panels for curve in panel.curves} == {1}
     assert (5.433, "it: controller_0_LLC tripped by harm") in said(alone=alone, it=tripped).events
@@ -84,7 +84,7 @@ def test_a_run_without_a_supervisor_beside_one_with(tripped: Record, alone: Reco
     assert rows["controller_0_LLC"] == ["-", "armed at 0.50 s; tripped at 5.43 s: harm 0.186 1/s, more than 0.03"]
 
 
-def test_nothing_is_shown_of_runs_without(alone: Record, tmp_path: Path) -> None:
+def test_run_without_supervision_shows_nothing_of_it(alone: Record, tmp_path: Path) -> None:
     found = said(alone=alone)
     assert "Supervision" not in [section.title for section in found.sections]
     assert [text for _, text in found.events] == ["load step load_2"]

@@ -65,7 +65,7 @@ def by_definition(z: Samples, rate: float, h: Window, g: Window, bins: int) -> N
 @pytest.mark.parametrize("lag", [1, 7, 11])
 @pytest.mark.parametrize("time", [1, 5, 9])
 @pytest.mark.parametrize("bins", [11, 12, 20])
-def test_the_definition_term_by_term(lag: int, time: int, bins: int) -> None:
+def test_definition_term_by_term(lag: int, time: int, bins: int) -> None:
     z, h, g = noise(lag + time, 17), np.hamming(lag) / np.hamming(lag)[lag // 2], np.hamming(time)
     known = by_definition(z, 3.0, h, g, bins)
     assert np.abs(known.imag).max() < 1e-12
@@ -76,7 +76,7 @@ def test_the_definition_term_by_term(lag: int, time: int, bins: int) -> None:
 
 
 @pytest.mark.parametrize("hop", [2, 5, 40])
-def test_a_hop_leaves_out_times_and_blocks_leave_no_seam(hop: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hop_leaves_out_times_and_blocks_leave_no_seam(hop: int, monkeypatch: pytest.MonkeyPatch) -> None:
     z, h, g = noise(1, 100), hann(13), hann(7)
     whole = spwvd(z, RATE, h, g)
     monkeypatch.setattr("facts_damping.analysis.time_frequency.BLOCK", 100)
@@ -160,7 +160,7 @@ def test_frequency_marginal_is_smoothed_by_the_lag_window() -> None:
 
 @given(amplitude=st.floats(1e-6, 1e3), k=st.integers(20, 236))
 @settings(deadline=None)
-def test_a_tone_integrates_to_its_amplitude_squared_at_its_frequency(amplitude: float, k: int) -> None:
+def test_tone_integrates_to_its_amplitude_squared_at_its_frequency(amplitude: float, k: int) -> None:
     z = tone(k * RATE / 512, amplitude=amplitude)
     made = spwvd(z, RATE, hann(81), hann(21), 7, 256)
     inner = slice(10, -10)
@@ -240,7 +240,7 @@ def test_recorded_tones_in_hz_and_in_their_power(rate: int) -> None:
         assert power == pytest.approx(np.full_like(power, amplitude**2), rel=0.05)
 
 
-def test_what_lies_outside_the_band_is_gone() -> None:
+def test_spwvd_holds_no_components_outside_its_band() -> None:
     x = 5.0 + np.cos(2 * np.pi * 0.02 * T) + np.cos(2 * np.pi * 6.0 * T)
     assert analyse(T, x).distribution.time_marginal[30:-30].max() < 1e-2
     high = analyse(T, x, 2.0, 1.0, (0.5, 30.0)).distribution
@@ -271,7 +271,7 @@ def test_windows_of_the_limits() -> None:
     np.testing.assert_allclose(nearly.distribution.values, wvd.distribution.values, atol=1e-6)
 
 
-def test_an_hour_has_as_many_times_as_needed() -> None:
+def test_hour_has_as_many_times_as_needed() -> None:
     t = np.arange(3600 * 60) / 60
     made = analyse(t, np.cos(2 * np.pi * 0.6 * t)).distribution
     assert made.time_s[-1] == pytest.approx(3600, abs=1)

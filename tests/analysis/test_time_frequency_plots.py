@@ -10,16 +10,17 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from facts_damping.analysis.measures import recorded
-from facts_damping.analysis.plotting.time_frequency_plots import Settings, distribution_figures, draw_distribution, save
+from facts_damping.analysis.plotting.time_frequency_plots import Settings, distribution_figures, plot_distribution, save
 from facts_damping.analysis.time_frequency import analyse
 from facts_damping.errors import InputError
-from facts_damping.signals import NANOSECONDS, GridEvent
+from facts_damping.record import GridEvent
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def test_signals_by_name(swing_record: Callable[..., Record]) -> None:
@@ -80,7 +81,7 @@ def test_pictures_of_one_and_of_several(tmp_path: Path, swing_record: Callable[.
         assert (picture[..., :3] < 0.5).any()
 
 
-def test_what_a_picture_says(swing_record: Callable[..., Record]) -> None:
+def test_spwvd_picture_names_windows_units_events_and_modes(swing_record: Callable[..., Record]) -> None:
     """Hz, the physical unit on the bar, the windows, the event, the lines of modes."""
     record = swing_record()
     for settings, heading in (
@@ -99,12 +100,12 @@ def test_what_a_picture_says(swing_record: Callable[..., Record]) -> None:
         assert [text.get_text() for text in labels["x [$10^{-3}$ p.u.]"].texts] == ["load step"]
 
 
-def test_the_bar_is_the_distribution(swing_record: Callable[..., Record]) -> None:
+def test_bar_is_the_distribution(swing_record: Callable[..., Record]) -> None:
     """Colours show W in the bar's unit, and the marginals' axes theirs."""
     record = swing_record()
     analysed = analyse(record.time_s, recorded(record, "w12")[0])
     figure = Figure()
-    draw_distribution(figure, analysed, "p.u.")
+    plot_distribution(figure, analysed, "p.u.")
     (image,) = (image for axes in figure.axes for image in axes.images)
     np.testing.assert_allclose(np.asarray(image.get_array()).T * 1e-6, analysed.distribution.values, atol=1e-18)
     left, right, bottom, top = image.get_extent()
@@ -118,7 +119,7 @@ def test_missing_ticks_are_noted(swing_record: Callable[..., Record]) -> None:
     assert notes == ["run: w12: 3 ticks are missing and were filled by straight lines"]
 
 
-def test_a_signal_at_rest(swing_record: Callable[..., Record], tmp_path: Path) -> None:
+def test_signal_at_rest(swing_record: Callable[..., Record], tmp_path: Path) -> None:
     record = swing_record(events=[GridEvent(5 * NANOSECONDS, "fault", "L", 0.0)])
     record.frames[:, 2, 3] = 4.0
     figures, _ = distribution_figures([("run", record, [])], ["pmu.TIE.active_power_pu"], Settings())

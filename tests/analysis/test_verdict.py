@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 T = np.arange(1200) / 60
 LONG = np.arange(2400) / 60
@@ -53,7 +53,7 @@ def test_decay_is_damped_growth_is_growing(sigma: float, frequency: float, phase
 
 @given(frequency=FREQUENCY, phase=PHASE)
 @FEW
-def test_a_steady_wave_is_a_limit_cycle(frequency: float, phase: float) -> None:
+def test_steady_wave_is_a_limit_cycle(frequency: float, phase: float) -> None:
     for x in (wave(0, frequency, phase), np.clip(3 * wave(0, frequency, phase), -1e-3, 1e-3)):
         found = judge(T, x, 1.0)
         assert found.verdict == LIMIT_CYCLE
@@ -94,7 +94,7 @@ def test_beats_that_are_slower_than_the_record_are_never_told_wrongly() -> None:
             assert judge(T, x + 1e-6 * random.standard_normal(len(T)), 1.0).verdict in (right, UNDECIDED)
 
 
-def test_a_mode_that_changes_with_its_amplitude_does_not_grow() -> None:
+def test_mode_that_changes_with_its_amplitude_does_not_grow() -> None:
     """A delay near the margin: the swing decays, faster when small; as two waves one of them would grow."""
     record = simulate(scenario="multiple", duration=40, link={"up": [{"stage": "network", "delay": 0.159}]})
     w13 = speed_differences(record)["w13"]
@@ -104,14 +104,14 @@ def test_a_mode_that_changes_with_its_amplitude_does_not_grow() -> None:
 
 @given(decay=st.sampled_from([0.2, 0.5]), frequency=st.floats(0.5, 0.8), a=PHASE, b=PHASE)
 @FEW
-def test_what_is_behind_a_decay_counts(decay: float, frequency: float, a: float, b: float) -> None:
+def test_verdict_is_of_the_slow_mode_behind_a_fast_decay(decay: float, frequency: float, a: float, b: float) -> None:
     fast = wave(-decay, frequency, a)
     for sigma, verdict in ((0.03, GROWING), (0.0, LIMIT_CYCLE), (-0.03, DAMPED)):
         assert judge(T, fast + 0.2 * wave(sigma, 1.1, b), 1.0).verdict == verdict
     assert judge(T, fast + 0.01 * wave(0.01, 1.1, b), 1.0).verdict == DAMPED  # below 5 % of the largest: too small
 
 
-def test_a_swing_that_decays_to_chatter_is_not_damped() -> None:
+def test_swing_that_decays_to_chatter_is_not_damped() -> None:
     """Chatter: a wave of 10 to 20 % of the first swing, whose amplitude wanders by a tenth and whose phase wanders."""
     found = []
     for seed in range(60):
@@ -136,14 +136,14 @@ def test_growth_that_ends_at_a_limit_is_a_limit_cycle(frequency: float) -> None:
     assert judge(LONG, x, 1.0).amplitude_pu == pytest.approx(1e-4 * np.exp(2), rel=0.05)
 
 
-def test_the_worst_signal_decides() -> None:
+def test_worst_signal_decides() -> None:
     found = judge(T, np.column_stack([wave(-0.3), 0.2 * wave(0.05)]), 1.0, ["w12", "w13"])
     assert (found.verdict, found.growth and found.growth.signal) == (GROWING, "w13")
     assert judge(T, np.column_stack([wave(-0.3), 1e-3 * wave(0.05)]), 1.0).verdict == DAMPED  # too small to matter
     assert judge(T, np.column_stack([wave(0.0), wave(-0.1)]), 1.0).verdict == LIMIT_CYCLE
 
 
-def test_nothing_noise_and_too_little() -> None:
+def test_still_signal_is_damped_and_noisy_or_short_ones_are_undecided() -> None:
     random = np.random.default_rng(1)
     still = judge(T, np.full(1200, 0.3), 1.0)
     assert (still.verdict, still.growth) == (DAMPED, None)
@@ -184,7 +184,7 @@ def tripped(duration: float, **controller: Any) -> Record:
     return simulate(scenario=TRIP, duration=duration, controllers=[controller])
 
 
-def test_a_swing_grows_whose_first_one_is_larger_than_what_follows() -> None:
+def test_swing_grows_whose_first_one_is_larger_than_what_follows() -> None:
     record = tripped(60, name="LLC", parameters={"gain": 0.8})
     assert record.frames[0, record.pmus.index("TIE"), 3] == pytest.approx(4.04, abs=0.01)
     t, signals, last = record.time_s, columns(speed_differences(record)), event_times(record)[-1]
@@ -202,7 +202,7 @@ def test_a_swing_grows_whose_first_one_is_larger_than_what_follows() -> None:
     assert np.ptp(w13[(t > 35) & (t < 40)]) > 1.3 * np.ptp(w13[(t > 7) & (t < 12)])  # it does grow
 
 
-def test_a_tuned_lead_lag_far_from_its_training_is_a_limit_cycle() -> None:
+def test_tuned_lead_lag_far_from_its_training_is_a_limit_cycle() -> None:
     less: dict[str, Any] = {"system.machines.0.P": 500}
     record = simulate(scenario=TRIP, duration=40, controllers=[{"name": "LLC-tuned"}], **less)
     found = summarise(record)
@@ -213,5 +213,5 @@ def test_a_tuned_lead_lag_far_from_its_training_is_a_limit_cycle() -> None:
 
 @FEW
 @given(st.floats(0.9, 1000.0), st.floats(0.5, 0.99))
-def test_the_quantile_of_student_s_t_is_scipy_s(free: float, probability: float) -> None:
+def test_quantile_of_student_s_t_is_scipy_s(free: float, probability: float) -> None:
     assert student_quantile(free, probability) == pytest.approx(stdtrit(free, probability), rel=1e-8, abs=1e-12)

@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+
+from facts_damping.case.loading import load_system
+from facts_damping.cli.main import main
+from facts_damping.errors import RunError
 from facts_damping_bench import ours, pages, study, ticks
 from facts_damping_bench.figures import Result, Rung, Sweep, at_equal_error, difference, ratio, sweep_step
 from facts_damping_bench.grid import FAULT_END, FAULT_START, LOAD, RATE, SYSTEM, TimedRun, grid, swings
 from facts_damping_bench.programs import HELICS, OURS, PROGRAMS, Program, missing
 from facts_damping_bench.session import session
-
-from facts_damping.case.loading import load_system
-from facts_damping.cli.main import main
-from facts_damping.errors import RunError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -79,7 +79,7 @@ def test_time_at_equal_error_lies_on_the_power_law() -> None:
     assert found.wall_s == pytest.approx(0.2)
 
 
-def test_nothing_is_extrapolated() -> None:
+def test_time_at_equal_error_is_not_extrapolated() -> None:
     assert at_equal_error(ladder(2.0, 0.02), 1e-4) is None
     found = at_equal_error(ladder(2.0, 0.002, 0.001), 1e-3)
     assert found is not None
@@ -90,7 +90,7 @@ def test_nothing_is_extrapolated() -> None:
     assert math.isnan(ratio(1.0, None))
 
 
-def test_a_common_drift_hides_nothing() -> None:
+def test_common_drift_hides_nothing() -> None:
     t = np.arange(0.0, 20.001, 0.01)
     speeds = np.outer(np.sin(4 * t), [1e-3, -1e-3, 0.0, 0.0])
     drift = speeds + 0.01 * t[:, None]
@@ -109,7 +109,7 @@ def test_steps_meet_instants_and_fault(name: str) -> None:
             assert time_s / step == pytest.approx(round(time_s / step), abs=1e-9)
 
 
-def test_the_extra_names_what_the_table_asks_for() -> None:
+def test_extra_names_what_the_table_asks_for() -> None:
     text = (Path(__file__).parents[2] / "reproduction" / "pyproject.toml").read_text()
     for name in (*HELICS, *(one for row in PROGRAMS.values() for one in row.distributions)):
         assert re.search(rf"['\"]{name}==", text)
@@ -117,7 +117,7 @@ def test_the_extra_names_what_the_table_asks_for() -> None:
     assert missing(("numpy",)) == ""
 
 
-def test_the_load_is_that_of_the_file() -> None:
+def test_load_is_that_of_the_file() -> None:
     system = load_system(SYSTEM)
     assert (system.loads[0].bus, system.loads[0].P) == ("B7", LOAD)
     made = grid(1.1)
@@ -190,7 +190,7 @@ def gone(pid: int) -> bool:
     return not state.exists() or state.read_text().rpartition(")")[2].split()[0] == "Z"
 
 
-def test_an_interrupt_leaves_no_process(table: dict[str, Program], tmp_path: Path) -> None:
+def test_interrupt_leaves_no_process(table: dict[str, Program], tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), session(waits(tmp_path)) as one:
         raise KeyboardInterrupt
     assert one.process.returncode is not None
@@ -199,7 +199,7 @@ def test_an_interrupt_leaves_no_process(table: dict[str, Program], tmp_path: Pat
 
 
 @pytest.mark.parametrize("starts", [True, False])
-def test_a_killed_command_leaves_no_process(
+def test_killed_command_leaves_no_process(
     table: dict[str, Program], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, starts: bool
 ) -> None:
     """Whether it is killed while the other starts, or while that is at work."""
@@ -232,7 +232,7 @@ def answers(what: list[Result] | list[ticks.Rate]) -> Callable[..., object]:
     return lambda *_: what
 
 
-def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(study, "measure", answers(RESULTS))
     rates = [ticks.Rate("ours", 900.0, "", ""), ticks.Rate("HELICS", math.nan, "", missing(("no-such",)))]
     monkeypatch.setattr(ticks, "measure", answers(rates))
@@ -251,7 +251,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     assert json.loads(capsys.readouterr().out)["programs"] == []
 
 
-def test_a_program_that_is_not_known(capsys: pytest.CaptureFixture[str]) -> None:
+def test_program_that_is_not_known(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "psse"]) == 2
     said = capsys.readouterr().err
     assert said == "facts-damping: PROGRAM: 'psse' given; allowed: andes, dpsim, stepss, pydae, tops, helics\n"

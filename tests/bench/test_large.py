@@ -6,12 +6,12 @@ import re
 from collections import Counter
 
 import pytest
+
+from facts_damping.cli.main import main
 from facts_damping_bench import large, large_ours
 from facts_damping_bench.figures import difference
 from facts_damping_bench.grid import FAULT_END, RATE, grid, swings
 from facts_damping_bench.programs import LARGE, missing
-
-from facts_damping.cli.main import main
 from tests.andes_cases import CASES
 from tests.commands import assert_one_line
 
@@ -23,7 +23,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
     return large_ours.prepare(grid(), folder)
 
 
-def test_it_is_what_the_text_says(made: dict[str, list[dict[str, object]]]) -> None:
+def test_large_case_has_the_counts_that_its_text_states(made: dict[str, list[dict[str, object]]]) -> None:
     models = Counter(machine["model"] for machine in made["machines"])
     counts = [len(made["buses"]), models.total(), models["classical"], len(made["exciters"]), len(made["governors"])]
     assert re.findall(r"\d+", large.SHOWN.text) == [str(count) for count in counts]

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from facts_damping.c37118 import configuration, data, frame
-from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration, Site
-from facts_damping.c37118.data import Data
-from facts_damping.c37118.frame import Frame, FrameError
+from facts_damping_streams.c37118 import configuration, data, frame
+from facts_damping_streams.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration, Site
+from facts_damping_streams.c37118.data import Data
+from facts_damping_streams.c37118.frame import Frame, FrameError
 
 KINDS = ("configuration_1", "configuration_2", "configuration_3")
 UNITS = (0.001, 0.25, 12.5, 91.6)  # V or A a count
@@ -143,7 +143,7 @@ def stream(**formats: Any) -> Configuration:
 
 
 @pytest.mark.parametrize("floats", [True, False])
-def test_what_is_missing_stays_missing(floats: bool) -> None:
+def test_missing_values_are_decoded_as_missing(floats: bool) -> None:
     c = stream(float_phasors=floats, float_frequency=floats, float_analogs=floats, polar=True)
     made, sent = data.layout(c), measured(c, 1)
     for values in (sent.phasors, sent.frequency, sent.rocof, sent.analogs):
@@ -178,7 +178,7 @@ def test_beyond_the_integers_are_their_ends() -> None:
     assert found.frequency[0] == pytest.approx(60.0 + 32.767)
 
 
-def test_a_frame_by_hand() -> None:
+def test_frame_by_hand() -> None:
     """A data frame of one PMU, byte by byte as in table 5: STAT, a phasor, FREQ, DFREQ, one analog, CHK."""
     c = Configuration(
         (PmuConfiguration("X", 60, (Phasor("V", scale=0.5),), (Analog("A", scale=2.0),), polar=False),), 30
@@ -198,7 +198,7 @@ def test_a_frame_by_hand() -> None:
     assert found == body + struct.pack(">H", crc_hqx(body, 0xFFFF))
 
 
-def test_the_check_word_is_that_of_annex_b() -> None:
+def test_check_word_is_that_of_annex_b() -> None:
     """Bit by bit: x^16 + x^12 + x^5 + 1, from all ones on."""
     for text in (b"", b"Arnold", bytes(range(256))):
         register = 0xFFFF
@@ -216,7 +216,7 @@ def test_commands_there_and_back() -> None:
         frame.command_of(Frame("command", 3, 5, 0, b"\0\7"))
 
 
-def test_a_long_configuration_3_is_sent_in_parts() -> None:
+def test_long_configuration_3_is_sent_in_parts() -> None:
     names = tuple(f"bit {i} " + "x" * 200 for i in range(16))
     wide = PmuConfiguration("W", 1, (), (), tuple(Digital(names) for _ in range(15)), site=Site(latitude=47.5))
     c = Configuration((wide, wide._replace(idcode=2)), 60)
@@ -254,7 +254,7 @@ def test_frames_are_found_in_a_stream_with_rubbish() -> None:
         (lambda b: b + b"\0", "FRAMESIZE: "),
     ],
 )
-def test_what_is_no_frame_is_said(change: Any, message: str) -> None:
+def test_malformed_frame_is_refused_with_the_reason(change: Any, message: str) -> None:
     whole = frame.encode(Frame("header", 1, 2, 3, b"hello"))
     with pytest.raises(FrameError, match=message):
         frame.decode(change(whole))

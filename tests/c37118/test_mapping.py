@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import data, mapping, system_pmus
-from facts_damping.c37118.configuration import FORMATS, Analog, Configuration, Phasor, PmuConfiguration
-from facts_damping.c37118.system_pmus import Pmu
 from facts_damping.errors import InputError
-from facts_damping.parameters.streams import Channels
+from facts_damping_streams.c37118 import data, mapping, system_pmus
+from facts_damping_streams.c37118.configuration import FORMATS, Analog, Configuration, Phasor, PmuConfiguration
+from facts_damping_streams.c37118.system_pmus import Pmu
+from facts_damping_streams.parameters import Channels
 
 GRID = [Pmu("A", 230.0, 100.0), Pmu("B", 20.0, 100.0), Pmu("C", 20.0, 100.0)]
 
@@ -77,7 +77,7 @@ def test_powers_that_are_not_sent_are_those_of_the_phasors() -> None:
     assert values[0, system_pmus.REACTIVE] == pytest.approx(turned.imag)
 
 
-def test_a_voltage_and_a_current_of_the_same_name_are_two() -> None:
+def test_voltage_and_a_current_of_the_same_name_are_two() -> None:
     c = Configuration((floats("A", 7, (Phasor("P1"), Phasor("P1", current=True))),), 60)
     asked = Channels.model_validate({"voltage": "P1", "current": "P1"})
     assert mapping.places(c, GRID[:1], {"A": asked}).channels[0, :2].tolist() == [0, 1]
@@ -97,6 +97,6 @@ def test_a_voltage_and_a_current_of_the_same_name_are_two() -> None:
         ({"pmu": 9, "speed": "RPM"}, "PMU A: speed: 'RPM' given; allowed: what PMU NORTH 2 sends: MW, dw"),
     ],
 )
-def test_a_channel_that_is_not_sent_is_named(asked: dict[str, object], message: str) -> None:
+def test_channel_that_is_not_sent_is_named(asked: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         mapping.places(THEIRS, GRID, {"A": Channels.model_validate(asked)})

@@ -9,11 +9,11 @@ from binascii import crc_hqx
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import configuration, data, frame, session, stat
-from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration
-from facts_damping.c37118.data import Data
-from facts_damping.c37118.frame import FrameError
-from facts_damping.c37118.session import Instant, Receiver
+from facts_damping_streams.c37118 import configuration, data, frame, session, stat
+from facts_damping_streams.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration
+from facts_damping_streams.c37118.data import Data
+from facts_damping_streams.c37118.frame import FrameError
+from facts_damping_streams.c37118.session import Instant, Receiver
 
 MUTATED = int(os.environ.get("MUTATED_FRAMES", "40000"))
 WIDE = Configuration(
@@ -45,7 +45,7 @@ def same(one: object, other: Instant) -> bool:
 
 
 @pytest.mark.parametrize("kind", ["configuration_1", "configuration_2", "configuration_3"])
-def test_a_command_is_answered(kind: str) -> None:
+def test_command_is_answered(kind: str) -> None:
     served = session.stream(9, WIDE, "three PMUs")
     received = Receiver().take(session.answers(served, f"send_{kind}", 5, 0))
     assert received == ([] if kind == "configuration_1" else [WIDE])  # 1 says what could be sent
@@ -66,7 +66,7 @@ def test_however_bytes_come(size: int) -> None:
     assert (receiver.lost_bytes, receiver.refused) == (0, {})
 
 
-def test_a_configuration_that_changes_is_asked_for_again() -> None:
+def test_configuration_that_changes_is_asked_for_again() -> None:
     served, receiver = session.stream(9, WIDE), Receiver()
     asked = [receiver.changed]
     receiver.take(session.answers(served, "send_configuration_2", 1, 0))
@@ -128,7 +128,7 @@ def test_mutated_streams_end_nothing_and_are_counted() -> None:
     assert refused + taken <= given
 
 
-def test_a_stream_that_is_too_wide_is_refused_before_it_begins() -> None:
+def test_stream_that_is_too_wide_is_refused_before_it_begins() -> None:
     pmu = PmuConfiguration("X", 1, tuple(Phasor(f"V{i}") for i in range(9000)), float_phasors=True)
     with pytest.raises(FrameError, match="FRAMESIZE: 72022 bytes of data; allowed: 16 to 65535"):
         session.stream(1, Configuration((pmu,), 60))
@@ -136,7 +136,7 @@ def test_a_stream_that_is_too_wide_is_refused_before_it_begins() -> None:
         session.stream(1, Configuration((PmuConfiguration("X", 1, (Phasor("a name of more than 16"),)),), 60))
 
 
-def test_a_stream_without_pmus_is_refused() -> None:
+def test_stream_without_pmus_is_refused() -> None:
     receiver = Receiver()
     none = configuration.encode(Configuration((), 60), "configuration_2")[0]
     assert receiver.take([frame.encode(frame.Frame("configuration_2", 9, 1, 0, none))]) == []

@@ -16,10 +16,10 @@ import pytest
 collections.Sequence = collections.abc.Sequence  # type: ignore[attr-defined]
 from synchrophasor.frame import CommandFrame, CommonFrame, ConfigFrame2, DataFrame, HeaderFrame  # noqa: E402
 
-from facts_damping.c37118 import configuration, data, frame  # noqa: E402
-from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration  # noqa: E402
-from facts_damping.c37118.data import Data  # noqa: E402
-from facts_damping.c37118.frame import Frame  # noqa: E402
+from facts_damping_streams.c37118 import configuration, data, frame  # noqa: E402
+from facts_damping_streams.c37118.configuration import Analog, Configuration, Digital, Phasor, PmuConfiguration  # noqa: E402
+from facts_damping_streams.c37118.data import Data  # noqa: E402
+from facts_damping_streams.c37118.frame import Frame  # noqa: E402
 
 SOC, FRACTION = 1149577200, 463000
 BITS = tuple(f"BREAKER {i} STATUS"[:16] for i in range(16))
@@ -47,7 +47,7 @@ MEASURED = Data(
 
 @pytest.mark.parametrize("formats", FORMATS)
 @pytest.mark.parametrize("kind", ["configuration_1", "configuration_2"])
-def test_it_reads_ours(formats: dict[str, Any], kind: str) -> None:
+def test_synchrophasor_package_reads_our_frames(formats: dict[str, Any], kind: str) -> None:
     c = stream(**formats)
     sent = frame.encode(Frame(kind, 7734, SOC, FRACTION, configuration.encode(c, kind)[0]))
     decoded = CommonFrame.convert2frame(sent)

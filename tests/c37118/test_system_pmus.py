@@ -7,10 +7,10 @@ import itertools
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import configuration as frames
-from facts_damping.c37118 import data, mapping, system_pmus
-from facts_damping.c37118.system_pmus import Pmu
 from facts_damping.signals import CHANNELS
+from facts_damping_streams.c37118 import configuration as frames
+from facts_damping_streams.c37118 import data, mapping, system_pmus
+from facts_damping_streams.c37118.system_pmus import Pmu
 
 GRID = [Pmu("G1", 20.0, 100.0), Pmu("TIE", 230.0, 100.0), Pmu("G13", 22.0, 100.0)]
 

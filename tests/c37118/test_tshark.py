@@ -15,11 +15,19 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import configuration, frame, session, stat, system_pmus
-from facts_damping.c37118.configuration import UNIT, Analog, Configuration, Digital, Phasor, PmuConfiguration, Site
-from facts_damping.c37118.data import MISSING, RADIAN, Data
-from facts_damping.c37118.session import Instant
-from facts_damping.c37118.system_pmus import Pmu
+from facts_damping_streams.c37118 import configuration, frame, session, stat, system_pmus
+from facts_damping_streams.c37118.configuration import (
+    UNIT,
+    Analog,
+    Configuration,
+    Digital,
+    Phasor,
+    PmuConfiguration,
+    Site,
+)
+from facts_damping_streams.c37118.data import MISSING, RADIAN, Data
+from facts_damping_streams.c37118.session import Instant
+from facts_damping_streams.c37118.system_pmus import Pmu
 
 TSHARK = shutil.which("tshark")
 pytestmark = pytest.mark.skipif(TSHARK is None, reason="needs Wireshark's dissector: apt install tshark")
@@ -129,7 +137,7 @@ def phasors(one: ET.Element) -> list[tuple[str, complex]]:
     return [(name + unit, float(size) * np.exp(1j * np.radians(float(angle)))) for name, size, unit, angle in rows]
 
 
-def test_nothing_is_wrong_but_what_a_status_says(found: dict[str, ET.Element]) -> None:
+def test_wireshark_finds_no_errors_but_those_of_the_status_word(found: dict[str, ET.Element]) -> None:
     for one in found.values():
         assert fields(one, "synphasor.checksum.status") == ["1"]
         assert set(fields(one, "_ws.expert.message")) <= {"Data Error flag set", "PMU not sync flag set"}
@@ -204,7 +212,7 @@ def test_data(found: dict[str, ET.Element], k: int, kind: str) -> None:
     np.testing.assert_allclose(values / scales, np.nan_to_num(wanted.analogs, nan=missing) / scales, rtol=0.0, atol=1.0)
 
 
-def test_what_stations_do_not_have(found: dict[str, ET.Element]) -> None:
+def test_wireshark_reads_fields_that_pmus_of_runs_do_not_have(found: dict[str, ET.Element]) -> None:
     made = (
         "second: 500", "frequency: 50Hz", "1 frame per 5 second", "change count: 7", "00 01 02 03 04 05 06 07 08 09 0a",
         "Latitude: 45.5", "Longitude: 9.25", "Elevation: 120", "Protection", "length: 33333 mic", "delay: 16667 mic",

@@ -11,8 +11,8 @@ import pytest
 from facts_damping.case.loading import installed, load_case, load_system, make_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from tests.case.test_loading import assert_one_line
 
@@ -289,7 +289,7 @@ def test_system_is_refused_by_name_in_one_line(case: str) -> None:
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_what_is_altered_is_good_before(name: str) -> None:
+def test_system_is_valid_before_it_is_altered(name: str) -> None:
     assert check(System, altered(name, {}), "my.yaml") == load_system(name)
 
 
@@ -351,7 +351,7 @@ def test_dispatch_of_what_is_not_scheduled_is_refused(
 
 
 @pytest.mark.parametrize("devices", ["[sssc, sssc]", "[sssc, statcom, sssc]"])
-def test_a_device_installed_twice_is_refused(devices: str) -> None:
+def test_device_installed_twice_is_refused(devices: str) -> None:
     with pytest.raises(InputError, match=r"devices\.\d: 'sssc' given twice; allowed: each once"):
         load_case(None, [f"devices={devices}"])
     with pytest.raises(
@@ -360,7 +360,7 @@ def test_a_device_installed_twice_is_refused(devices: str) -> None:
         installed(load_system("two_area"), devices.strip("[]").replace(" ", ""))
 
 
-def test_a_device_that_the_system_does_not_have_is_refused() -> None:
+def test_device_that_the_system_does_not_have_is_refused() -> None:
     with pytest.raises(InputError, match=r"devices\.1: 'statcom' given; allowed: sssc"):
         load_case(None, ["system=smib", "scenario=nominal", "devices=[sssc, statcom]"])
     with pytest.raises(InputError, match="--devices: 'statcom' given; allowed: sssc"):

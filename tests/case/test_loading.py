@@ -22,7 +22,7 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build as build_grid
 from facts_damping.plant.grid.network import series_devices
 from facts_damping.simulation import build, loop
-from facts_damping.studies.sweeps import sweep
+from facts_damping_studies.sweeps import sweep
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -125,7 +125,7 @@ def numbers() -> Iterator[list[tuple[Any, tuple[Any, ...]]]]:
 
 
 @pytest.mark.parametrize(("extreme", "row"), [(5e-324, 0), (1e-160, -1), (1e160, 0), (-1e-160, -1)], ids=str)
-def test_every_number_at_an_extreme_is_refused_in_one_line_or_runs(extreme: float, row: int) -> None:
+def test_case_with_an_extreme_number_is_refused_in_one_line_or_built(extreme: float, row: int) -> None:
     """Squares and quotients of what is let in do not overflow; of several rows of a kind the first or the last one."""
     chosen = [alike[row] for alike in numbers()]
     assert len(chosen) > 200
@@ -290,7 +290,7 @@ def test_set_below_a_name_changes_the_named_files_content() -> None:
 
 
 @pytest.mark.parametrize("link", ["ideal", "delay_100ms", "pdci"])
-def test_a_row_is_put_behind_a_list_of_any_length_and_reached_there(link: str) -> None:
+def test_row_is_put_behind_a_list_of_any_length_and_reached_there(link: str) -> None:
     noise = "link.up.+={model: noise, std: 0}"
     before = load_case(None, [f"link={link}"]).link
     after = load_case(None, ["link.up.-1.std=0.5", noise, f"link={link}"]).link
@@ -316,9 +316,7 @@ SENSITIVITY = [
 
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
 @pytest.mark.parametrize(("sets", "said"), SENSITIVITY, ids=["wrong sign", "no sign"])
-def test_a_sensitivity_that_is_not_the_plants_is_refused_with_the_reason(
-    scheme: str, sets: list[str], said: str
-) -> None:
+def test_sensitivity_that_is_not_the_plants_is_refused_with_the_reason(scheme: str, sets: list[str], said: str) -> None:
     own = ["scenario=large", "controllers.0.name=ANFTSC", f"controllers.0.scheme={scheme}"]
     with pytest.raises(InputError) as caught:
         loop.build_loop(load_case(None, [*own, *sets]))
@@ -357,7 +355,7 @@ LINKS = [
 
 
 @pytest.mark.parametrize(("sets", "delays", "used"), LINKS, ids=[" ".join(sets) or "none" for sets, _, _ in LINKS])
-def test_each_controller_uses_its_own_link_or_the_runs(sets: list[str], delays: list[float], used: list[int]) -> None:
+def test_controller_uses_its_own_link_or_that_of_the_run(sets: list[str], delays: list[float], used: list[int]) -> None:
     case = load_case(None, [*BOTH, *sets])
     found = [mean_delay([*link.up, *link.down]) for link in case.links]
     assert found == pytest.approx(delays)
@@ -373,13 +371,13 @@ def test_without_controllers_the_runs_link_is_there() -> None:
     assert (case.links, case.used_links) == ([case.link], [])
 
 
-def test_the_lag_of_an_identifier_is_that_of_its_controllers_own_link() -> None:
+def test_lag_of_an_identifier_is_that_of_its_controllers_own_link() -> None:
     own = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "link.up.0.delay=0.3"]
     assert load_case(None, own).controllers[0].parameters["loop_delay"] == 0.3
     assert load_case(None, [*own, "controllers.0.link=delay_100ms"]).controllers[0].parameters["loop_delay"] == 0.1
 
 
-def test_no_two_nodes_and_no_two_links_stand_in_the_same_place() -> None:
+def test_nodes_and_links_have_distinct_addresses() -> None:
     """Whatever has a link or a namespace of its own, also one that is shared, or below another."""
     options = [(link, space) for link in (None, "ideal") for space in (None, "a", "a/b", "b")]
     for first, second in itertools.product(options, options):
@@ -422,7 +420,7 @@ def test_paths_in_a_file_begin_in_its_folder(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("field", ["link", "controllers.0.link"])
-def test_a_delay_that_the_filter_of_the_run_s_pmus_takes_the_place_of_is_refused(field: str) -> None:
+def test_delay_that_the_filter_of_the_run_s_pmus_takes_the_place_of_is_refused(field: str) -> None:
     """The stage `pmu` of a link stands for PMUs without a model of their own."""
     with pytest.raises(InputError, match=rf"^--set {field}.up.0.delay=0.05: the stage models PMUs.* \(p_class\)"):
         load_case("two_area_deployment", [f"{field}.up.0.delay=0.05"])
@@ -430,7 +428,7 @@ def test_a_delay_that_the_filter_of_the_run_s_pmus_takes_the_place_of_is_refused
     assert mean_delay(exact.links[exact.used_links[0]].up[:1]) == 0.05
 
 
-def test_what_was_chosen_for_a_system_is_in_files_of_its_name() -> None:
+def test_tuned_controller_files_are_named_by_system_and_profile() -> None:
     for name, path in shipped("controllers").items():
         content = read_table(path)
         profile = content.get("profile", "thesis")

@@ -9,13 +9,13 @@ import pytest
 from matpowercaseframes import CaseFrames
 
 from facts_damping.case.loading import load_system
-from facts_damping.case.matpower_case import text
 from facts_damping.cli.main import main
-from facts_damping.grid_formats.matpower import import_case
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.validation import check
 from facts_damping.plant.grid.power_flow import solve
+from facts_damping_grids.matpower_reading import import_case
+from facts_damping_grids.matpower_writing import text
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def mismatch(case: CaseFrames) -> float:
 
 
 @pytest.mark.parametrize("name", shipped("systems"))
-def test_a_case_is_balanced_at_its_voltages(name: str, tmp_path: Path) -> None:
+def test_case_is_balanced_at_its_voltages(name: str, tmp_path: Path) -> None:
     """Long lines, magnetising branches, resistances of devices, loads at nominal voltage, DC links among them."""
     path = tmp_path / "case.m"
     path.write_text(text(load_system(name), "case"))
@@ -52,7 +52,7 @@ def test_a_case_is_balanced_at_its_voltages(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["new_england_39", "wscc_9"])
-def test_a_case_that_is_imported_again_has_the_same_power_flow(name: str, tmp_path: Path) -> None:
+def test_case_that_is_imported_again_has_the_same_power_flow(name: str, tmp_path: Path) -> None:
     path = tmp_path / "again.m"
     main(["export", name, "--out", str(path)])
     own = solve(load_system(name))
@@ -60,7 +60,7 @@ def test_a_case_that_is_imported_again_has_the_same_power_flow(name: str, tmp_pa
     assert np.abs(own.voltage - again.voltage).max() < 1e-8
 
 
-def test_a_name_that_matlab_cannot_have_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_name_that_matlab_cannot_have_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert_one_line(
         2,
         ["export", "wscc_9", "--out", str(tmp_path / "9 buses.m")],

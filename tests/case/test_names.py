@@ -20,5 +20,5 @@ from facts_damping.case.names import asked_label
         ({"scenario": [], "controllers": [], "measurement": "m_class"}, "two_area-steady-none-ideal-m_class"),
     ],
 )
-def test_a_runs_name_is_short_and_of_what_was_given(asked: dict[str, Any], name: str) -> None:
+def test_runs_name_is_short_and_of_what_was_given(asked: dict[str, Any], name: str) -> None:
     assert asked_label({"system": "two_area", "scenario": "large", **asked}) == name

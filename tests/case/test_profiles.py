@@ -15,8 +15,8 @@ from facts_damping.parameters.files import shipped
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_control, plant_residues
-from facts_damping.studies.sweeps import sweep
-from facts_damping.studies.sweeps.batch import make
+from facts_damping_studies.sweeps import sweep
+from facts_damping_studies.sweeps.batch import make
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,14 +40,14 @@ def test_every_profile_makes_a_run_of_every_system(profile: str, system: str) ->
     assert loop.run(case).in_synchronism.all()
 
 
-def test_that_of_the_thesis_changes_nothing() -> None:
+def test_thesis_profile_changes_nothing() -> None:
     plain, thesis = (load_case("two_area_large", sets).document() for sets in ([], ["profile=thesis"]))
     for document in (plain, thesis):
         del document["profile"], document["asked"]
     assert plain == thesis
 
 
-def test_the_deployment_has_what_its_page_says() -> None:
+def test_deployment_has_what_its_page_says() -> None:
     case = load_case("two_area_small", [DEPLOYMENT])
     assert (case.run.measurement, case.measurement.filter) == ("p_class", "p_class")
     assert (case.run.link, case.run.supervision, case.run.arm_at) == ("pdci", "standard", 0.5)
@@ -60,11 +60,11 @@ def test_the_deployment_has_what_its_page_says() -> None:
     assert case.controllers[0].signals == ["frequency"]
 
 
-def test_a_system_without_governors_may_have_it() -> None:
+def test_system_without_governors_may_have_it() -> None:
     assert load_case(None, [DEPLOYMENT, "system=smib", "scenario=nominal"]).system.governors == []
 
 
-def test_what_is_set_beside_it_goes_before_it() -> None:
+def test_fields_set_by_the_user_override_the_profile() -> None:
     sets = [DEPLOYMENT, "link=ideal", "system.governors.0.enabled=false", "controllers.0.signals=[f13]"]
     case = load_case("two_area_small", sets)
     assert case.run.link == "ideal"
@@ -72,7 +72,7 @@ def test_what_is_set_beside_it_goes_before_it() -> None:
     assert case.controllers[0].signals == ["f13"]
 
 
-def test_what_a_run_says_itself_goes_before_its_profile(tmp_path: Path) -> None:
+def test_fields_of_a_run_file_override_its_profile(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("profile: deployment\nlink: fibre\ncontrollers: [{name: LLC, signals: [f13]}]\n")
     case = load_case(str(path))
@@ -83,7 +83,7 @@ def test_what_a_run_says_itself_goes_before_its_profile(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("run", ["two_area_deployment", "{profile: deployment, duration: 1}"])
-def test_the_run_of_a_study_has_its_profile(tmp_path: Path, run: str) -> None:
+def test_run_of_a_study_has_its_profile(tmp_path: Path, run: str) -> None:
     path = tmp_path / "study.yaml"
     path.write_text(f"run: {run}\nsweep: [{{field: seed, values: [1, 2]}}]\n")
     plan = sweep.plan(str(path), [])
@@ -93,7 +93,7 @@ def test_the_run_of_a_study_has_its_profile(tmp_path: Path, run: str) -> None:
         assert case.model == case.system
 
 
-def test_a_stored_run_stays_what_it_was(tmp_path: Path) -> None:
+def test_stored_run_stays_what_it_was(tmp_path: Path) -> None:
     case = load_case("two_area_small", [DEPLOYMENT, "system.governors.0.enabled=false", "system.loads.0.P=900"])
     path = tmp_path / "run.yaml"
     path.write_text(dump(case.document()))
@@ -111,7 +111,7 @@ def test_without_supervision_nothing_is_to_be_armed() -> None:
 
 
 @pytest.mark.parametrize("name", ["LQG", "Hinf"])
-def test_a_design_does_not_know_what_is_changed_after_the_profile(name: str) -> None:
+def test_design_does_not_know_what_is_changed_after_the_profile(name: str) -> None:
     sets = [DEPLOYMENT, f"controllers.0={{name: {name}, signals: [frequency]}}"]
     changed = [*sets, "system.loads.0.P=900", "system.machines.0.H=5"]
     own, other = load_case(None, sets), load_case(None, changed)
@@ -123,14 +123,14 @@ def test_a_design_does_not_know_what_is_changed_after_the_profile(name: str) -> 
     assert not np.array_equal(known(own), known(told))
 
 
-def test_what_adaptation_and_supervision_start_from_is_of_the_model() -> None:
+def test_residues_for_adaptation_are_of_the_model_not_of_the_plant() -> None:
     one, other = (plant_residues(load_case(None, [DEPLOYMENT, f"system.machines.0.H={H}"])) for H in (6.5, 4.0))
     assert one is not None
     assert other is not None
     assert one.eigenvalue == other.eigenvalue
 
 
-def test_a_model_may_be_another_file() -> None:
+def test_model_may_be_another_file() -> None:
     case = load_case(None, ["model=two_area", "model.machines.0.H=5", "controllers.0.name=LQG"])
     assert case.designed_on.machines[0].H == 5.0
     assert case.system.machines[0].H == 6.5

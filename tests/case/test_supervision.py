@@ -70,7 +70,7 @@ REFUSED: list[tuple[list[str], str]] = [
 
 
 @pytest.mark.parametrize(("sets", "said"), REFUSED, ids=[" ".join(sets) for sets, _ in REFUSED])
-def test_what_is_wrong_is_refused_in_one_line(sets: list[str], said: str) -> None:
+def test_invalid_supervision_is_refused_in_one_line(sets: list[str], said: str) -> None:
     with pytest.raises(InputError, match=re.escape(said)) as caught:
         load_case(None, sets)
     assert "\n" not in str(caught.value)
@@ -96,7 +96,7 @@ def test_two_fallbacks_of_one_controller_are_refused() -> None:
         ),
     ],
 )  # fmt: skip
-def test_a_probe_that_is_not_over_when_a_controller_is_to_be_armed_is_refused(sets: list[str], said: str) -> None:
+def test_probe_that_is_not_over_when_a_controller_is_to_be_armed_is_refused(sets: list[str], said: str) -> None:
     case = load_case(None, sets)
     with pytest.raises(InputError, match=said) as caught:
         build_supervisors(case)
@@ -104,7 +104,7 @@ def test_a_probe_that_is_not_over_when_a_controller_is_to_be_armed_is_refused(se
     build_supervisors(load_case(None, [*sets, f"arm_at={minimum}"]))
 
 
-def test_a_probe_needs_a_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_probe_needs_a_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("facts_damping.simulation.build.plant_residues", lambda _: None)
     with pytest.raises(InputError, match=r"^supervision\.arming\.probe: true given; allowed: no probe, as the plant"):
         build_supervisors(load_case(None, [PROBED]))
@@ -127,7 +127,7 @@ def test_supervision_may_be_off(text: str) -> None:
     assert load_case(None, [f"supervision={text}"]).supervision is None
 
 
-def test_a_monitor_may_be_off_and_others_keep_what_the_table_says() -> None:
+def test_monitor_may_be_off_and_others_keep_what_the_table_says() -> None:
     case = load_case(None, [ON, "supervision.monitors.harm=off", "supervision.monitors.stale.limit=1"])
     rows = dict(zip(MONITORS, build_supervisors(case)[0].thresholds[0], strict=True))
     assert rows["harm"]["follows"] == 0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.cli import campaign_graphs
-from facts_damping.studies.campaigns import campaign
-from facts_damping.studies.campaigns.invariants import INVARIANTS
-from facts_damping.terminal import Progress
+from facts_damping.output.terminal import Progress
+from facts_damping_studies.campaigns import campaign
+from facts_damping_studies.campaigns import graphs as campaign_graphs
+from facts_damping_studies.campaigns.invariants import INVARIANTS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -42,7 +42,7 @@ def test_graphs_are_made_once_and_hold(tmp_path: Path, monkeypatch: pytest.Monke
     assert campaign_graphs.graphs(made, out, 2, Progress("test", "graphs")) == rows
 
 
-def test_a_draw_without_its_fault_is_the_same_otherwise(tmp_path: Path) -> None:
+def test_draw_without_its_fault_is_the_same_otherwise(tmp_path: Path) -> None:
     (tmp_path / "small.yaml").write_text(CAMPAIGN)
     made = campaign.plan(str(tmp_path / "small.yaml"), ["frame_rate=50"])
     for number in range(4):

@@ -27,8 +27,8 @@ from facts_damping.input_files import share_folder
 from facts_damping.nodes.launching.graph import Outcome
 from facts_damping.parameters.files import new_folder
 from facts_damping.simulation import loop
-from facts_damping.studies.sweeps import results
-from facts_damping.studies.sweeps.journal import Journal
+from facts_damping_studies.sweeps import results
+from facts_damping_studies.sweeps.journal import Journal
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def json_of(inside: Inside) -> Callable[..., Any]:
     return lambda *arguments: json.loads(inside(*arguments, "--json", "-"))
 
 
-def test_the_digest_is_the_last_line_where_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_digest_is_the_last_line_where_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told, run = [], ["simulate", "two_area_small", "--json", str(tmp_path / "result.json"), "--set"]
     for more in (["duration=2", "--digest"], ["duration=1", "--digest"], ["duration=2"]):
         assert main([*run, *more]) == 0
@@ -92,7 +92,7 @@ def test_simulate_gives_the_promised_fields(json_of: Callable[..., Any]) -> None
     assert {"roughness", "settling_time_s", "max_injected_voltage_pu", "modes", "wall_s"} <= set(result)
 
 
-def test_a_run_whose_device_let_go_ends_with_3_and_one_line() -> None:
+def test_run_whose_device_let_go_ends_with_3_and_one_line() -> None:
     link = "link={up: [{model: bernoulli, loss: 1.0, start: 1.0}]}"
     done = call("simulate", "--set", "duration=2", "--set", link, "--json", "-")
     assert done.returncode == 3
@@ -101,7 +101,7 @@ def test_a_run_whose_device_let_go_ends_with_3_and_one_line() -> None:
 
 
 @pytest.mark.parametrize(("json_to", "named"), [("/dev/full", "/dev/full"), ("-", "standard output")])
-def test_a_full_disk_is_told_in_one_line(json_to: str, named: str) -> None:
+def test_full_disk_is_told_in_one_line(json_to: str, named: str) -> None:
     with Path("/dev/full" if json_to == "-" else os.devnull).open("w") as output:
         done = call("list", "runs", "--json", json_to, output=output)
     assert done.returncode == 2
@@ -188,7 +188,7 @@ def test_bad_input_is_exit_2_one_line_and_nothing_else(
 
 
 @pytest.mark.parametrize("arguments", [["run", "two_area_small", "--set", "scenario.0.load=load_9"], []], ids=" ".join)
-def test_a_process_says_no_more_of_bad_input(
+def test_process_says_no_more_of_bad_input(
     tmp_path: Path, arguments: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -273,7 +273,7 @@ def test_modes_refuses_what_is_not_there(
     assert_one_line(2, ["modes", *arguments], said, capsys)
 
 
-def test_what_did_not_go_well_is_one_line() -> None:
+def test_degraded_run_is_told_in_one_line() -> None:
     record = loop.run(load_case(None, ["duration=0.2"]))
     result = summarise(record)
     check_ended_well(result, record)
@@ -309,7 +309,7 @@ REMOVED = {
 
 
 @pytest.mark.parametrize("when", REMOVED)
-def test_a_folder_that_is_removed_under_way_ends_the_command_in_a_line(
+def test_folder_that_is_removed_under_way_ends_the_command_in_a_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], when: str
 ) -> None:
     """It is not made again: what was in it is lost."""
@@ -380,11 +380,13 @@ def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path: Path, monke
         ),
     ],
 )
-def test_what_was_meant_is_said(command: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_error_of_a_mistyped_command_suggests_what_was_meant(
+    command: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert_one_line(2, command.split(), said, capsys)
 
 
-def test_all_that_is_missing_is_said_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_fields_of_a_device_are_named_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With unit, range and a usual value."""
     system = (share_folder() / "config" / "systems" / "two_area.yaml").read_text(encoding="utf-8")
     path = tmp_path / "grid.yaml"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from facts_damping.cli.main import main
-from facts_damping.studies.sweeps.sweep import plan
+from facts_damping_studies.sweeps.sweep import plan
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

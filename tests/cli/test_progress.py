@@ -9,9 +9,9 @@ import sys
 
 import pytest
 
-from facts_damping.terminal import duration
+from facts_damping.output.terminal import duration
 
-SILENT = "import time, facts_damping.terminal as t; t.SILENCE_S = 1.0\nwith t.busy_line('modes'): "
+SILENT = "import time, facts_damping.output.terminal as t; t.SILENCE_S = 1.0\nwith t.busy_line('modes'): "
 SLEEPS, SAYS = "time.sleep(2.5)", "time.sleep(2.5); t.clear_line(); print('done')"
 COUNTS = "p = t.Progress('mine', 'runs'); p(1, 2); time.sleep(2.5); p.close()"
 NOTES = "p = t.Progress('mine', 'runs'); p(1, 2); t.note('found'); p(2, 2); p.close()"
@@ -35,25 +35,25 @@ def shown() -> dict[str, str]:
 
 
 @pytest.mark.parametrize(("program", "last"), [(SLEEPS, "\r\x1b[K"), (SAYS, "\r\x1b[Kdone\n")])
-def test_a_command_that_says_nothing_for_long_is_seen_to_work(shown: dict[str, str], program: str, last: str) -> None:
+def test_command_that_says_nothing_for_long_is_seen_to_work(shown: dict[str, str], program: str, last: str) -> None:
     """And nothing of that stays in what it says in the end."""
     assert "\rmodes: 1 s\x1b[K\rmodes: 2 s\x1b[K" in shown[program]
     assert shown[program].endswith(last)
 
 
-def test_a_line_of_progress_is_kept_up_to_date(shown: dict[str, str]) -> None:
+def test_line_of_progress_is_kept_up_to_date(shown: dict[str, str]) -> None:
     lines = shown[COUNTS].split("\r")
     assert "1/2 runs, 0 s" in lines[1]
     assert "1/2 runs, 2 s" in lines[-1] or "1/2 runs, 3 s" in lines[-1]
     assert "modes" not in "".join(lines)
 
 
-def test_a_note_replaces_the_line_of_progress(shown: dict[str, str]) -> None:
+def test_note_replaces_the_line_of_progress(shown: dict[str, str]) -> None:
     first, second = shown[NOTES].split("\r\x1b[Kfound\n")
     assert ("1/2" in first, "2/2" in second) == (True, True)
 
 
-def test_a_pipe_gets_no_such_line() -> None:
+def test_pipe_gets_no_such_line() -> None:
     done = subprocess.run([sys.executable, "-c", SILENT + SLEEPS], check=True, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("", "")
 

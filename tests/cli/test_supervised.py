@@ -10,7 +10,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.monitor_table import MONITORS
-from facts_damping.nodes.loopback.opening import opened
+from facts_damping_testing.loopback.opening import opened
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,7 +19,7 @@ WRONG_SIGN = "controllers.0.faults=[{kind: wrong_sign, start: 2}]"
 TRIPPED = "facts-damping: the run ended, but: controller_0_LLC was tripped at 5.43 s: harm 0.186 1/s, more than 0.03\n"
 
 
-def test_a_run_whose_controller_was_tripped_ends_with_3_and_one_line(
+def test_run_whose_controller_was_tripped_ends_with_3_and_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "result.json"
@@ -32,7 +32,7 @@ def test_a_run_whose_controller_was_tripped_ends_with_3_and_one_line(
     assert (found["controller"], found["trips"]) == ("controller_0_LLC", 1)
 
 
-def test_a_graph_is_told_as_the_same_run_in_process(tmp_path: Path) -> None:
+def test_graph_is_told_as_the_same_run_in_process(tmp_path: Path) -> None:
     given = ["two_area_small", "--supervised", "--set", WRONG_SIGN, "--set", "duration=6"]
     paths = [tmp_path / name for name in ("run.json", "simulate.json", "analyze.json")]
     with opened():
@@ -47,7 +47,7 @@ def test_a_graph_is_told_as_the_same_run_in_process(tmp_path: Path) -> None:
     assert {"supervision.png", "monitors.png"} <= {path.name for path in (tmp_path / "again").iterdir()}
 
 
-def test_a_sound_controller_is_armed_and_ends_with_0(capsys: pytest.CaptureFixture[str]) -> None:
+def test_sound_controller_is_armed_and_ends_with_0(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "two_area_small", "--supervised", "--set", "duration=2"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
@@ -65,14 +65,16 @@ def test_a_sound_controller_is_armed_and_ends_with_0(capsys: pytest.CaptureFixtu
         (["supervision=probed"], "", "probed", None),
     ],
 )
-def test_what_supervised_asks_for(sets: list[str], preset: str, supervision: str, arm_at: float | None) -> None:
+def test_supervised_option_sets_supervision_and_arming_time(
+    sets: list[str], preset: str, supervision: str, arm_at: float | None
+) -> None:
     case = load_case("two_area_small", sets, preset)
     assert (case.run.supervision, case.run.arm_at) == (supervision, arm_at)
     assert case.summary()["supervision"] == supervision
     assert load_case("two_area_small").run.supervision is None
 
 
-def test_a_run_s_own_supervision_stays_unless_another_is_named(tmp_path: Path) -> None:
+def test_run_s_own_supervision_stays_unless_another_is_named(tmp_path: Path) -> None:
     path = tmp_path / "own.yaml"
     path.write_text("supervision: {arming: {ramp: 2}}\narm_at: 3\n")
     for preset, ramp in (("", 2.0), ("standard", 1.0)):
@@ -86,7 +88,7 @@ def test_a_run_s_own_supervision_stays_unless_another_is_named(tmp_path: Path) -
     assert below.arming.ramp == 4.0
 
 
-def test_a_preset_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_preset_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "--supervised", "two_area_small"]) == 2
     told = (
         "supervision: 'two_area_small' given, one of the runs, which `facts-damping simulate` takes; allowed: probed, "

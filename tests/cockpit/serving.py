@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from facts_damping.cockpit import server
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
+from facts_damping_views.cockpit import application, server
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def serving(cockpit: server.Cockpit) -> Iterator[tuple[server.Server, AsyncioThread]]:
+def serving(cockpit: application.Cockpit) -> Iterator[tuple[server.Server, AsyncioThread]]:
     """Serve a cockpit at a free port, in a thread."""
     served, thread = server.Server(cockpit, "127.0.0.1", 0), AsyncioThread()
     running = thread.begin(served.serve())

@@ -9,9 +9,9 @@ import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.cockpit import server
 from facts_damping.monitor_table import STATES
 from facts_damping.recording.reader import load
+from facts_damping_views.cockpit import application
 from tests.chromium import CHROMIUM, START, needs_browser
 from tests.cockpit.serving import serving
 from tests.passed import inputs
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*", "tests/chromium.py", "tests/cockpit/serving.py"])
+pytestmark = inputs(
+    contents=["facts_damping/**/*", "extensions/**/*", "config/**/*", "tests/chromium.py", "tests/cockpit/serving.py"]
+)
 
 RUN = [sys.executable, "-m", "facts_damping", "run", "two_area_deployment", "--supervised", "--cockpit", "0"]
 CALM = ("duration=3600", "scenario=[]", "load_noise=null", "watchdog=null")
@@ -144,7 +146,7 @@ def test_link_on_another_site_opens_the_page() -> None:
         "controls": [],
         "duration": None,
     }
-    with serving(server.Cockpit(server.Content(layout))) as (served, _), sync_playwright() as driver:
+    with serving(application.Cockpit(application.Content(layout))) as (served, _), sync_playwright() as driver:
         started = driver.chromium.launch(executable_path=CHROMIUM, args=START)
         page, origin = started.new_page(), served.address.partition("?")[0]
         page.goto(origin.replace("127.0.0.1", "localhost"))
@@ -158,7 +160,7 @@ def test_link_on_another_site_opens_the_page() -> None:
 
 
 @needs_browser
-def test_a_node_is_killed_and_restarted_on_the_page(domain: int, tmp_path: Path) -> None:
+def test_node_is_killed_and_restarted_on_the_page(domain: int, tmp_path: Path) -> None:
     with browser(tmp_path, "realtime", *CALM) as one:
         one.page.locator("summary", has_text="Nodes").press("Enter")
         one.press(f"nodes/{NODE}/kill", "Enter")

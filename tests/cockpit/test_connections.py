@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from facts_damping.cockpit import connections, server
+from facts_damping_views.cockpit import application, connections
 from tests.cockpit.serving import page_socket, request, serving
 
 LAYOUT: dict[str, Any] = {"type": "layout", "title": "it", "mode": "live", "panels": [], "duration": None}
@@ -16,7 +16,7 @@ IDLE = 600  # more than the 512 connections with which uvicorn refuses a page
 
 
 def test_page_is_served_beside_many_idle_connections() -> None:
-    with serving(server.Cockpit(server.Content(LAYOUT))) as (served, _):
+    with serving(application.Cockpit(application.Content(LAYOUT))) as (served, _):
         idle = [socket.create_connection(("127.0.0.1", served.port)) for _ in range(IDLE)]
         with page_socket(served.address) as page, request(served.address, "/") as browser:
             assert page.recv(timeout=10.0)
@@ -30,7 +30,7 @@ def test_connection_ends_without_the_next_whole_request(monkeypatch: pytest.Monk
     """A client that sends its request, or the next one, too slowly; the page's socket stays."""
     monkeypatch.setattr(connections, "REQUEST_S", 0.2)
     with (
-        serving(server.Cockpit(server.Content(LAYOUT))) as (served, _),
+        serving(application.Cockpit(application.Content(LAYOUT))) as (served, _),
         page_socket(served.address) as page,
         socket.create_connection(("127.0.0.1", served.port)) as slow,
     ):

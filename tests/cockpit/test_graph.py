@@ -13,6 +13,7 @@ from websockets.exceptions import ConnectionClosed
 
 from facts_damping.case.loading import load_case
 from facts_damping.nodes.launching import graph
+from facts_damping.nodes.launching.starting import Cockpit, Parts
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.cockpit.serving import page_socket
@@ -68,7 +69,7 @@ class Page:
         return self.frames[-1][0] if self.frames else 0.0
 
 
-def test_what_the_page_asks_for_is_in_the_recording(domain: int, tmp_path: Path) -> None:
+def test_requests_of_the_cockpit_page_are_in_the_recording(domain: int, tmp_path: Path) -> None:
     """Delay, cut, mend, kill and restart; the values on the page are those recorded."""
     page = Page(
         [
@@ -89,7 +90,7 @@ def test_what_the_page_asks_for_is_in_the_recording(domain: int, tmp_path: Path)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        graph.run(case, "realtime", tmp_path, done, LOADED_S, cockpit=graph.Cockpit("127.0.0.1", 0, page.open))
+        graph.run(case, "realtime", tmp_path, done, LOADED_S, parts=Parts(cockpit=Cockpit("127.0.0.1", 0, page.open)))
     page.thread.join(PATIENCE_S)
     record = load(tmp_path / "recording")
     assert {number: answer["success"] for number, answer in page.answers.items()} == dict.fromkeys(range(8), True)
@@ -112,7 +113,9 @@ def test_what_the_page_asks_for_is_in_the_recording(domain: int, tmp_path: Path)
 def test_lockstep_with_a_cockpit_keeps_its_bits(domain: int, tmp_path: Path) -> None:
     case = load_case("two_area_deployment", ["duration=3"])
     page = Page([])
-    outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S, cockpit=graph.Cockpit("127.0.0.1", 0, page.open))
+    outcome = graph.run(
+        case, "lockstep", tmp_path, quiet, LOADED_S, parts=Parts(cockpit=Cockpit("127.0.0.1", 0, page.open))
+    )
     page.thread.join(PATIENCE_S)
     assert_same(load(outcome.recording), loop.run(case))
     assert page.frames

@@ -10,14 +10,14 @@ import pytest
 
 from facts_damping.case import names
 from facts_damping.case.loading import load_case
-from facts_damping.cockpit import controls, layout, samples
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import with_event, with_link
+from facts_damping_views.cockpit import controls, layout, samples
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
-    from facts_damping.cockpit.controls import Control
+    from facts_damping_views.cockpit.controls import Control
 
 RUNS = ("two_area_deployment", "minniwecc", "two_area_decentralised", "best_smib_pdci")
 
@@ -37,7 +37,7 @@ def indices(shown: dict[str, Any]) -> list[int]:
     return [*found, *(i for chart in shown["charts"] for i in chart["curves"])]
 
 
-def test_every_part_of_the_grid_is_shown_with_curves_that_there_are(case: Case) -> None:
+def test_cockpit_layout_shows_all_parts_of_the_grid_with_their_curves(case: Case) -> None:
     made = layout.panel(case, "it")
     shown, drawn, system = made.shown, made.shown["diagram"], case.system
     json.dumps(shown, allow_nan=False)

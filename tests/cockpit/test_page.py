@@ -12,10 +12,10 @@ import setuptools
 
 from tests.passed import inputs
 
-pytestmark = inputs(contents=["setup.py", "facts_damping/cockpit/static/**/*"], names=["facts_damping/**/*.py"])
+pytestmark = inputs(contents=["setup.py", "extensions/*/cockpit/static/**/*"], names=["extensions/**/*.py"])
 
 ROOT = Path(__file__).parents[2]
-STATIC = ROOT / "facts_damping" / "cockpit" / "static"
+STATIC = ROOT / "extensions" / "facts_damping_views" / "cockpit" / "static"
 FILES = [path for path in sorted(STATIC.rglob("*")) if path.is_file()]
 NAMESPACE = "http://www.w3.org/2000/svg"
 COMMENT = re.compile(r"/\*.*?\*/|(?<!:)//[^\n]*", re.DOTALL)
@@ -27,19 +27,19 @@ def code(path: Path) -> str:
     return text if path.suffix == ".html" else COMMENT.sub("", text)
 
 
-def test_every_file_of_the_page_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cockpit_page_is_installed_with_all_its_files(monkeypatch: pytest.MonkeyPatch) -> None:
     given: dict[str, Any] = {}
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(setuptools, "setup", given.update)
     runpy.run_path("setup.py")
-    assert "facts_damping.cockpit" in given["packages"]
-    patterns = given["package_data"]["facts_damping.cockpit"]
+    assert "facts_damping_views.cockpit" in given["packages"]
+    patterns = given["package_data"]["facts_damping_views.cockpit"]
     found = {path for pattern in patterns for path in STATIC.parent.glob(pattern) if path.is_file()}
     assert sorted(found) == FILES
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if path.name != "LICENSE"], ids=lambda path: path.name)
-def test_the_page_refers_to_nothing_outside(path: Path) -> None:
+def test_page_refers_to_nothing_outside(path: Path) -> None:
     text = code(path).replace(NAMESPACE, "")
     assert not re.search(r"(?:https?|wss?)?://", text)
     folder = STATIC.parent if path.suffix == ".html" else path.parent  # "static/..." is below the page's address
@@ -47,6 +47,6 @@ def test_the_page_refers_to_nothing_outside(path: Path) -> None:
     assert missing == []
 
 
-def test_the_chart_library_has_its_licence() -> None:
+def test_chart_library_has_its_licence() -> None:
     assert "MIT" in (STATIC / "uplot" / "uPlot.esm.js").read_text()[:200]
     assert "Leon Sorokin" in (STATIC / "uplot" / "LICENSE").read_text()

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from facts_damping.cockpit import server
+from facts_damping_views.cockpit import application
 from tests.cockpit.serving import request, serving
 
 LAYOUT: dict[str, Any] = {"type": "layout", "title": "it", "mode": "live", "panels": [], "duration": None}
@@ -38,7 +38,7 @@ def until(condition: Any) -> None:
 
 def test_report_is_shared_and_ends_with_its_last_client(log: Path) -> None:
     """Two clients ask for the same report and a third for another, which is next."""
-    cockpit = server.Cockpit(server.Content(LAYOUT, recordings={"one": "slow", "two": "fast"}))
+    cockpit = application.Cockpit(application.Content(LAYOUT, recordings={"one": "slow", "two": "fast"}))
     with serving(cockpit) as (served, _):
         first, second = (request(served.address, "/report/one") for _ in range(2))
         until(log.read_text)
@@ -55,7 +55,7 @@ def test_report_is_shared_and_ends_with_its_last_client(log: Path) -> None:
 
 
 def test_report_ends_with_the_server(log: Path) -> None:
-    with serving(server.Cockpit(server.Content(LAYOUT, recordings={"one": "slow"}))) as (served, _):
+    with serving(application.Cockpit(application.Content(LAYOUT, recordings={"one": "slow"}))) as (served, _):
         client = request(served.address, "/report")
         until(log.read_text)
         _, process, page = log.read_text().split()

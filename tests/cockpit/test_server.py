@@ -16,18 +16,18 @@ from starlette.websockets import WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed
 
 from facts_damping.case.loading import load_case
-from facts_damping.cli.cockpit import content
 from facts_damping.cli.main import main
-from facts_damping.cockpit import controls, server
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
+from facts_damping_views.cockpit import application, controls, server
+from facts_damping_views.commands import content
 from tests.cockpit.serving import page_socket, request, serving
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from facts_damping.cockpit.controls import Request
+    from facts_damping_views.cockpit.controls import Request
 
 ADDRESS = "http://127.0.0.1:8766"
 SOCKET, OWN = "ws://127.0.0.1:8766/socket", {"origin": ADDRESS}
@@ -52,12 +52,12 @@ def asked() -> Asked:
 
 
 @pytest.fixture
-def cockpit(table: Any, asked: Asked) -> server.Cockpit:
-    return server.Cockpit(server.Content(LAYOUT), table, asked)
+def cockpit(table: Any, asked: Asked) -> application.Cockpit:
+    return application.Cockpit(application.Content(LAYOUT), table, asked)
 
 
 @contextmanager
-def opened(cockpit: server.Cockpit) -> Iterator[TestClient]:
+def opened(cockpit: application.Cockpit) -> Iterator[TestClient]:
     """A client that has the cookie."""
     with TestClient(cockpit.app, base_url=ADDRESS) as browser:
         assert browser.get(f"/?token={cockpit.token}").status_code == 200
@@ -65,7 +65,7 @@ def opened(cockpit: server.Cockpit) -> Iterator[TestClient]:
 
 
 @pytest.fixture
-def client(cockpit: server.Cockpit) -> Iterator[TestClient]:
+def client(cockpit: application.Cockpit) -> Iterator[TestClient]:
     with opened(cockpit) as browser:
         yield browser
 
@@ -105,7 +105,7 @@ def test_page_and_its_files_come_from_here_alone(client: TestClient) -> None:
     ],
 )
 def test_requests_of_other_hosts_origins_and_sites_are_refused_and_counted(
-    client: TestClient, cockpit: server.Cockpit, headers: dict[str, str], status: int
+    client: TestClient, cockpit: application.Cockpit, headers: dict[str, str], status: int
 ) -> None:
     answer = client.get("/", headers=headers)
     assert answer.status_code == status
@@ -136,7 +136,7 @@ def test_socket_needs_the_page_s_own_origin(client: TestClient, origin: str | No
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "192.0.2.7"])
 def test_server_asks_for_a_token(host: str) -> None:
-    cockpit, other = (server.Cockpit(server.Content(LAYOUT), host=host) for _ in range(2))
+    cockpit, other = (application.Cockpit(application.Content(LAYOUT), host=host) for _ in range(2))
     token = cockpit.token
     assert len(token) >= 32
     address = f"http://{host}:8766"
@@ -174,8 +174,8 @@ MALFORMED = [
 ]
 
 
-def test_a_thousand_malformed_messages_are_refused_and_counted(
-    client: TestClient, cockpit: server.Cockpit, asked: Asked
+def test_thousand_malformed_messages_are_refused_and_counted(
+    client: TestClient, cockpit: application.Cockpit, asked: Asked
 ) -> None:
     with client.websocket_connect(SOCKET, headers=OWN) as session:
         heard(session, "layout")
@@ -196,16 +196,16 @@ def test_a_thousand_malformed_messages_are_refused_and_counted(
     assert [request.service for request, _ in asked] == ["plant_sim/pause"]
 
 
-def test_a_client_has_few_requests_under_way_and_sliders_go_back_when_refused(
-    client: TestClient, cockpit: server.Cockpit, asked: Asked
+def test_client_has_few_requests_under_way_and_sliders_go_back_when_refused(
+    client: TestClient, cockpit: application.Cockpit, asked: Asked
 ) -> None:
     portal = client.portal
     assert portal is not None
     with client.websocket_connect(SOCKET, headers=OWN) as session:
-        for i in range(server.PENDING + 1):
+        for i in range(application.PENDING + 1):
             session.send_json({"id": i, "control": "link/wan_link/delay", "value": 10.0 * (i + 1)})
         assert "wait for their answers" in heard(session, "answer")["message"]
-        assert len(asked) == server.PENDING
+        assert len(asked) == application.PENDING
         portal.call(cockpit.status, {"run": "running"})
         assert heard(session, "status")["values"] == {"link/wan_link/delay all": 160.0}
         for _, answer in asked:
@@ -216,14 +216,14 @@ def test_a_client_has_few_requests_under_way_and_sliders_go_back_when_refused(
         assert rows["link/wan_link/delay"] == 150.0  # that before the one that was refused last
 
 
-def test_client_gets_events_and_state_of_before(client: TestClient, cockpit: server.Cockpit) -> None:
+def test_client_gets_events_and_state_of_before(client: TestClient, cockpit: application.Cockpit) -> None:
     assert client.portal is not None
-    for i in range(server.KEPT + 50):
+    for i in range(application.KEPT + 50):
         client.portal.call(cockpit.event, {"type": "event", "t": i, "level": "info", "text": "it"})
     client.portal.call(cockpit.status, {"run": "paused", "counts": {"deadline_misses": 3}, "modes": [float("nan")]})
     with client.websocket_connect(SOCKET, headers=OWN) as session:
         assert heard(session, "layout")
-        assert [session.receive_json()["t"] for _ in range(server.KEPT)] == list(range(50, server.KEPT + 50))
+        assert [session.receive_json()["t"] for _ in range(application.KEPT)] == list(range(50, application.KEPT + 50))
         status = session.receive_json()
     assert (status["run"], status["counts"]["deadline_misses"], status["modes"]) == ("paused", 3, [None])
 
@@ -233,7 +233,7 @@ def test_client_that_does_not_read_costs_little_and_delays_nobody(
 ) -> None:
     """Frames of 20 kB: 40 MB in all, of which it may keep what fits into the buffers of its connection."""
     monkeypatch.setattr(server, "SEND_S", 0.5)
-    cockpit = server.Cockpit(server.Content(LAYOUT), table, asked)
+    cockpit = application.Cockpit(application.Content(LAYOUT), table, asked)
     key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="  # RFC 6455, 1.3
     upgrade = f"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n{key}\r\n"
     with serving(cockpit) as (served, thread):
@@ -264,7 +264,7 @@ def test_client_that_does_not_read_costs_little_and_delays_nobody(
                 longest = max(longest, time.monotonic() - began)
                 held = max(held, *(len(one.texts) for one in cockpit.clients))
             assert longest < 1.0
-            assert held <= server.QUEUE
+            assert held <= application.QUEUE
             assert given - 500 < slow.frames_left_out <= given  # its connection may end before the last frame
             assert slow.frames_left_out > 0
             while slow in cockpit.clients:  # its connection ends
@@ -276,13 +276,13 @@ def test_client_that_does_not_read_costs_little_and_delays_nobody(
 
 def test_message_that_is_too_long_ends_its_connection_alone(table: Any, asked: Asked) -> None:
     with (
-        serving(server.Cockpit(server.Content(LAYOUT), table, asked)) as (served, _),
+        serving(application.Cockpit(application.Content(LAYOUT), table, asked)) as (served, _),
         page_socket(served.address) as one,
         page_socket(served.address) as other,
     ):
         one.recv()
         other.recv()
-        one.send(" " * (server.LONGEST + 1))
+        one.send(" " * (application.LONGEST + 1))
         with pytest.raises(ConnectionClosed, match="1009"):
             one.recv(timeout=10.0)
         other.send("x")
@@ -294,7 +294,7 @@ def test_replay_gives_what_is_recorded() -> None:
     shown = content(["one", "two"], records)
     first, second = (panel["name"] for panel in shown.layout["panels"])
     assert (shown.layout["mode"], len(shown.layout["panels"])) == ("replay", 2)
-    with opened(server.Cockpit(shown)) as client:
+    with opened(application.Cockpit(shown)) as client:
         for name, record in zip((first, second), records, strict=True):
             data = np.frombuffer(client.get(f"/data/{name}").content, "<f4")
             panel = next(one for one in shown.layout["panels"] if one["name"] == name)
@@ -322,8 +322,8 @@ def test_report_is_made_by_the_command_and_has_no_rights_here(
     script.write_text('#!/bin/sh\ncase $4 in bad) echo "facts-damping: no" >&2; exit 2;; esac\necho "of $4" > "$6"\n')
     script.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(script))
-    shown = server.Content(LAYOUT, recordings={"one": "good", "a/b": "bad"})
-    with opened(server.Cockpit(shown, table, asked)) as client:
+    shown = application.Content(LAYOUT, recordings={"one": "good", "a/b": "bad"})
+    with opened(application.Cockpit(shown, table, asked)) as client:
         for path in ("/report", "/report/one"):
             answer = client.get(path)
             assert (answer.status_code, answer.text) == (200, "of good\n")
@@ -336,7 +336,7 @@ def test_report_is_made_by_the_command_and_has_no_rights_here(
             assert heard(session, "answer") == {"type": "answer", "id": 1, "success": True, "message": "/report"}
 
 
-def test_what_is_missing_or_taken_is_named(
+def test_cockpit_that_cannot_start_names_the_cause(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     with socket.socket() as taken:
@@ -344,7 +344,7 @@ def test_what_is_missing_or_taken_is_named(
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(InputError, match=rf"host, port: 127.0.0.1, {port} given: .*; allowed: ones that are free"):
-            server.Server(server.Cockpit(server.Content(LAYOUT)), "127.0.0.1", port)
+            server.Server(application.Cockpit(application.Content(LAYOUT)), "127.0.0.1", port)
     assert main(["cockpit", "two_area_small", "two_area_large"]) == 2
     assert "two_area_large: given beside a run; allowed: beside a recording" in capsys.readouterr().err
     assert main(["cockpit", str(tmp_path), "--set", "seed=1"]) == 2

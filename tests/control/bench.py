@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.control.bank import act, bank, settings
+from facts_damping.control.bank import Known, act, bank, settings
+from facts_damping.control.inputs import Wiring
 from facts_damping.control.neuro_fuzzy import PlantPrior
 from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
@@ -82,7 +83,7 @@ class Bench:
     ) -> None:
         """`plant`: what networks know of it; none: SIGN, and signals that swing alike."""
         plants = [None if c.scheme is None else plant or known(len(c.signals), len(c.devices)) for c in controllers]
-        self.bank, self.state = bank(controllers, signals, PMUS, limits, FRAMES, plants)
+        self.bank, self.state = bank(controllers, Wiring(signals, PMUS, limits, FRAMES), [Known(one) for one in plants])
         self.tick = 0
 
     def give(self, *entries: Entry, controller: int = 0) -> NDArray[Any]:

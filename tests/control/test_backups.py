@@ -62,7 +62,7 @@ def frame(k: int, faults: dict[str, str], frozen: dict[str, float]) -> NDArray[A
         max_size=8,
     )
 )
-def test_the_first_good_one_takes_over_and_stays_until_its_own_data_are_bad(spells: list[Any]) -> None:
+def test_first_good_one_takes_over_and_stays_until_its_own_data_are_bad(spells: list[Any]) -> None:
     """The rule once more, in Python: per PMU since when a fault lasts, in frames."""
     receiver, frozen, chosen, k = Receiver(), {}, {"A": "A", "B": "B"}, 0  # type: ignore[var-annotated]
     last = dict.fromkeys(PMUS, 0)

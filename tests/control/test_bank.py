@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.control.bank import act, bank
-from facts_damping.control.inputs import IMPLAUSIBLE
+from facts_damping.control.inputs import IMPLAUSIBLE, Wiring
 from facts_damping.control.lead_lag import step
 from facts_damping.parameters.plant.pmus import Signal
 from facts_damping.parameters.run import Controller
@@ -20,7 +20,7 @@ from tests.control.bench import FRAMES, LIMITS, MS, PMUS, SIGNALS, Bench, Entry,
 some = settings(deadline=None, max_examples=40)
 
 
-def test_nothing_is_issued_before_every_signal_is_there() -> None:
+def test_setpoint_is_not_issued_before_all_stations_have_arrived() -> None:
     """C is not part of the signal, and is not waited for."""
     bench = Bench(llc())
     assert len(bench.give(Entry("A", 0, 5))) == 0
@@ -32,7 +32,7 @@ def test_nothing_is_issued_before_every_signal_is_there() -> None:
     assert len(bench.give(Entry("A", 4, 11))) == 1
 
 
-def test_a_setpoint_says_when_and_from_what_it_was_made() -> None:
+def test_setpoint_says_when_and_from_what_it_was_made() -> None:
     bench = Bench(llc(), llc("power", "second"))
     bench.give(Entry("A", 0, 5), Entry("B", 0, 5), Entry("C", 0, 5), controller=1)
     (made,) = bench.give(Entry("C", 10.5, 17.25, power=4.0), controller=1)
@@ -56,7 +56,7 @@ def test_output_is_the_lead_lag_of_the_weighted_sum_at_the_times_of_measurement(
     assert np.abs(state).max() > 1e-3
 
 
-def test_what_was_held_stands_in_for_a_station_that_is_late() -> None:
+def test_held_value_stands_in_for_a_late_station() -> None:
     bench, state, p = Bench(llc()), np.zeros(6), settings_of(llc())[0]
     bench.give(Entry("A", 0, 1, 0.001), Entry("B", 0, 1, 0.002))
     step(p, state, 0.0, 0.0)
@@ -76,7 +76,7 @@ def test_deviation_is_counted_from_the_first_value() -> None:
     assert bench.state.held.baseline[0, 0] == 4.0
 
 
-def test_each_device_has_its_own_limit() -> None:
+def test_setpoint_is_limited_by_the_limit_of_its_device() -> None:
     for device, (limit, _) in LIMITS.items():
         for sign in (1, -1):
             bench = Bench(llc(device=device))
@@ -95,7 +95,7 @@ def test_entries_of_one_arrival_are_acted_on_once_and_others_each() -> None:
     assert made["measured_ns"].tolist() == [0, 10 * MS, 16 * MS]
 
 
-def test_one_arrival_in_parts_of_one_measurement_acts_on_the_first_part() -> None:
+def test_measurement_that_arrives_in_parts_acts_with_its_first_part() -> None:
     """A second arrival of the same measurement brings no newer frame: the setpoint stands."""
     bench = Bench(llc())
     bench.give(Entry("A", 0, 1), Entry("B", 0, 1))
@@ -104,7 +104,7 @@ def test_one_arrival_in_parts_of_one_measurement_acts_on_the_first_part() -> Non
     assert bench.state.held.entry[0, 1, list(CHANNELS).index("speed_deviation")] == 0.001
 
 
-def test_what_is_older_than_what_is_held_is_passed_over() -> None:
+def test_frame_older_than_the_held_one_is_ignored() -> None:
     bench = Bench(llc())
     bench.give(Entry("A", 40, 41, 0.001), Entry("B", 40, 41))
     before, now = copy.deepcopy(bench.state), bench.state
@@ -130,8 +130,8 @@ def test_controllers_do_not_see_each_other() -> None:
     assert both.state.outputs[:, 0].tolist() == [float(b.state.outputs[0, 0]) for b in alone]
 
 
-def test_no_controllers_are_no_controllers() -> None:
-    made, state = bank([], SIGNALS, PMUS, LIMITS, FRAMES, [])
+def test_empty_bank_has_no_controllers() -> None:
+    made, state = bank([], Wiring(SIGNALS, PMUS, LIMITS, FRAMES), [])
     assert made.code.size == state.held.newest_ns.size == 0
 
 
@@ -151,7 +151,7 @@ def test_output_is_never_beyond_the_limit(data: st.DataObject, gain: float) -> N
 
 
 @pytest.mark.parametrize("speed", [IMPLAUSIBLE, -5e307, np.inf, np.nan])
-def test_an_implausible_frame_is_not_acted_on_and_leaves_nothing_behind(speed: float) -> None:
+def test_implausible_frame_is_not_acted_on_and_leaves_nothing_behind(speed: float) -> None:
     bench, plain = Bench(llc()), Bench(llc())
     for one in (bench, plain):
         one.give(Entry("A", 0, 0), Entry("B", 0, 0))
@@ -167,7 +167,7 @@ def test_deviation_is_counted_from_the_first_finite_value() -> None:
     assert bench.state.held.baseline[0, 0] == 4.0
 
 
-def test_a_washout_takes_away_what_stays_and_starts_at_rest() -> None:
+def test_washout_takes_away_what_stays_and_starts_at_rest() -> None:
     """s T / (1 + s T) by the bilinear transform, whatever the time between frames; an offset of the start is none."""
     signals = {"washed": Signal(channel="active_power", weights={"C": 1.0}, washout=0.4)}
     row = Controller(signals=["washed"], devices=["first"])
@@ -188,7 +188,7 @@ def test_a_washout_takes_away_what_stays_and_starts_at_rest() -> None:
     assert abs(bench.state.held.signal[0, 0]) < 1e-3
 
 
-def test_an_angle_is_the_difference_the_short_way_round() -> None:
+def test_angle_is_the_difference_the_short_way_round() -> None:
     signals = {"angle": Signal(channel="voltage_angle", weights={"A": 1.0, "B": -1.0})}
     bench = Bench(Controller(signals=["angle"], devices=["first"]), signals=signals)
     column = list(CHANNELS).index("voltage_angle")
@@ -200,6 +200,6 @@ def test_an_angle_is_the_difference_the_short_way_round() -> None:
 
 
 @pytest.mark.parametrize("weights", [{"A": 1.0}, {"A": 1.0, "B": -2.0}, {"A": 0.5, "B": -0.5}])
-def test_an_angle_against_nothing_or_by_parts_is_refused(weights: dict[str, float]) -> None:
+def test_angle_against_nothing_or_by_parts_is_refused(weights: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="must be whole and sum to zero"):
         Signal(channel="voltage_angle", weights=weights)

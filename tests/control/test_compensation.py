@@ -12,10 +12,11 @@ from facts_damping.analysis.measures import columns, event_times, speed_differen
 from facts_damping.analysis.verdict import DAMPED, judge
 from facts_damping.case.loading import load_case
 from facts_damping.control.compensation import MAX_LEAD, compensate, compensators, lead, phasor
-from facts_damping.control.table import COMPENSATION_PARAMETERS, SETTINGS
+from facts_damping.control.parameter_tables import COMPENSATION_PARAMETERS
+from facts_damping.control.table import SETTINGS
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -76,13 +77,13 @@ def test_lead_starts_at_rest() -> None:
 
 @pytest.mark.parametrize("rate", [0.5, 1.0, 4.0])
 @pytest.mark.parametrize("degrees", [0.0, *ANGLES, 170.0])
-def test_a_phasor_is_the_signal_ahead_without_its_mean(degrees: float, rate: float) -> None:
+def test_phasor_is_the_signal_ahead_without_its_mean(degrees: float, rate: float) -> None:
     """To 1e-4 of its size, once 30 s are over, at any distance ahead."""
     ahead = 0.01 * np.cos(OMEGA * TIME + math.radians(degrees))
     assert turned(math.radians(degrees), rate, mean=0.3)[LATE] == pytest.approx(ahead[LATE], abs=1e-6)
 
 
-def test_a_phasor_settles_as_fast_as_it_forgets() -> None:
+def test_phasor_settles_as_fast_as_it_forgets() -> None:
     def errors(rate: float) -> NDArray[np.float64]:
         return np.abs(turned(0.0, rate) - 0.01 * np.cos(OMEGA * TIME))
 
@@ -137,7 +138,7 @@ DELAYED = ("link.up=[{delay: 0.15}]", "link.down=[{delay: 0.1}]")
 
 
 @pytest.mark.parametrize("name", ["lead", "phasor"])
-def test_a_compensated_lead_lag_damps_at_a_delay_at_which_it_does_not_by_itself(name: str) -> None:
+def test_compensated_lead_lag_damps_at_a_delay_at_which_it_does_not_by_itself(name: str) -> None:
     """Its linear margin is 0.1685 s (docs/delay.md); here 0.25 s, and twice the margin."""
     assert damped("link=ideal")
     assert not damped(*DELAYED)
@@ -146,7 +147,7 @@ def test_a_compensated_lead_lag_damps_at_a_delay_at_which_it_does_not_by_itself(
     assert damped(*twice, f"controllers.0.compensation={name}")
 
 
-def test_the_way_down_is_its_mean_and_may_be_given() -> None:
+def test_way_down_is_its_mean_and_may_be_given() -> None:
     jitter = "link.down=[{delay: 0.05}, {model: uniform, low: 0.0, high: 0.1}]"
     case = load_case(None, [jitter, "controllers.0.compensation=lead"])
     assert case.controllers[0].number("down_delay") == pytest.approx(0.1)
@@ -154,7 +155,7 @@ def test_the_way_down_is_its_mean_and_may_be_given() -> None:
     assert case.controllers[0].number("down_delay") == 0.02
 
 
-def test_the_mode_is_the_plants_or_given() -> None:
+def test_mode_is_the_plants_or_given() -> None:
     own = loop.build_loop(load_case(None, ["controllers.0.compensation=lead"]))
     assert own.control.bank.compensators.omega[0] == pytest.approx(
         2.0 * math.pi * 0.6297, rel=1e-3
@@ -173,13 +174,13 @@ def test_the_mode_is_the_plants_or_given() -> None:
         ),
     ],
 )
-def test_a_smith_predictor_is_refused_with_the_mode_that_it_leaves(system: list[str], message: str) -> None:
+def test_smith_predictor_is_refused_with_the_mode_that_it_leaves(system: list[str], message: str) -> None:
     with pytest.raises(InputError, match=message) as error:
         loop.build_loop(load_case(None, [*system, "controllers.0.compensation=smith"]))
     assert "\n" not in str(error.value)
 
 
-def test_what_is_not_there_is_named() -> None:
+def test_invalid_compensation_is_refused_with_what_is_allowed() -> None:
     with pytest.raises(InputError, match=r"controllers\.0\.compensation.*magic.*none.*lead.*phasor"):
         load_case(None, ["controllers.0.compensation=magic"])
     with pytest.raises(InputError, match=r"phasor_rate: 0 given; allowed: 0.01 to 100 1/s"):

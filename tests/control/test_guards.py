@@ -15,7 +15,7 @@ GUARDS = ("dead_zone", "leakage", "projection", "clip", "anti_windup", "stale", 
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_the_profile_thesis_has_no_guard(name: str) -> None:
+def test_profile_thesis_has_no_guard(name: str) -> None:
     """`deployed` has all of them, but for leakage: it would forget what was learnt."""
     thesis, deployed = (settings_of(controller(name, "direct", p))[0] for p in ("thesis", "deployed"))
     assert [float(thesis[guard]) for guard in GUARDS] == [0.0] * len(GUARDS)
@@ -36,7 +36,7 @@ def test_clip_and_projection_reach_the_rule() -> None:
     assert np.abs(kept.theta).max() == 5
 
 
-def test_a_dead_zone_keeps_a_small_bias_from_teaching() -> None:
+def test_dead_zone_keeps_a_small_bias_from_teaching() -> None:
     """Without penalty on effort nothing else holds the parameters."""
     kept, drifts = raw(hbar=0.0, dead_zone=0.05), raw(hbar=0.0)
     start = kept.theta
@@ -59,7 +59,7 @@ def test_anti_windup_comes_back_at_once(way: str) -> None:
     assert (wound < 1.1 and lost == 0) if way == "on" else (wound > 3 and lost > 50)
 
 
-def test_the_learner_sees_what_the_device_follows() -> None:
+def test_learner_sees_what_the_device_follows() -> None:
     """The setpoint before, within the device's limit and rate; without the guard as it was wished for."""
     given, bench, wished_for = raw(anti_windup="on", eta=0.0, weight=4.0), raw(eta=0.0, weight=4.0), 0.0
     rng, followed, k = np.random.default_rng(4), 0.0, 0
@@ -93,7 +93,7 @@ def test_stale_frames_teach_nothing() -> None:
 
 
 @pytest.mark.parametrize("factor", [0.5, -0.5])
-def test_a_sign_guard_takes_a_jacobian_of_the_wrong_sign_for_none(factor: float) -> None:
+def test_sign_guard_takes_a_jacobian_of_the_wrong_sign_for_none(factor: float) -> None:
     """What is left is the penalty. Without the guard the weights go the other way."""
     guarded, plain = raw("ANFTSC", "indirect", sign_guard="on"), raw("ANFTSC", "indirect")
     own = Reference(0.5, 1.0, 0.5, 0.02, 0.1, 0.0)

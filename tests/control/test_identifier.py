@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from facts_damping.control.identifier import identifiers, identify, store_setpoints, write_estimates
 from facts_damping.control.identifier_model import Identified
+from facts_damping.control.inputs import Wiring
 from facts_damping.neurofuzzy.table import IDENTIFIERS
 from facts_damping.signals import ESTIMATE, NANOSECONDS, SETPOINT, to_ns
 from tests.control.bench import (
@@ -49,7 +50,7 @@ class Observer:
     """Identifiers that are given frames of one PMU, and setpoints."""
 
     def __init__(self, *rows: Identified, rate: int = FRAMES) -> None:
-        self.made, self.state = identifiers(rows, SIGNALS, PMUS, rate)
+        self.made, self.state = identifiers(rows, Wiring(SIGNALS, PMUS, {}, rate))
         self.rate = rate
 
     def ns(self, k: int) -> int:
@@ -94,7 +95,7 @@ def follow(observer: Observer, delay: int, given: list[float], b: float = 0.2) -
 
 @pytest.mark.parametrize("jacobian", [-2.0, -0.1, -1e-3, 0.01, 0.1, 0.5])
 @every_kind
-def test_the_start_has_the_jacobian_that_is_given(kind: str, jacobian: float) -> None:
+def test_start_has_the_jacobian_that_is_given(kind: str, jacobian: float) -> None:
     """ANFTSI: weight tanh(2 h u / s^2) has the slope itself. ANFGuMoI: the slope of a wavelet that is shifted by q nu.
 
     There w (q cos 5q + 5 sin 5q) exp(-q^2/2) / nu is 26 q w / nu for small q only: 0.17 % less than the given at 0.1.
@@ -108,7 +109,7 @@ def test_the_start_has_the_jacobian_that_is_given(kind: str, jacobian: float) ->
 @every_kind
 @settings(max_examples=50, deadline=None)
 @given(y=st.floats(-0.1, 0.1), u=st.floats(-0.5, 0.5))
-def test_the_start_predicts_that_little_changes_but_for_the_setpoint(kind: str, y: float, u: float) -> None:
+def test_start_predicts_that_little_changes_but_for_the_setpoint(kind: str, y: float, u: float) -> None:
     observer = Observer(asked(kind, 0.1))
     observer.frame(0, y * SCALE)
     observer.issue(0, u * LIMIT)
@@ -121,7 +122,7 @@ def test_the_start_predicts_that_little_changes_but_for_the_setpoint(kind: str, 
 
 @pytest.mark.parametrize(("kind", "tolerance"), [("ANFTSI", 0.03), ("ANFGuMoI", 0.25)])
 @pytest.mark.parametrize(("delay", "wrong"), [(0, 3), (3, 0)])
-def test_the_jacobian_converges_where_setpoints_are_paired_right(
+def test_jacobian_converges_where_setpoints_are_paired_right(
     kind: str, tolerance: float, delay: int, wrong: int
 ) -> None:
     """From a quarter of the true one, with random setpoints; paired with others of them it stays near zero."""
@@ -142,7 +143,7 @@ def test_half_a_period_off_the_sign_turns(kind: str, delay: int) -> None:
 
 
 @pytest.mark.parametrize("lag", [0.0, 1 / 60, 2 / 60, 3 / 60, 0.1, 0.1004, 0.11])
-def test_what_is_paired_was_in_force_for_most_of_the_frame(lag: float) -> None:
+def test_paired_setpoint_was_in_force_for_most_of_the_frame(lag: float) -> None:
     """From frame k-1 to k: with a lag of d frames that is u(k-1-d), and a little more lag does not make it another."""
     observer = Observer(asked("ANFTSI", 0.2, lag))
     for k in range(60):
@@ -248,7 +249,7 @@ def test_given_weights_are_the_start() -> None:
     assert again.jacobian != Observer(asked("ANFTSI")).jacobian
 
 
-def test_an_estimate_says_whose_it_is_and_from_what_it_was_made() -> None:
+def test_estimate_says_whose_it_is_and_from_what_it_was_made() -> None:
     observer, rows = Observer(asked("ANFTSI", 0.2, 0.0, SECOND)._replace(controller=5)), np.zeros(2, ESTIMATE)
     assert write_estimates(observer.made, observer.state, 0, 3, rows, 1) == 2
     assert not rows[0]["tick"]

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.signal import cont2discrete, dlsim, freqs, lsim
 
 from facts_damping.control.lead_lag import step
-from facts_damping.control.table import CONTROLLERS, LEAD_LAG_PARAMETERS
+from facts_damping.control.parameter_tables import LEAD_LAG_PARAMETERS
+from facts_damping.control.table import CONTROLLERS
 from facts_damping.parameters.run import Controller
 from tests.control.bench import settings_of
 
@@ -107,7 +108,7 @@ def test_first_frame_gives_nothing_and_starts_at_rest(first: float, before: list
     assert [step(ROW, state, first, 0.02) for _ in range(5)] == pytest.approx([0] * 5, abs=1e-9 * (1 + abs(first)))
 
 
-def test_a_step_of_the_input_decays_with_the_washout() -> None:
+def test_step_of_the_input_decays_with_the_washout() -> None:
     """After 100 s of Tw = 10 s, exp(-10) of gain T1 T3 / (T2 T4) and what the sections add."""
     outputs = respond(ROW, np.r_[0.0, np.ones(6000)], 1 / 60)
     assert outputs[1] == pytest.approx(10 * 0.0761 * 0.4272 / 0.09, rel=0.1)

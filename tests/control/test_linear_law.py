@@ -14,7 +14,7 @@ from facts_damping.case.loading import load_case, make_case
 from facts_damping.control.linear_law import matrices
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.signals import CHANNELS, Record
+from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
 from tests.appendix_b import DEN, NUM, bilinear
 from tests.commands import assert_one_line
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
+    from facts_damping.record import Record
 
 SPEED = list(CHANNELS).index("speed_deviation")
 
@@ -38,7 +39,7 @@ def own(law: dict[str, Any] | str, *sets: str, name: str = "my_damper", **fields
     return loop.run(load_case("two_area_large", ["duration=5", *sets, f"controllers.0={controller}"]))
 
 
-def test_the_lead_lag_by_the_bilinear_transform_is_the_shipped_one() -> None:
+def test_lead_lag_by_the_bilinear_transform_is_the_shipped_one() -> None:
     shipped = loop.run(load_case("two_area_large", ["duration=5"]))
     given = own(bilinear())
     assert len(given.issued) == len(shipped.issued) > 0
@@ -46,7 +47,7 @@ def test_the_lead_lag_by_the_bilinear_transform_is_the_shipped_one() -> None:
     assert np.abs(given.issued["value"] - shipped.issued["value"]).max() < 1e-9
 
 
-def test_a_continuous_one_is_discretised_exactly() -> None:
+def test_continuous_one_is_discretised_exactly() -> None:
     """Against SciPy: its setpoints, of the signal as it was delivered, up to the limits."""
     record = own({"num": (5.0 * np.array(NUM)).tolist(), "den": DEN}, "link=delay_100ms")
     case = load_case("two_area_large", [])
@@ -63,7 +64,7 @@ def test_a_continuous_one_is_discretised_exactly() -> None:
     assert np.abs(got).max() == limit
 
 
-def test_all_forms_and_files_are_the_same_law(tmp_path: Path) -> None:
+def test_linear_law_is_the_same_in_all_forms_and_files(tmp_path: Path) -> None:
     A, B, C, D = tf2ss(NUM, DEN)
     zeros, poles, gain = tf2zpk(NUM, DEN)
     arrays = {"A": A, "B": B, "C": C, "D": D}
@@ -86,7 +87,7 @@ def test_complex_zeros_and_poles_are_text() -> None:
         assert value == pytest.approx(4.0 * (s + 0.5) / ((s + 1) ** 2 + 4))
 
 
-def test_a_table_of_transfer_functions_has_a_row_a_device_and_a_column_a_signal() -> None:
+def test_table_of_transfer_functions_has_a_row_a_device_and_a_column_a_signal() -> None:
     law = LinearLaw(num=[[[1.0], [2.0]], [[3.0, 0.0], [0.0]]], den=[[[1.0, 1.0], [1.0, 2.0]], [[1.0, 3.0], [1.0]]])
     A, B, C, D = matrices(law, 2, 2)
     s = 0.7j
@@ -94,7 +95,7 @@ def test_a_table_of_transfer_functions_has_a_row_a_device_and_a_column_a_signal(
     assert value == pytest.approx(np.array([[1 / (s + 1), 2 / (s + 2)], [3 * s / (s + 3), 0.0]]))
 
 
-def test_a_lost_frame_leaves_the_signal_as_it_was() -> None:
+def test_lost_frame_leaves_the_signal_as_it_was() -> None:
     """An integrator counts the frames that did not come with the newest signal before."""
     record = own({"A": [[0.0]], "B": [[1.0]], "C": [[1.0]]}, "link={up: [{model: bernoulli, loss: 0.5}]}", "seed=3")
     state, before, last = 0.0, 0.0, None
@@ -116,7 +117,7 @@ def test_a_lost_frame_leaves_the_signal_as_it_was() -> None:
     assert len(wanted) < len(record.ticks)
 
 
-def test_what_a_recording_says_of_a_run_has_the_law_without_its_file(tmp_path: Path) -> None:
+def test_recorded_run_holds_its_linear_law_without_the_file(tmp_path: Path) -> None:
     law = tmp_path / "law.npz"
     np.savez(law, num=np.array(NUM), den=np.array(DEN))
     first = own(str(law), "link=delay_100ms", compensation="lead")
@@ -161,7 +162,7 @@ def test_bad_laws_are_one_line(law: Any, message: str, capsys: pytest.CaptureFix
         ({"signals": ["speed", "power"]}, "linear: 1 outputs and 1 inputs given; allowed: 1 and 2"),
     ],
 )
-def test_what_does_not_fit_a_law_is_one_line(
+def test_options_that_do_not_fit_a_linear_law_are_refused_in_one_line(
     fields: dict[str, Any], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     controller = json.dumps({"name": "my_damper", "linear": {"num": [1], "den": [1, 1]}, **fields})

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.control.bank import bank, pull
+from facts_damping.control.bank import Known, bank, pull
 from facts_damping.control.identifier import identifiers, identify, store_setpoints
 from facts_damping.control.identifier_model import Identified
+from facts_damping.control.inputs import Wiring
 from facts_damping.control.neuro_fuzzy import PlantPrior
 from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
@@ -107,7 +108,7 @@ class Reference:
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**31), eta=st.floats(0, 0.02), hbar=st.lists(st.floats(0, 0.5), min_size=2, max_size=2))
-def test_a_history_is_that_of_the_equations(seed: int, eta: float, hbar: list[float]) -> None:
+def test_history_is_that_of_the_equations(seed: int, eta: float, hbar: list[float]) -> None:
     """Two signals, two devices, any Jacobian; lists of penalties and weights."""
     rng, weight = np.random.default_rng(seed), [0.8, 0.3]
     row = mimo("ANFTSC", "indirect", spread=0.6, width=1.3, weight=weight, eta=eta, hbar=hbar)
@@ -120,7 +121,7 @@ def test_a_history_is_that_of_the_equations(seed: int, eta: float, hbar: list[fl
         np.testing.assert_allclose(bench.theta, own.theta, rtol=1e-9, atol=1e-10)
 
 
-def test_a_single_scale_is_the_first_signals_and_a_list_is_taken_as_it_is() -> None:
+def test_single_scale_is_the_first_signals_and_a_list_is_taken_as_it_is() -> None:
     one, two = Mimo(mimo("ANFTSC", "direct", scale=0.02)), Mimo(mimo("ANFTSC", "direct", scale=[0.02, 0.05]))
     assert one.bank.settings["scale"][0].tolist() == [0.02, 0.02 * RATIO]
     assert one.bank.settings["change_scale"][0].tolist() == [CHANGE_SCALE, CHANGE_SCALE * RATIO]
@@ -130,7 +131,7 @@ def test_a_single_scale_is_the_first_signals_and_a_list_is_taken_as_it_is() -> N
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_each_device_starts_with_its_own_sign_and_weight(name: str) -> None:
+def test_mimo_controller_starts_with_sign_and_weight_of_each_device(name: str) -> None:
     """The first signal's sign to it; the direct scheme leaves out what has no sign."""
     sign = np.array([[-1.0, 1.0], [0.0, 1.0]])
     bench = Mimo(mimo(name, "direct", weight=[0.4, 0.2], eta=0.0), known(2, 2, sign))
@@ -142,7 +143,7 @@ def test_each_device_starts_with_its_own_sign_and_weight(name: str) -> None:
     assert bench.state.memory.jacobian[0].tolist() == sign.tolist()
 
 
-def test_an_input_pulls_as_far_as_it_swings_with_the_first_signals() -> None:
+def test_input_pulls_as_far_as_it_swings_with_the_first_signals() -> None:
     """In phase 1, opposite -1, a quarter off 0."""
     rows = np.zeros(4, SETTINGS)
     rows["scale"], rows["change_scale"] = 0.01, 1e9  # changes count for nothing
@@ -169,7 +170,7 @@ def test_three_signals_and_three_devices(name: str, scheme: str) -> None:
     assert np.all(np.abs(rules).max(axis=(0, 2)) > 0)
 
 
-def test_a_lead_lag_of_two_devices_is_two_lead_lags() -> None:
+def test_lead_lag_of_two_devices_is_two_lead_lags() -> None:
     """Appendix B: gains 10 and 5; each with its own constants where a list says so."""
     row = Controller(signals=["difference"], devices=["first", "second"])
     own = {**defaults(kind("LLC"), "deployed", 1, 2), "T1": [0.2, 0.1]}
@@ -189,7 +190,7 @@ def test_a_lead_lag_of_two_devices_is_two_lead_lags() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**31), eta=st.floats(0.01, 2.0), name=st.sampled_from(list(VARIANTS)))
-def test_a_step_below_the_bound_never_lets_the_lyapunov_function_grow(seed: int, eta: float, name: str) -> None:
+def test_step_below_the_bound_never_lets_the_lyapunov_function_grow(seed: int, eta: float, name: str) -> None:
     """(6.15) of random networks, errors and Jacobians, to first order in the parameters; the bound is eta = 2."""
     rng = np.random.default_rng(seed)
     hbar = (10 ** rng.uniform(-3, 1, 2)).tolist()
@@ -229,13 +230,13 @@ class Observer:
 
     def __init__(self, jacobian: Any, horizon: int = 1, plant: PlantPrior | None = None, **parameters: Any) -> None:
         row = mimo("ANFTSC", "indirect", identifier_horizon=horizon, loop_delay=0.0, **parameters)
-        self.made, _ = bank([row], SIGNALS, PMUS, THREE, FRAMES, [known(2, 2)])
+        self.made, _ = bank([row], Wiring(SIGNALS, PMUS, THREE, FRAMES), [Known(known(2, 2))])
         self.scale = self.made.settings["scale"][0]
         self.limits = np.array([THREE[name][0] for name in row.devices])
         J = np.array(jacobian) * self.scale[:, None] / self.limits
         own = (plant or known(2, 2))._replace(jacobian=J)
         asked = Identified(0, self.made.settings[0], "ANFTSI", row.signals, [0, 1], self.limits.tolist(), own, None)
-        self.ids, self.state = identifiers([asked], SIGNALS, PMUS, FRAMES)
+        self.ids, self.state = identifiers([asked], Wiring(SIGNALS, PMUS, THREE, FRAMES))
 
     def frame(self, k: int, y: Any, u: Any) -> None:
         measured = frame_ns(k) / MS
@@ -250,7 +251,7 @@ class Observer:
         return self.state.jacobian[0] / self.scale[:, None] * self.limits
 
 
-def test_the_start_is_the_linear_plant_in_its_mode() -> None:
+def test_start_is_the_linear_plant_in_its_mode() -> None:
     """A mode's swing is predicted to the last digit, whatever its phase; the Jacobian is the one given."""
     J = [[-0.05, 0.02], [0.4, -0.3]]
     for horizon in (1, 7):
@@ -265,7 +266,7 @@ def test_the_start_is_the_linear_plant_in_its_mode() -> None:
 
 
 @pytest.mark.parametrize("horizon", [1, 4])
-def test_the_jacobian_of_a_linear_plant_is_found(horizon: int) -> None:
+def test_jacobian_of_a_linear_plant_is_found(horizon: int) -> None:
     """All four derivatives, from wrong ones; ahead by more frames it is that of setpoints held so long."""
     A, B = np.array([[0.9, 0.05], [-0.1, 0.8]]), np.array([[0.05, -0.03], [0.1, 0.2]])
     held = sum((np.linalg.matrix_power(A, i) @ B for i in range(horizon)), np.zeros((2, 2)))
@@ -290,7 +291,7 @@ def test_setpoints_of_the_horizon_are_averaged() -> None:
     np.testing.assert_allclose(x[2:4], given[4:7].mean(axis=0), rtol=1e-12)  # frame 7 answers 4, 5 and 6
 
 
-def test_the_identifiers_error_falls_by_lyapunov_rates() -> None:
+def test_identifiers_error_falls_by_lyapunov_rates() -> None:
     observer, rng = (
         Observer(np.full((2, 2), 0.1), 1, identifier_rate="lyapunov", identifier_eta=1.9),
         np.random.default_rng(4),

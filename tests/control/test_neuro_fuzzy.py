@@ -56,7 +56,7 @@ class Reference:
 @pytest.mark.parametrize("scheme", SCHEMES)
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**31), eta=st.floats(0, 0.02), hbar=st.floats(0, 0.5), momentum=st.floats(0, 0.9))
-def test_a_history_is_that_of_the_equations(scheme: str, seed: int, eta: float, hbar: float, momentum: float) -> None:
+def test_history_is_that_of_the_equations(scheme: str, seed: int, eta: float, hbar: float, momentum: float) -> None:
     """The error of a frame teaches the sample that made the setpoint before it; frames are missed now and then."""
     rng = np.random.default_rng(seed)
     bench = raw("ANFTSC", scheme, spread=0.6, width=1.3, weight=0.8, eta=eta, hbar=hbar, momentum=momentum)
@@ -73,7 +73,7 @@ def test_a_history_is_that_of_the_equations(scheme: str, seed: int, eta: float, 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("name", VARIANTS)
-def test_no_signal_no_setpoint(name: str, scheme: str) -> None:
+def test_neuro_fuzzy_setpoint_of_a_zero_signal_is_zero(name: str, scheme: str) -> None:
     """Symmetric rules at rest; what comes first has no change yet."""
     bench = wide(name, scheme)
     assert [bench.frame(k, 0.0) for k in range(3)] == pytest.approx([0] * 3, abs=1e-12)
@@ -138,7 +138,7 @@ def test_without_a_jacobian_nothing_is_learnt(name: str, profile: str) -> None:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("name", VARIANTS)
-def test_an_output_that_is_not_finite_is_a_setpoint_of_zero(name: str, value: float) -> None:
+def test_output_that_is_not_finite_is_a_setpoint_of_zero(name: str, value: float) -> None:
     """A consequent is lost; whatever is learnt from it later brings no wrong setpoint."""
     bench = wide(name, "direct")
     bench.state.learner.theta[0, -Network(*bench.bank.shape[0]).width] = value

@@ -20,7 +20,7 @@ from tests.control.test_identifier import LIMIT, Observer, asked
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 TURN = 0.998 * cmath.exp(2j * math.pi * 0.6 / FRAMES)  # of the oscillator from frame to frame
 CLOSE = 1e-6  # of the scale: the period between frames is cut to a nanosecond
@@ -68,7 +68,7 @@ def rms(values: NDArray[np.float64]) -> float:
 
 @pytest.mark.parametrize(("horizon", "span"), [(1, 1), (1, 6), (4, 4), (7, 3)])
 @pytest.mark.parametrize("lag", [0.0, 0.4, 1.0, 6.0, 13.0, 29.5])
-def test_a_free_oscillation_is_predicted_exactly_whatever_the_horizon(horizon: int, span: int, lag: float) -> None:
+def test_free_oscillation_is_predicted_exactly_whatever_the_horizon(horizon: int, span: int, lag: float) -> None:
     """By the model that it starts from. Horizons that do not divide the delay are no matter."""
     predicted, true = follow(
         observer(lag=lag, identifier_horizon=horizon, identifier_span=span, identifier_eta=0.0), lag, [0.0] * 120
@@ -110,7 +110,7 @@ def test_lost_frames_are_on_the_line_between_their_neighbours() -> None:
     assert predicted[lost].tolist() == predicted[np.flatnonzero(lost) - 1].tolist()
 
 
-def test_a_runaway_is_no_prediction() -> None:
+def test_runaway_is_no_prediction() -> None:
     """Of a model that doubles in 2 frames: within 10 times the largest signal for a few frames, not for 20."""
     near, _ = follow(observer(turn=complex(1.4), lag=2.0, identifier_eta=0.0), 2.0, [0.0] * 30)
     far, _ = follow(observer(turn=complex(1.4), lag=20.0, identifier_eta=0.0), 20.0, [0.0] * 50)
@@ -118,14 +118,14 @@ def test_a_runaway_is_no_prediction() -> None:
     assert np.isnan(far).all()
 
 
-def test_where_no_rule_fires_nothing_is_predicted() -> None:
+def test_identifier_without_firing_rules_predicts_nothing() -> None:
     seen = observer(lag=6.0, identifier_eta=0.0)
     for k in range(4):
         seen.frame(k, 30.0 * SCALE)
     assert np.isnan(seen.state.change[0, 0])
 
 
-def test_who_does_not_predict_says_so() -> None:
+def test_identifier_that_does_not_predict_gives_no_predicted_change() -> None:
     plain = Observer(asked("ANFTSI", 0.2, 0.1, identifier_span=6.0))
     for k in range(5):
         plain.frame(k, 0.001 * k)
@@ -140,7 +140,7 @@ def acted_on(change: float, made_ns: int, newest_ns: int) -> float:
     return float(state.signal[0, 0])
 
 
-def test_the_predicted_change_is_added_while_it_is_new() -> None:
+def test_predicted_change_is_added_while_it_is_new() -> None:
     assert acted_on(0.25, 0, HELD_NS) == 0.55
     assert acted_on(0.25, 0, HELD_NS + 1) == 0.3
     assert acted_on(math.nan, 0, 1) == 0.3
@@ -185,7 +185,7 @@ def test_in_a_run_it_says_where_the_signal_goes() -> None:
     assert errors[6] < errors[0]
 
 
-def test_what_is_not_there_is_named() -> None:
+def test_invalid_prediction_is_refused_with_what_is_allowed() -> None:
     asks = "controllers.0.compensation=prediction"
     with pytest.raises(InputError, match=r"'prediction' given; allowed: none, lead, phasor for LLC, or an indirect"):
         load_case(None, [asks])
@@ -201,7 +201,7 @@ def test_what_is_not_there_is_named() -> None:
         loop.build_loop(load_case(None, [*OWN, "controllers.0.compensation=smith"]))
 
 
-def test_an_indirect_controller_that_predicts_has_an_identifier_that_looks_back() -> None:
+def test_indirect_controller_that_predicts_has_an_identifier_that_looks_back() -> None:
     case = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.compensation=prediction"])
     found = case.controllers[0].parameters
     assert (found["identifier"], found["identifier_span"]) == ("ANFTSI", 6.0)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import dlsim
 
-from facts_damping.control.bank import act, bank
-from facts_damping.control.inputs import IMPLAUSIBLE
+from facts_damping.control.bank import Known, act, bank
+from facts_damping.control.inputs import IMPLAUSIBLE, Wiring
 from facts_damping.control.state_space import MAX_MISSED, StateSpace
 from facts_damping.control.table import defaults, kind
 from facts_damping.parameters.run import Controller
@@ -54,7 +54,8 @@ class Given:
         )
         plain = {"power": SIGNALS["power"].model_copy(update={"deviation": False})}
         rows = [llc("power", "second"), row]
-        self.made, self.state = bank(rows, {**SIGNALS, **plain}, PMUS, limits, FRAMES, [None] * 2, None, [None, own])
+        wiring = Wiring({**SIGNALS, **plain}, PMUS, limits, FRAMES)
+        self.made, self.state = bank(rows, wiring, [Known(), Known(observer=own)])
 
     def frame(self, k: int, y: NDArray[np.float64]) -> NDArray[np.float64]:
         """The setpoints on frame k; empty where there are none."""
@@ -110,7 +111,7 @@ def test_with_limits_ramps_and_lost_frames_the_estimate_goes_on_by_itself(seed: 
     assert any(np.any(np.abs(u) == [limit for limit, _ in LIMITS.values()]) for u in expected.values())
 
 
-def test_the_first_frame_starts_at_rest_and_counts_at_once() -> None:
+def test_first_frame_starts_at_rest_and_counts_at_once() -> None:
     own = drawn(3, 4, 2, 2)
     y = np.array([1e-3, 2e-3])
     np.testing.assert_allclose(Given(own, WIDE).frame(5, y), -own.K @ own.M @ y, rtol=1e-9)
@@ -118,7 +119,7 @@ def test_the_first_frame_starts_at_rest_and_counts_at_once() -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, IMPLAUSIBLE])
-def test_a_frame_that_is_not_available_is_a_lost_frame(value: float) -> None:
+def test_frame_that_is_not_available_is_a_lost_frame(value: float) -> None:
     own = drawn(3, 4, 1, 1)
     one, other = Given(own, WIDE), Given(own, WIDE)
     for k in (0, 1, 3):

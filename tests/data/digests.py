@@ -16,9 +16,9 @@ from threadpoolctl import threadpool_info
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main as command
 from facts_damping.digest import digest
+from facts_damping.output.writing import write_whole
 from facts_damping.parameters.yaml_text import dump, parse
 from facts_damping.simulation import loop
-from facts_damping.terminal import write_whole
 
 ROOT, TABLE = Path(__file__).parents[2], Path(__file__).with_suffix(".yaml")
 NPCC = Path(sys.prefix) / "andes/andes/cases/npcc"  # unpacked, as tests/andes_cases.py has it

@@ -27,8 +27,8 @@ from .reference_network import Known, Network
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.system import System
-    from facts_damping.parameters.run import Event
 
     from .reference_controls import Control
     from .reference_devices import Targets

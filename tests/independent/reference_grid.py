@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
+from facts_damping.parameters.events import Clear
 from facts_damping.parameters.plant.actuators import Tcsc
 from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom
 from facts_damping.parameters.plant.grid import InfiniteBus
-from facts_damping.parameters.run import Clear
 
 from .reference_devices import Link, losses
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from facts_damping.parameters.events import Event
     from facts_damping.parameters.plant.grid import Line
     from facts_damping.parameters.plant.machines import Machine
     from facts_damping.parameters.plant.system import System
-    from facts_damping.parameters.run import Event
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

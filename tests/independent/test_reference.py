@@ -64,7 +64,7 @@ def test_ramps_have_a_rate_and_a_limit() -> None:
     np.testing.assert_allclose(found, [0, 0.02, 0.05, -0.05, -0.1, -0.1], rtol=0, atol=1e-12)
 
 
-def test_a_bolted_fault_is_the_limit_of_a_small_impedance() -> None:
+def test_bolted_fault_is_the_limit_of_a_small_impedance() -> None:
     model = Model(shipped("two_area"), ["sssc"])
     exact, near = (Network(model, Stage(faults={"line_4": (0.9, z)})) for z in (0j, 1e-9 + 0j))
     V, close = (network.solve(model.known(model.start, {"sssc": 0.02}))[0].V for network in (exact, near))

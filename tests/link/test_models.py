@@ -122,7 +122,7 @@ def test_entries_draw_by_themselves() -> None:
     assert max(abs(np.corrcoef(own[1:], own[:-1])[0, 1]) for own in late) < bound
 
 
-def test_the_seed_decides_and_places_do_not_share_draws() -> None:
+def test_seed_decides_and_places_do_not_share_draws() -> None:
     first = lateness(up([JITTER], 100, 7), 100)
     np.testing.assert_array_equal(lateness(up([JITTER], 100, 7), 100), first)
     assert (lateness(up([JITTER], 100, 8), 100) != first).all()
@@ -131,7 +131,7 @@ def test_the_seed_decides_and_places_do_not_share_draws() -> None:
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.02, 0.3, 1.0])
-def test_a_share_is_lost(loss: float) -> None:
+def test_share_is_lost(loss: float) -> None:
     own = made([{"model": "bernoulli", "loss": loss}], [], MANY, pmus=CROWD)
     found, n = send(own, MANY), MANY * CROWD
     assert abs(len(found) / n - (1.0 - loss)) <= 3.0 * math.sqrt(loss * (1.0 - loss) / n)
@@ -154,7 +154,7 @@ def test_losses_come_in_bursts_of_the_length_that_the_chain_has() -> None:
     assert abs(np.mean(lengths) - 1.0 / p_bg) < 3.0 * spread
 
 
-def test_a_good_state_may_lose_and_a_bad_one_may_deliver() -> None:
+def test_good_state_may_lose_and_a_bad_one_may_deliver() -> None:
     stage = {"model": "gilbert_elliott", "p_GB": 0.1, "p_BG": 0.1, "loss_G": 0.05, "loss_B": 0.5}
     there, fraction = len(up([stage], MANY, pmus=CROWD)) / (MANY * CROWD), (0.05 + 0.5) / 2.0
     assert abs(1.0 - there - fraction) < 3.0 * math.sqrt(fraction / (MANY * CROWD) * (2.0 - 0.2) / 0.2)
@@ -170,7 +170,7 @@ def test_copies_go_their_own_way() -> None:
     assert (len(apart), len(np.unique(apart[key]))) == (2 * 100 * PMUS, 2 * 100 * PMUS)
 
 
-def test_a_share_is_copied() -> None:
+def test_share_is_copied() -> None:
     own = made([{"model": "duplicate", "probability": 0.2}], [], MANY, pmus=CROWD)
     found, n = send(own, MANY), MANY * CROWD
     assert abs(len(found) / n - 1.2) < 3.0 * math.sqrt(0.2 * 0.8 / n)
@@ -187,7 +187,7 @@ def test_entries_overtake_unless_they_are_kept_in_order() -> None:
 
 @pytest.mark.parametrize("reference", ["first", "stamp"])
 @pytest.mark.parametrize("sends", ["complete", "timeout"])
-def test_a_concentrator_sends_what_came_within_its_wait_together(reference: str, sends: str) -> None:
+def test_concentrator_sends_what_came_within_its_wait_together(reference: str, sends: str) -> None:
     """The definitions of both references and ways to send, applied to the arrivals without it."""
     before = [{"model": "uniform", "low": 0.005, "high": 0.05}, {"model": "bernoulli", "loss": 0.1}]
     wait = {"model": "wait", "wait": 0.03, "reference": reference, "send": sends}
@@ -204,7 +204,7 @@ def test_a_concentrator_sends_what_came_within_its_wait_together(reference: str,
     assert 50 < partly < 450
 
 
-def test_a_concentrator_may_hold_the_last_entry_in_the_place_of_one_that_is_missing() -> None:
+def test_concentrator_may_hold_the_last_entry_in_the_place_of_one_that_is_missing() -> None:
     """The values are the last ones that it sent of this PMU, the stamp is the frame's; they are counted as held."""
     lossy = [{"model": "bernoulli", "loss": 0.3, "channels": ["s1"]}]
     lost = np.isnan(lateness(up(lossy, 300), 300)[:, 1])
@@ -225,7 +225,7 @@ def test_a_concentrator_may_hold_the_last_entry_in_the_place_of_one_that_is_miss
     assert (s["held"], s["lost"]) == (held, lost.sum())
 
 
-def test_a_playout_buffer_makes_the_delay_constant_for_what_is_in_time() -> None:
+def test_playout_buffer_makes_the_delay_constant_for_what_is_in_time() -> None:
     plain, smooth = (lateness(up(own, 500), 500) for own in ([JITTER], [JITTER, {"model": "playout", "delay": 0.08}]))
     np.testing.assert_allclose(smooth, np.maximum(plain, 0.08), atol=1e-9)
     assert 0.1 < (plain > 0.08).mean() < 0.3
@@ -239,7 +239,7 @@ def test_setpoints_play_out_by_the_age_of_what_they_rest_on() -> None:
     assert own.down.out[0, 0]["effective_ns"] == to_ns(0.21)
 
 
-def test_a_trace_is_replayed_entry_by_entry_and_again() -> None:
+def test_trace_is_replayed_entry_by_entry_and_again() -> None:
     delays = [0.03, 0.01, None, 0.05]
     table = lateness(up([{"model": "trace", "delays": delays}], 8), 8)
     wanted = [math.nan if d is None else d for d in delays * 2]
@@ -261,7 +261,7 @@ def test_stages_act_on_devices() -> None:
     assert own.down.out[0, 0]["device"] == 0
 
 
-def test_a_step_of_the_delay_is_two_stages_one_until_and_one_from_then_on() -> None:
+def test_step_of_the_delay_is_two_stages_one_until_and_one_from_then_on() -> None:
     """By the time of sending: nothing has both delays, nothing has none."""
     table = lateness(up([{"delay": 0.05, "duration": 0.2}, {"delay": 0.15, "start": 0.2}], 30), 30)
     np.testing.assert_allclose(table, np.where(np.arange(30) < 10, 0.05, 0.15)[:, None] * np.ones(PMUS))
@@ -331,7 +331,7 @@ def test_flipped_bits_are_one_of_an_entry_and_as_many_as_is_said() -> None:
     assert set(np.flatnonzero((one.view(np.int64) != 0).any(axis=(0, 1)))) == {list(CHANNELS).index("frequency")}
 
 
-def test_where_messages_are_signed_a_flipped_one_is_lost() -> None:
+def test_signed_message_with_a_flipped_bit_is_lost() -> None:
     flip = "link={up: [{model: flip, probability: 0.3}], down: [{model: flip, probability: 0.2, start: 1}]}"
     case = load_case(None, [flip, "security={keys: any.yaml}"])
     assert [
@@ -389,7 +389,7 @@ def test_setpoints_have_noise_of_their_own() -> None:
     assert abs(np.corrcoef(found.T)[0, 1]) < 4.0 / 20.0
 
 
-def test_the_deviation_of_noise_may_be_changed() -> None:
+def test_deviation_of_noise_may_be_changed() -> None:
     """From then on, with the draws as they were."""
     own = made([{"model": "noise", "std": 1.0}], [], 20)
     whole, before = send(made([{"model": "noise", "std": 1.0}], [], 20), 20), send(own, 10)
@@ -415,7 +415,7 @@ def test_setpoints_are_disturbed_too() -> None:
     assert own.down.out[0, :2]["value"].tolist() == [3.0, 5.0]
 
 
-def test_a_delay_that_is_changed_holds_for_what_is_sent_after() -> None:
+def test_delay_that_is_changed_holds_for_what_is_sent_after() -> None:
     """Also where it needs more room than there was; what is under way arrives as it was sent."""
     own = made([{"delay": 0.1}], [{"delay": 0.1}], 100)
     before = send(own, 50)

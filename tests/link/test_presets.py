@@ -22,7 +22,7 @@ from tests.link.test_models import anything, waits
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 # Shortest, mean and longest delay from measurement to device, s; standard deviation of a single one.
 PRESETS: dict[str, tuple[float, float, float, float]] = {
@@ -42,12 +42,12 @@ def run(link: str | dict[str, Any], *more: str) -> Record:
     return loop.run(load_case(None, [f"link={given}", *more]))
 
 
-def test_every_preset_is_tested() -> None:
+def test_table_of_link_presets_is_complete() -> None:
     assert set(shipped("links")) == set(PRESETS)
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_a_preset_has_the_delays_that_it_stands_for(name: str) -> None:
+def test_preset_has_the_delays_that_it_stands_for(name: str) -> None:
     """Without the stage that keeps order: it lets entries wait for slower ones before them."""
     shortest, mean, longest, deviation = PRESETS[name]
     link = load_case(None, [f"link={name}"]).link.model_dump()
@@ -60,14 +60,14 @@ def test_a_preset_has_the_delays_that_it_stands_for(name: str) -> None:
     assert abs(late.mean() - mean) <= 3.0 * deviation / math.sqrt(len(late)) + 1e-9
 
 
-def test_a_loop_over_a_preset_reports_its_latency() -> None:
+def test_loop_over_a_preset_reports_its_latency() -> None:
     """A setpoint rests on the newest frame of any PMU, so it is not older than entries are on average."""
     found = latency(run("pdci"))
     assert 69.0 <= float(found["mean"] or 0.0) <= 82.0
     assert float(found["max"] or 0.0) < 150.0
 
 
-def test_the_lag_of_an_identifier_is_the_links_mean_delay() -> None:
+def test_lag_of_an_identifier_is_the_links_mean_delay() -> None:
     case = load_case(None, ["link=pdci", "controllers.0.name=HBsWC"])
     assert case.controllers[0].number("loop_delay") == pytest.approx(0.082)
 
@@ -87,7 +87,7 @@ def test_without_anything_delivered_the_devices_stay_at_rest() -> None:
     np.testing.assert_array_equal(record.frames, without.frames)
 
 
-def test_the_seed_of_the_run_is_that_of_its_links() -> None:
+def test_seed_of_the_run_is_that_of_its_links() -> None:
     first, same, other = (run("plc", f"seed={seed}", "duration=3") for seed in (1, 1, 2))
     assert first.delivered.tobytes() == same.delivered.tobytes()
     assert first.delivered["arrival_ns"].tolist() != other.delivered["arrival_ns"].tolist()
@@ -97,7 +97,7 @@ def trace_run(path: Path, *more: str) -> Record:
     return run({"up": [{"model": "trace", "file": str(path)}]}, "controllers=[]", "duration=1", *more)
 
 
-def test_a_table_of_delays_is_replayed(tmp_path: Path) -> None:
+def test_table_of_delays_is_replayed(tmp_path: Path) -> None:
     path = tmp_path / "delays.csv"
     path.write_text("delay_s\n0.03\n\n0.01\n", encoding="utf-8")
     record = trace_run(path)
@@ -109,7 +109,7 @@ def test_a_table_of_delays_is_replayed(tmp_path: Path) -> None:
     assert loop.run(again).delivered.tobytes() == record.delivered.tobytes()
 
 
-def test_a_controller_knows_the_mean_delay_of_what_it_waits_for() -> None:
+def test_controller_knows_the_mean_delay_of_what_it_waits_for() -> None:
     """Of the slowest of its PMUs and devices, in all and of the way down; what others wait for does not count."""
     up = [
         {"delay": 0.1, "channels": ["w13"]},  # G1, G3
@@ -134,7 +134,7 @@ def test_a_controller_knows_the_mean_delay_of_what_it_waits_for() -> None:
     assert known(["w34"], ["sssc"]) == pytest.approx((0.63 - 0.1, 0.2))
 
 
-def test_a_table_may_have_a_column_a_station(tmp_path: Path) -> None:
+def test_table_may_have_a_column_a_station(tmp_path: Path) -> None:
     path = tmp_path / "delays.csv"
     name = load_case(None).system.pmus[1].name
     path.write_text(f"{name}\n0.03\n", encoding="utf-8")
@@ -182,7 +182,7 @@ BAD: list[tuple[Any, str]] = [
 
 
 @pytest.mark.parametrize(("link", "message"), BAD, ids=[message for _, message in BAD])
-def test_a_bad_link_is_one_line(link: dict[str, Any], message: str) -> None:
+def test_bad_link_is_one_line(link: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         load_case(None, [f"link={json.dumps(link)}"])
     assert message in str(caught.value)
@@ -198,7 +198,7 @@ def test_a_bad_link_is_one_line(link: dict[str, Any], message: str) -> None:
         ("delay_s\n-0.1\n", "delays: -0.1 given; allowed: 0 to 60"),
     ],
 )
-def test_a_bad_table_is_one_line(tmp_path: Path, text: str, message: str) -> None:
+def test_bad_table_is_one_line(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "delays.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=message) as caught:
@@ -231,7 +231,7 @@ def test_any_link_gives_a_run(link: dict[str, Any], seed: int, name: str) -> Non
 
 
 @pytest.mark.parametrize("late_s", [0.0105, 0.05, 0.2])
-def test_what_a_controller_is_not_given_does_not_wake_it(late_s: float) -> None:
+def test_controller_is_not_woken_by_channels_that_it_does_not_use(late_s: float) -> None:
     """G3 and TIE are no part of `speed`: whether they come at once or late with the others is one and the same."""
     whole = run({"up": [{"delay": late_s}], "down": []}, "duration=5", "scenario=large")
     part = run({"up": [{"delay": late_s, "channels": ["speed"]}], "down": []}, "duration=5", "scenario=large")

@@ -107,7 +107,7 @@ def check_statistics(sent: Sent, channel_of: str, delay_ns: int) -> None:
 @some
 @given(rate=rates, delay=nanoseconds)
 @example(rate=60, delay=0)
-def test_a_delay_shifts_every_entry_by_itself(rate: int, delay: int) -> None:
+def test_delay_shifts_every_entry_by_itself(rate: int, delay: int) -> None:
     """To the nanosecond, whatever the frames; nothing lost, nothing twice, in order."""
     sent = send_up([delay], rate)
     n = len(sent.delivered)
@@ -123,7 +123,7 @@ def test_a_delay_shifts_every_entry_by_itself(rate: int, delay: int) -> None:
 @some
 @given(rate=rates, delays=st.lists(st.integers(0, 500_000_000), max_size=5))
 @example(rate=60, delays=[])
-def test_a_chain_delays_by_the_sum_of_its_stages(rate: int, delays: list[int]) -> None:
+def test_chain_delays_by_the_sum_of_its_stages(rate: int, delays: list[int]) -> None:
     chained, single = send_up(delays, rate), send_up([sum(delays)], rate)
     np.testing.assert_array_equal(chained.delivered, single.delivered)
     assert longest_delay_ns(alone(stages(*delays), [], 1, rate).up.chain) == sum(delays)
@@ -146,7 +146,7 @@ def test_setpoints_go_down_as_frames_go_up(rate: int, delay: int, data: st.DataO
 
 @some
 @given(issued=st.lists(st.integers(0, 999_999_999), min_size=1, max_size=12), delay=st.integers(0, 400_000_000))
-def test_what_is_sent_late_is_delivered_in_order_of_arrival(issued: list[int], delay: int) -> None:
+def test_setpoints_issued_in_any_order_are_delivered_by_arrival(issued: list[int], delay: int) -> None:
     """Setpoints of several controllers come in any order of issue: out by arrival, first come first at one instant."""
     link = alone([], stages(delay), len(issued), 60)
     (out,) = link.down.out
@@ -160,7 +160,7 @@ def test_what_is_sent_late_is_delivered_in_order_of_arrival(issued: list[int], d
     assert downlink(link, 0, 2, 5_000_000_000, given, 0) == 0
 
 
-def test_an_entry_that_arrives_on_a_boundary_belongs_to_the_tick_that_starts() -> None:
+def test_entry_that_arrives_on_a_boundary_belongs_to_the_tick_that_starts() -> None:
     rate = 50
     sent = send_up([20_000_000], rate, 3)
     assert sent.delivered["tick"].tolist() == [1] * PMUS + [2] * PMUS
@@ -168,7 +168,7 @@ def test_an_entry_that_arrives_on_a_boundary_belongs_to_the_tick_that_starts() -
     assert early.delivered["tick"].tolist() == [k for k in range(3) for _ in range(PMUS)]
 
 
-def test_the_ring_goes_round_many_times() -> None:
+def test_ring_goes_round_many_times() -> None:
     """The queue holds a second's worth and more: here ten times its size goes through."""
     rate, delay = 100, 50_000_000
     sent = send_up([delay], rate, 1200)
@@ -177,7 +177,7 @@ def test_the_ring_goes_round_many_times() -> None:
     check_statistics(sent, "pmu", delay)
 
 
-def test_what_finds_no_room_is_counted_as_lost() -> None:
+def test_setpoint_that_finds_the_link_full_is_counted_as_lost() -> None:
     """Sent = delivered + under way + lost, and those that are there arrive."""
     link = alone([], stages(to_ns(1.0)), 1, 10)
     way = link.down.each[0]
@@ -280,7 +280,7 @@ def test_links_side_by_side_deliver_what_each_delivers_alone(case: Several, data
 
 @some
 @given(case=several())
-def test_what_all_links_deliver_is_ordered_by_time_then_by_link(case: Several) -> None:
+def test_setpoints_of_all_links_are_ordered_by_time_then_by_link(case: Several) -> None:
     """Each setpoint once, as late as its own link is long; the plant takes them as they stand."""
     found = np.concatenate([down for _, down in through(case, range(len(case.chains)))])
     link = np.array(case.used)[found["controller"]]
@@ -294,7 +294,7 @@ def test_what_all_links_deliver_is_ordered_by_time_then_by_link(case: Several) -
     assert sorted(found["value"]) == sorted(by_time)
 
 
-def test_a_merged_table_keeps_what_was_there_before_what_comes_at_the_same_time() -> None:
+def test_merged_table_keeps_what_was_there_before_what_comes_at_the_same_time() -> None:
     table, count = np.zeros(6, SETPOINT), 0
     for value, times in ((1.0, [10, 20, 20]), (2.0, [5, 20, 30])):
         rows = np.zeros(3, SETPOINT)
@@ -327,7 +327,7 @@ def test_stages_that_fill_up_a_chain_do_not_delay() -> None:
     assert [set(found) for found in arrived] == [{20_000_000}, {40_000_000}]
 
 
-def test_an_absent_station_stays_absent_and_others_keep_their_own_stamps() -> None:
+def test_absent_station_stays_absent_and_others_keep_their_own_stamps() -> None:
     """As in frames of a data concentrator that waits for nobody: of PMU 1 there is none, 2 measured earlier."""
     made = alone(stages(MS), [], 1, 100)
     frame = np.arange(PMUS * len(CHANNELS), dtype=np.float64).reshape(PMUS, len(CHANNELS))
@@ -342,7 +342,7 @@ def test_an_absent_station_stays_absent_and_others_keep_their_own_stamps() -> No
     assert made.up.statistics[0]["sent"].tolist() == [1, 0, 1]
 
 
-def test_what_stands_in_for_an_absent_station_is_one_of_now() -> None:
+def test_value_held_for_an_absent_station_has_the_current_stamp() -> None:
     made = alone([Wait(wait=0.002, missing="hold", model="wait")], [], 1, 100)
     frame = np.full((PMUS, len(CHANNELS)), 5.0)
     assert uplink(made, 0, 0, 0, 10 * MS, frame, np.zeros(PMUS, np.int64), SOUND) == PMUS

@@ -21,15 +21,15 @@ from facts_damping.parameters.measurement import Measurement
 from facts_damping.signals import NANOSECONDS, NEVER
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linear_model
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
-from facts_damping.validation.pmus import CLASSES, reported
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
+from facts_damping_validation.pmus import CLASSES, reported
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 RATE, F0 = 60, 60.0
 DATA_ERROR = 32768
@@ -145,13 +145,13 @@ def test_noise_is_normal_white_and_each_station_s_own() -> None:
     assert np.allclose(frames[..., SPEED] - 0.001, (frames[..., FREQUENCY] - 60.06) / F0, atol=1e-12)
 
 
-def test_a_longer_run_begins_as_a_shorter_one() -> None:
+def test_longer_run_begins_as_a_shorter_one() -> None:
     measurement = {"noise": {"angle": 0.001}, "bad_data": [{"kind": "spike", "probability": 0.1}]}
     longer, shorter = still(measurement, 300)[0], still(measurement, 200)[0]
     assert longer[:200].tobytes() == shorter.tobytes()
 
 
-def test_a_wrong_clock_moves_stamp_and_angle() -> None:
+def test_wrong_clock_moves_stamp_and_angle() -> None:
     clock = {"offset": 1e-4, "lost": 1.0, "drift": 1e-5}
     frames, stamps, status = still({"pmus": {"A": {"clock": clock}}}, 240)
     t = np.arange(240) / RATE
@@ -210,7 +210,7 @@ def record_of(*sets: str) -> Record:
     return loop.run(load_case(None, ["controllers.0.signals=[frequency]", *sets]))
 
 
-def test_the_ideal_frequency_is_the_turning_of_the_voltage() -> None:
+def test_ideal_frequency_is_the_turning_of_the_voltage() -> None:
     """Between events and setpoints; by differences of a run without controllers, 480 frames/s."""
     record = loop.run(load_case(None, ["controllers=[]", "frame_rate=480", "duration=3", "scenario=large"]))
     angle = np.unwrap(record.frames[:, :, VA], axis=0)
@@ -236,7 +236,7 @@ def test_frames_come_late_by_their_class_and_tell_of_the_plant_as_it_was(name: s
 
 
 @pytest.mark.parametrize("name", ["p_class", "m_class"])
-def test_the_linear_loop_knows_the_filter(name: str) -> None:
+def test_linear_loop_knows_the_filter(name: str) -> None:
     """The mode of a ringdown, and that of the closed loop from frame to frame: with a delay beside."""
     pulse = [{"time": t, "kind": "load_step", "load": "load_1", "change": by} for t, by in ((1.0, 0.001), (1.1, 0.0))]
     sets = ["controllers.0.signals=[frequency]", f"measurement={name}", "measurement.noise={}", "link.up.0.delay=0.03"]
@@ -248,7 +248,7 @@ def test_the_linear_loop_knows_the_filter(name: str) -> None:
     assert mode["damping_ratio"] == pytest.approx(-swings[0].real / abs(swings[0]), abs=5e-4)
 
 
-def test_a_filter_s_gain_is_its_delay_and_little_else_at_swings() -> None:
+def test_filter_s_gain_is_its_delay_and_little_else_at_swings() -> None:
     case = load_case(None, ["measurement=m_class", "controllers=[]"])
     from facts_damping.plant.build import build  # noqa: PLC0415 (for this test alone)
 
@@ -280,7 +280,7 @@ def test_a_filter_s_gain_is_its_delay_and_little_else_at_swings() -> None:
         (["measurement.bad_data=[{kind: odd}]"], "'odd' given; allowed"),
     ],
 )
-def test_what_cannot_be_is_one_line(sets: list[str], message: str) -> None:
+def test_invalid_measurement_is_refused_in_one_line(sets: list[str], message: str) -> None:
     with pytest.raises(InputError) as error:
         load_case(None, sets)
     assert message in str(error.value)
@@ -300,7 +300,7 @@ def test_numbers_that_may_change_are_those_of_what_is_there() -> None:
 
 
 @pytest.mark.parametrize("offset", [2e-5, -2e-5, 0.5, -0.5])
-def test_a_wrong_clock_loses_no_frames(offset: float) -> None:
+def test_wrong_clock_loses_no_frames(offset: float) -> None:
     """Those with stamps before the start are absent, and were never sent."""
     record = record_of(f"measurement.clock.offset={offset}", "duration=2")
     assert (record.measured_ns >= 0).all()
@@ -315,7 +315,7 @@ def test_behind_a_filter_a_fault_is_no_low_voltage_without_one() -> None:
         assert not any("without a fault" in line for line in warnings), warnings
 
 
-def test_a_run_with_pmus_is_the_same_again(assert_alike: Callable[[Record, Record], None]) -> None:
+def test_run_with_pmus_is_the_same_again(assert_alike: Callable[[Record, Record], None]) -> None:
     sets = ["measurement=m_class", "duration=3"]
     assert_alike(record_of(*sets), record_of(*sets))
 

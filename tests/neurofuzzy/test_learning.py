@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @every_pair
 @pytest.mark.parametrize("outputs", [1, 2])
-def test_a_step_is_the_formula_with_differences_as_gradient(antecedent: str, consequent: str, outputs: int) -> None:
+def test_step_is_the_formula_with_differences_as_gradient(antecedent: str, consequent: str, outputs: int) -> None:
     """f + eta sum_p ec_p du_p/df + momentum of the consequents; three steps, each from where the last one led."""
     pupil, rng = example(antecedent, consequent, outputs), np.random.default_rng(2)
     net, eta, momentum = pupil.net, 0.01, 0.7
@@ -116,7 +116,7 @@ TROUBLES = {
 
 
 @pytest.mark.parametrize("name", TROUBLES)
-def test_an_outlier_breaks_the_raw_rule_and_not_projection(name: str) -> None:
+def test_outlier_breaks_the_raw_rule_and_not_projection(name: str) -> None:
     trouble = TROUBLES[name]
     net = network(trouble.antecedent, trouble.consequent, 1, 2, 1)
     theta, x = initial(net, Start([0.5], [0.1], [3.0], [0.3], [1.0])), np.array([trouble.x])

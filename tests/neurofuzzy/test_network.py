@@ -137,7 +137,7 @@ def test_output_and_gradients_are_finite_for_any_input(
     assert ((p.mu >= 0) & (p.mu <= 1)).all()
 
 
-def test_where_nothing_fires_the_output_is_zero_and_nothing_is_learnt() -> None:
+def test_network_without_firing_rules_gives_zero_and_learns_nothing() -> None:
     net = network("triangular", "singleton", 2, 2, 1)
     theta, p = random_theta(net, np.random.default_rng(1)), passes(net)
     forward(net, theta, np.array([50.0, -50.0]), p)
@@ -158,7 +158,7 @@ def test_splines_are_a_partition_of_unity(x: float) -> None:
         assert (fractions >= 0).all()
 
 
-def test_an_interpolated_spline_is_scipys() -> None:
+def test_interpolated_spline_is_scipys() -> None:
     rng = np.random.default_rng(3)
     degrees, x = rng.uniform(0, 1, POINTS), rng.uniform(-1, 1, 100)
     curve = make_interp_spline(np.linspace(-1, 1, POINTS), degrees, k=1)
@@ -175,6 +175,6 @@ def test_legendre_wavelets_are_orthonormal() -> None:
     assert basis(1, 1.0)[0] == pytest.approx(np.sqrt(2))
 
 
-def test_the_gaussian_of_the_thesis() -> None:
+def test_gaussian_of_the_thesis() -> None:
     """(3.9): exp(-((x - h) / s)^2), no half."""
     assert gaussian(np.array([0.25, 2.0]), 1.25, np.zeros(2))[0] == pytest.approx(np.exp(-0.25))

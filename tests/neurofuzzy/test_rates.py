@@ -80,7 +80,7 @@ def test_joint_bound_of_shared_antecedents(antecedent: str, eta: float) -> None:
 
 
 @pytest.mark.parametrize("rate", [LYAPUNOV, LYAPUNOV_GROUPS])
-def test_a_vanishing_gradient_gives_no_jump(rate: int) -> None:
+def test_vanishing_gradient_gives_no_jump(rate: int) -> None:
     """Its step is at most that of the gradient sqrt(REGULAR); without any gradient there is none."""
     for slope in [0.0, *10.0 ** np.arange(-12, 1)]:
         pupil = linear([0.1, 0.2])

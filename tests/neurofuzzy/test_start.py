@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from facts_damping.control.table import NEURO_FUZZY_PARAMETERS
+from facts_damping.control.parameter_tables import NEURO_FUZZY_PARAMETERS
 from facts_damping.neurofuzzy.antecedent import POINTS
 from facts_damping.neurofuzzy.network import network
 from facts_damping.neurofuzzy.start import Start, initial

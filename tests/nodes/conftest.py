@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING, Any
 import pytest
 
 from facts_damping.nodes import frame_source
-from facts_damping.nodes.launching import forked, graph
+from facts_damping.nodes.launching import forked, processes
 from facts_damping.testing import loopback
 from tests.nodes.graphs import PATIENCE_S, somebody
 
@@ -31,13 +31,13 @@ __all__ = ["loopback"]  # a fixture
 def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """The processes that a graph starts, by name; on the loopback the plant reports every few ticks."""
     found: dict[str, Any] = {}
-    original = graph.start
+    original = processes.start
 
     def spy(name: str, *arguments: Any) -> Any:
         found[name] = original(name, *arguments)
         return found[name]
 
-    monkeypatch.setattr(graph, "start", spy)
+    monkeypatch.setattr(processes, "start", spy)
     monkeypatch.setattr(frame_source, "PROGRESS_S", 0.02)
     return found
 
@@ -100,7 +100,7 @@ def start(domain: int) -> Iterator[Callable[..., Started]]:
         running: list[Started] = []
 
         def start_one(executable: str, *options: str, cold: bool = False, **parameters: Any) -> Started:
-            arguments, given = [*graph.QUIET, *options], {"progress": True, "mode": "lockstep"} | parameters
+            arguments, given = [*processes.QUIET, *options], {"progress": True, "mode": "lockstep"} | parameters
             if executable in ("live_view", "cockpit", "c37118_server"):
                 del given["mode"]
             for name, value in given.items():

@@ -30,7 +30,7 @@ from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop, replay
-from facts_damping.studies.campaigns.invariants import late_ticks
+from facts_damping_studies.campaigns.invariants import late_ticks
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 ARRAYS = (
     *("time_ns", "frames", "measured_ns", "status", "delivered", "issued", "applied"),

@@ -28,10 +28,10 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import recorder
 from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
-from facts_damping.nodes.foreign.messages import hostile
 from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from facts_damping_testing.foreign.messages import hostile
 from tests.nodes.graphs import LOADED_S, assert_same, odd_requests, quiet, somebody, wait_until
 from tests.nodes.hostile import IDENTIFIER, LATEST, SETS, forgeries
 
@@ -95,7 +95,9 @@ def assert_all_refused(sent: Counter[str], outcome: Outcome, recorded: Any) -> N
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
-def test_nothing_that_is_forged_or_odd_acts(loopback: Any, tmp_path: Path, started: dict[str, Any], mode: str) -> None:
+def test_forged_and_malformed_messages_have_no_effect(
+    loopback: Any, tmp_path: Path, started: dict[str, Any], mode: str
+) -> None:
     case = load_case(None, [*SETS, "duration=4"])
     ends = case.ticks - case.run.frame_rate  # later, nodes may be leaving
     each = -(-HOSTILE // (ends - BEGUN))
@@ -146,7 +148,9 @@ def pause(started: dict[str, Any], number: int) -> None:
     os.kill(started[IDENTIFIER].process.pid, number)
 
 
-def test_nothing_of_another_participant_acts(domain: int, tmp_path: Path, started: dict[str, Any], client: Any) -> None:
+def test_messages_of_another_dds_participant_have_no_effect(
+    domain: int, tmp_path: Path, started: dict[str, Any], client: Any
+) -> None:
     """As above over DDS; the run pauses until the other participant is found."""
     case = load_case(None, [*SETS, "duration=2"])
     attackers: list[Attacker] = []
@@ -179,7 +183,7 @@ def test_nothing_of_another_participant_acts(domain: int, tmp_path: Path, starte
     assert_all_refused(attackers[0].sent, outcome, recorded)
 
 
-def test_a_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: Path) -> None:
+def test_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: Path) -> None:
     """In real time. On a slow machine a device may be released, and a recorder may lose messages; both are reported."""
     case = load_case(None, [*SETS, "duration=5"])
     with somebody("attacker") as (node, _):

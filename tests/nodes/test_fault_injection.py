@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.cli import campaign_graphs
 from facts_damping.errors import RunError
-from facts_damping.nodes.launching import fault_injection, graph
-from facts_damping.nodes.launching.fault_injection import LOCKSTEP, REALTIME, GraphFault, run_with_fault
+from facts_damping.nodes.launching import processes
 from facts_damping.parameters.security import add_key
 from facts_damping.simulation import loop
-from facts_damping.studies.campaigns.invariants import alone, late_ticks
+from facts_damping_studies.campaigns import fault_injection
+from facts_damping_studies.campaigns import graphs as campaign_graphs
+from facts_damping_studies.campaigns.fault_injection import LOCKSTEP, REALTIME, GraphFault, run_with_fault
+from facts_damping_studies.campaigns.invariants import alone, late_ticks
 from tests.nodes.graphs import PATIENCE_S, assert_let_go, nodes_left
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ RUN = "two_area_supervised"
 NOTHING = GraphFault("", 0.0, None)
 
 
-def test_a_simulated_fault_gives_the_bits_of_the_in_process_run(loopback: Any, tmp_path: Path) -> None:
+def test_simulated_fault_gives_the_bits_of_the_in_process_run(loopback: Any, tmp_path: Path) -> None:
     case = load_case(RUN, ["duration=3", "controllers.0.faults=[{kind: wrong_sign, start: 1.5}]"])
     faulted = run_with_fault(case, LOCKSTEP, tmp_path, NOTHING, 0)
     computed = loop.run(case)
@@ -48,7 +49,7 @@ def test_without_its_supervisor_the_device_lets_go(loopback: Any, tmp_path: Path
     assert not campaign_graphs.recorded(case, faulted, faulted.record, True, "")
 
 
-def test_what_is_forged_with_the_graphs_key_changes_no_bit(loopback: Any, tmp_path: Path) -> None:
+def test_message_forged_with_the_key_of_the_graph_changes_no_bit(loopback: Any, tmp_path: Path) -> None:
     keys = tmp_path / "keys.yaml"
     add_key(keys)
     case = load_case(RUN, ["duration=3", f"security.keys={keys}", "controllers.0.name=ANFLeC"])
@@ -59,17 +60,17 @@ def test_what_is_forged_with_the_graphs_key_changes_no_bit(loopback: Any, tmp_pa
     assert faulted.forged["supervisor_0_ANFLeC/supervised"] == faulted.forged["pmu/frames"] == 30
 
 
-def test_a_graph_ends_when_it_is_not_wanted_any_more(
+def test_graph_ends_when_it_is_not_wanted_any_more(
     domain: int, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(graph, "STOP_S", PATIENCE_S)
+    monkeypatch.setattr(processes, "STOP_S", PATIENCE_S)
     with pytest.raises(RunError, match="interrupted"):
         run_with_fault(load_case(RUN, ["duration=1000"]), LOCKSTEP, tmp_path, NOTHING, domain, lambda: False)
     assert {node.process.exitcode for node in started.values()} == {0}
     assert nodes_left(tmp_path) == []
 
 
-def test_each_graph_has_a_domain_of_its_own() -> None:
+def test_graphs_have_ros_domains_of_their_own() -> None:
     with ExitStack() as reserved:
         found = [reserved.enter_context(fault_injection.own_domain()) for _ in range(2)]
         assert len(set(found)) == 2

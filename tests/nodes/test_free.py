@@ -50,7 +50,7 @@ def stop(*nodes: Any) -> None:
         assert node.returncode == 0, node.texts()
 
 
-def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
+def test_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     loopback: Any, start: Any, client: Any, tmp_path: Path
 ) -> None:
     common = {**FREE, "duration": WHOLE_S, "scenario": "large"}
@@ -101,7 +101,7 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     assert "/plant_sim" in record.publishers.values()
 
 
-def test_the_default_run_stands_at_rest_until_an_event_is_called_for(
+def test_default_run_stands_at_rest_until_an_event_is_called_for(
     loopback: Any, start: Any, client: Any, tmp_path: Path
 ) -> None:
     recorder = start("recorder", output=tmp_path / "bag", **FREE)
@@ -163,7 +163,7 @@ def assert_followed(start: Any, tmp_path: Path, stamp: str) -> None:
     assert len(record.estimates) > 0
 
 
-def test_the_clock_is_the_simulated_time(loopback: Any, start: Any) -> None:
+def test_clock_is_the_simulated_time(loopback: Any, start: Any) -> None:
     plant = start("plant_sim", use_sim_time="true", **FREE)
     controller = start("controller", use_sim_time="true", **FREE)
     link = start("wan_link", use_sim_time="true", **FREE)
@@ -176,7 +176,7 @@ def test_the_clock_is_the_simulated_time(loopback: Any, start: Any) -> None:
 
 
 @pytest.mark.parametrize("executable", ["plant_sim", "wan_link", "controller"])
-def test_a_killed_plant_or_peer_leaves_the_others_running(loopback: Any, start: Any, executable: str) -> None:
+def test_killed_plant_or_peer_leaves_the_others_running(loopback: Any, start: Any, executable: str) -> None:
     nodes = {name: start(name, **FREE) for name in ("plant_sim", "wan_link", "controller")}
     until(nodes["plant_sim"], 1.5)
     nodes.pop(executable).send_signal(signal.SIGKILL)

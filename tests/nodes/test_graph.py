@@ -23,9 +23,9 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import RunError
 from facts_damping.nodes.launching import graph
-from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from facts_damping_testing.loopback.opening import opened
 from tests.nodes.graphs import (
     PATIENCE_S,
     as_in_process,
@@ -171,7 +171,7 @@ def test_real_time_loses_nothing_and_keeps_the_clock(domain: int, tmp_path: Path
         assert len(recorded.delivered) == len(computed.delivered)
 
 
-def test_who_keeps_the_clock_gives_the_in_process_run(loopback: Any, tmp_path: Path) -> None:
+def test_graph_that_keeps_real_time_gives_the_in_process_run(loopback: Any, tmp_path: Path) -> None:
     began = time.monotonic()
     outcome = graph.run(load_case(None, EVERY_NODE), "realtime", tmp_path, quiet)
     assert 2.5 < time.monotonic() - began < 4.0
@@ -197,7 +197,7 @@ def test_dead_or_silent_node_is_named(
     assert_named([], tmp_path, started, node, number, expected)
 
 
-def test_a_silent_node_is_named_on_dds(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
+def test_silent_node_is_named_on_dds(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
     assert_named([], tmp_path, started, "wan_link", signal.SIGSTOP, "wan_link is silent")
 
 
@@ -285,7 +285,7 @@ def test_interrupted_command_leaves_no_process_and_a_sound_recording(
 
 
 @pytest.mark.parametrize(("number", "after_s"), [(signal.SIGINT, 0.3), (signal.SIGINT, 1.6), (signal.SIGKILL, 1.6)])
-def test_a_command_that_is_interrupted_at_its_start_says_one_line(
+def test_command_that_is_interrupted_at_its_start_says_one_line(
     domain: int, tmp_path: Path, number: int, after_s: float
 ) -> None:
     """By Ctrl-C, which all processes of a terminal get. Nothing is left in the temporary folder, as after a kill."""

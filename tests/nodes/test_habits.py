@@ -79,7 +79,7 @@ def receiver(node: Any, executor: Any) -> Callable[..., list[Any]]:
 def on_loopback(loopback: Any, names: Iterable[str], **parameters: Any) -> dict[str, Any]:
     """Nodes by name, started on the loopback."""
     given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
-    mains = {name: importlib.import_module(f"facts_damping.nodes.{name}").main for name in names}
+    mains = {name: importlib.import_module(executables.module_of(name)).main for name in names}
     return {name: loopback.start(name, main, ["--ros-args", *given]) for name, main in mains.items()}
 
 
@@ -120,7 +120,7 @@ def identifies(executable: str) -> list[str]:
         ("wan_link", ["-p", "duration:=long"], "duration"),
     ],
 )
-def test_what_is_not_a_parameter_is_an_error_in_a_line(
+def test_invalid_node_parameter_is_an_error_without_traceback(
     executable: str, arguments: list[str], expected: str, domain: int
 ) -> None:
     done = run(executable, "--ros-args", *arguments, cold=executable == "recorder")
@@ -192,7 +192,7 @@ def test_logs_go_to_rosout_and_only_the_supervisor_gets_lines(start: Any, receiv
         assert node.returncode == 0
 
 
-def test_all_log_that_synchronism_is_lost_and_end(loopback: Any) -> None:
+def test_nodes_log_the_loss_of_synchronism_and_end(loopback: Any) -> None:
     with somebody("listener") as listener:
         receive = receiver(*listener)
         receive(Log, "/rosout", qos=qos_profile_rosout_default)
@@ -221,13 +221,13 @@ def test_nodes_say_who_comes_and_goes_and_what_is_released(loopback: Any) -> Non
         again["controller"].kill()
 
 
-def test_a_log_level_is_obeyed(domain: int) -> None:
+def test_log_level_is_obeyed(domain: int) -> None:
     short = ["-p", "duration:=0.1", "-p", "mode:=free"]
     assert run("plant_sim", "--ros-args", "--log-level", "warn", *short, cold=False).stderr == ""
     assert "[INFO]" in run("plant_sim", "--ros-args", *short, cold=False).stderr
 
 
-def test_every_node_tells_how_it_is(loopback: Any) -> None:
+def test_nodes_publish_their_diagnostics(loopback: Any) -> None:
     names = {"plant_sim", "wan_link", "controller", "identifier"}
     nodes = on_loopback(loopback, sorted(names), mode="free", set=INDIRECT)
 
@@ -248,7 +248,7 @@ def test_every_node_tells_how_it_is(loopback: Any) -> None:
         receive(DiagnosticArray, "/diagnostics", lambda found: "nothing has come" in newest(found)["wan_link"].message)
 
 
-def test_a_plant_alone_publishes_soon(start: Any, receive: Any) -> None:
+def test_plant_alone_publishes_soon(start: Any, receive: Any) -> None:
     receive(PmuDataFrame, "/pmu/frames")
     start("plant_sim", mode="free")
     frames = receive(PmuDataFrame, "/pmu/frames", bool)
@@ -272,7 +272,7 @@ def test_ctrl_c_ends_a_node_soon_and_in_a_line_at_most(executable: str, after: f
     assert (node.returncode, out, errors) == (0, "", "")
 
 
-def test_a_first_node_says_that_it_compiles(tmp_path: Path) -> None:
+def test_first_node_says_that_it_compiles(tmp_path: Path) -> None:
     """And not again; the compiler is replaced."""
     code = """
 import subprocess, sys
@@ -301,7 +301,7 @@ warmup.compile_once()
     assert home() != tmp_path / "cache"
 
 
-def test_who_is_started_in_lockstep_by_hand_ends_with_the_run(start: Any, tmp_path: Path) -> None:
+def test_nodes_started_by_hand_in_lockstep_end_with_the_run(start: Any, tmp_path: Path) -> None:
     common = {"duration": 2.0, "progress": "false", "recorder": "true", "start_timeout": PATIENCE_S}
     recorder = start("recorder", output=tmp_path / "bag", **common)
     nodes = [recorder, *(start(name, **common) for name in ("wan_link", "controller", "plant_sim"))]
@@ -311,7 +311,7 @@ def test_who_is_started_in_lockstep_by_hand_ends_with_the_run(start: Any, tmp_pa
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
 
 
-def test_a_launch_may_be_interrupted_while_python_starts() -> None:
+def test_launch_may_be_interrupted_while_python_starts() -> None:
     command = ["env", "--block-signal=INT", sys.executable, str(BIN / "wan_link")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as node:
         wait_until(lambda: Path(f"/proc/{node.pid}/exe").resolve() == Path(sys.executable).resolve())
@@ -319,7 +319,7 @@ def test_a_launch_may_be_interrupted_while_python_starts() -> None:
         assert (*node.communicate(timeout=PATIENCE_S), node.returncode) == (b"", b"", 0)
 
 
-def test_who_is_started_by_hand_ends_with_a_plant_that_is_told_to_stop(capsys: Any, loopback: Any) -> None:
+def test_nodes_started_by_hand_end_when_the_plant_is_terminated(capsys: Any, loopback: Any) -> None:
     nodes = on_loopback(loopback, ("wan_link", "controller", "plant_sim"), mode="realtime", duration=600.0)
     time.sleep(3.0)
     os.kill(nodes["plant_sim"].pid, signal.SIGTERM)
@@ -329,18 +329,18 @@ def test_who_is_started_by_hand_ends_with_a_plant_that_is_told_to_stop(capsys: A
     assert capsys.readouterr() == ("", "")
 
 
-def test_each_executable_is_a_node(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_installed_executables_start_their_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     found: list[str] = []
-    monkeypatch.setattr(executables, "_start", lambda node, **_: found.append(node))
-    installed = [one for one in entry_points(group="console_scripts") if one.module == executables.__name__]
+    monkeypatch.setattr(executables, "_start", lambda module, **_: found.append(module))
+    installed = [one for one in entry_points(group="console_scripts") if one.name in NODES]
     for one in installed:
         one.load()()
-        assert found[-1] == one.name
+        assert found[-1] == executables.module_of(one.name)
         assert (BIN / one.name).exists()
-    assert set(found) >= set(NODES)
+    assert {one.name for one in installed} == set(NODES)
 
 
-def test_every_field_of_an_interface_has_its_meaning_on_its_own_line() -> None:
+def test_interface_fields_have_their_meaning_on_the_same_line() -> None:
     """`ros2 interface show` cuts comments of nested types that stand on lines of their own."""
     folder = Path(__file__).parents[2] / "msg_defs"
     for path in [*folder.glob("msg/*.msg"), *folder.glob("srv/*.srv")]:

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes.launching.tap_relay import interface
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from facts_damping_testing.tap_relay import interface
 from tests.nodes.graphs import PATIENCE_S, assert_same
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def test_nodes_on_several_hosts_give_the_bits_of_the_in_process_run(shell: Any, 
     assert "fd_" not in subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout
 
 
-def test_the_cable_delays_what_passes_it(shell: Any) -> None:
+def test_cable_delays_what_passes_it(shell: Any) -> None:
     """A datagram there and back takes twice 15 to 25 ms at least, without the cable nothing like it."""
     echo = (
         "import socket; s = socket.socket(type=socket.SOCK_DGRAM); s.bind(('', 7007))\n"
@@ -140,8 +140,8 @@ def test_the_cable_delays_what_passes_it(shell: Any) -> None:
         (["lo", "b"], "needed: root, Linux's /dev/net/tun, names that are not in use"),
     ],
 )
-def test_a_cable_that_cannot_be_is_refused(arguments: list[str], expected: str) -> None:
-    command = [sys.executable, "-m", "facts_damping.nodes.launching.tap_relay", *arguments]
+def test_cable_that_cannot_be_is_refused(arguments: list[str], expected: str) -> None:
+    command = [sys.executable, "-m", "facts_damping_testing.tap_relay", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode != 0
     assert expected in done.stderr.splitlines()[-1]

@@ -18,7 +18,7 @@ def gathering(mode: str) -> tuple[InputCollector, list[tuple[int, dict[str, Any]
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
-def test_a_tick_is_over_when_all_have_spoken(mode: str) -> None:
+def test_tick_is_over_when_all_have_spoken(mode: str) -> None:
     one, done = gathering(mode)
     one.store("a")(0, "a0")
     one.frames(0, "f0")

@@ -59,7 +59,7 @@ def graph(start: Any, tmp_path: Path) -> Callable[..., Graph]:
     return lambda **more: Graph(start, tmp_path, **more)
 
 
-def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client: Any) -> None:
+def test_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client: Any) -> None:
     """It is admitted within 2 s, long before DDS notices that the first one was killed."""
     run = graph()
     run.add("wan_link", join="true")
@@ -96,7 +96,7 @@ def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, clien
     assert_replayed(record)
 
 
-def test_a_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, client: Any, tmp_path: Path) -> None:
+def test_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, client: Any, tmp_path: Path) -> None:
     """Also where messages are signed: each signs as a session of its own."""
     add_key(tmp_path / "keys.yaml")
     sets = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", f"security.keys={tmp_path / 'keys.yaml'}"]
@@ -139,7 +139,7 @@ def test_a_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, clie
         ("controller", {"resume": "true"}, "controller: resume: true given; allowed: with save"),
     ],
 )
-def test_what_cannot_be_joined_is_refused(
+def test_joining_in_lockstep_and_resuming_without_save_are_refused(
     loopback: Any, start: Any, executable: str, given: dict[str, str], expected: str
 ) -> None:
     node = start(executable, **given)

@@ -83,7 +83,7 @@ def test_killed_nodes(
     assert middleware_files(domain) == shared
 
 
-def test_a_process_that_imports_preload_keeps_the_folder_of_this_fork_server() -> None:
+def test_process_that_imports_preload_keeps_the_folder_of_this_fork_server() -> None:
     forked.load()
     subprocess.run([sys.executable, "-c", "import facts_damping.nodes.launching.preload"], check=True)
     assert Path(util.get_temp_dir()).is_dir()

@@ -15,6 +15,7 @@ from lifecycle_msgs.msg import Transition
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
+from facts_damping.nodes.executables import module_of
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.nodes.graphs import PATIENCE_S, assert_same
@@ -128,7 +129,7 @@ def test_in_order_all_are_configured_and_the_plant_is_activated_last(launched: A
         launched("run.launch.py", mode="realtime", lifecycle="true", respawn="true")
 
 
-def test_a_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: Any, tmp_path: Path) -> None:
+def test_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: Any, tmp_path: Path) -> None:
     path = tmp_path / "run.yaml"
     path.write_text("controllers: [{name: HBsWC, namespace: here, link: delay_100ms}]")
     actions = launched("run.launch.py", run=str(path), output="", mode="realtime")
@@ -142,7 +143,7 @@ def test_a_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: A
     assert all(node.parameters.items() >= common.items() for node in nodes(actions))
 
 
-def test_a_node_of_ones_own_is_started_by_its_command_or_not_at_all(launched: Any, tmp_path: Path) -> None:
+def test_node_of_ones_own_is_started_by_its_command_or_not_at_all(launched: Any, tmp_path: Path) -> None:
     path = tmp_path / "run.yaml"
     own = "name: mine, link: delay_100ms, namespace: here, parameters: {gain: 3}"
     path.write_text(f"controllers: [{{{own}, command: [my_node, -v]}}]")
@@ -180,13 +181,13 @@ def handlers(actions: list[Any]) -> list[Any]:
     return [action.given[0].named for action in actions if type(action).__name__ == "RegisterEventHandler"]
 
 
-def test_the_end_of_the_plant_is_the_end_of_the_launch(launched: Any) -> None:
+def test_end_of_the_plant_is_the_end_of_the_launch(launched: Any) -> None:
     ends = [one for one in handlers(launched("run.launch.py")) if isinstance(one["on_exit"], list)]
     assert [one["target_action"].named["name"] for one in ends] == ["plant_sim"]
     assert [type(action).__name__ for action in ends[0]["on_exit"]] == ["Shutdown"]
 
 
-def test_a_node_that_fails_has_the_launch_fail(launched: Any) -> None:
+def test_node_that_fails_has_the_launch_fail(launched: Any) -> None:
     watched = [one for one in handlers(launched("run.launch.py")) if not isinstance(one["on_exit"], list)]
     assert {one["target_action"].named["executable"] for one in watched} == {
         *("plant_sim", "wan_link", "controller", "recorder")
@@ -218,7 +219,7 @@ def test_arguments_change_the_run_of_all_nodes(launched: Any, tmp_path: Path) ->
     assert nodes(launched("run.launch.py", set="seed=3"))[0].parameters["set"] == ["seed=3"]
 
 
-def test_a_recording_has_a_folder_of_its_own(launched: Any) -> None:
+def test_recording_has_a_folder_of_its_own(launched: Any) -> None:
     (recorder,) = (one for one in nodes(launched("run.launch.py")) if one.executable == "recorder")
     assert re.fullmatch(r"recording_\d{8}_\d{6}", recorder.parameters["output"])
 
@@ -232,7 +233,7 @@ def test_arguments_that_are_not_there_are_refused(launched: Any, monkeypatch: py
 
 
 @pytest.mark.parametrize("name", ["centralised", "decentralised"])
-def test_what_is_launched_below_a_namespace_is_the_in_process_run(
+def test_graph_launched_in_a_namespace_gives_the_in_process_run(
     capsys: Any, launched: Any, loopback: Any, tmp_path: Path, name: str
 ) -> None:
     """As `launch` would start it in a group with a namespace pushed."""
@@ -243,7 +244,7 @@ def test_what_is_launched_below_a_namespace_is_the_in_process_run(
         arguments = ["--ros-args", "-r", f"__node:={node.name}", "-r", f"__ns:={place}"]
         for key, value in node.parameters.items():
             arguments += ["-p", f"{key}:={value}"]
-        main = importlib.import_module(f"facts_damping.nodes.{node.executable}").main
+        main = importlib.import_module(module_of(node.executable)).main
         running[node.name, place] = loopback.start(node.name, main, arguments)
     for node in running.values():
         node.join(PATIENCE_S)

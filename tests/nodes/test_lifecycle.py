@@ -13,10 +13,10 @@ from rclpy.lifecycle import LifecycleNode
 from std_srvs.srv import Trigger
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes.loopback.lifecycle import GRAPH, NUMBERS, STATES
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
+from facts_damping_testing.loopback.lifecycle import GRAPH, STATE_NUMBERS, STATES
 from tests.nodes.graphs import PATIENCE_S, assert_replayed, assert_same, ticks
 from tests.nodes.test_joining import RATE, Graph
 
@@ -43,13 +43,15 @@ def state(client: Any) -> Callable[[str], str]:
     return lambda node: str(client(GetState, f"/{node}/get_state", GetState.Request()).current_state.label)
 
 
-def test_the_loopback_has_the_states_and_transitions_of_ros() -> None:
+def test_loopback_has_the_states_and_transitions_of_ros() -> None:
     context = rclpy.Context()
     rclpy.init(context=context)
     node = LifecycleNode("managed", context=context, enable_communication_interface=False)
     machine: Any = node._state_machine
     assert dict(machine.available_states) == STATES
-    assert sorted(machine.transition_graph) == sorted((n, by, NUMBERS[a], a, NUMBERS[b], b) for n, by, a, b in GRAPH)
+    assert sorted(machine.transition_graph) == sorted(
+        (n, by, STATE_NUMBERS[a], a, STATE_NUMBERS[b], b) for n, by, a, b in GRAPH
+    )
     node.destroy_node()
     context.try_shutdown()
 
@@ -59,7 +61,7 @@ def start_all(start: Any, folder: Path, parameters: dict[str, Any]) -> dict[str,
     return {name: start(name, **parameters, **more.get(name, {})) for name in NODES}
 
 
-def test_a_run_that_is_brought_up_in_order_has_the_same_bits(
+def test_run_that_is_brought_up_in_order_has_the_same_bits(
     loopback: Any, start: Any, change: Any, state: Any, tmp_path: Path
 ) -> None:
     running = start_all(start, tmp_path, LOCKSTEP)
@@ -78,7 +80,7 @@ def test_a_run_that_is_brought_up_in_order_has_the_same_bits(
     assert_same(load(tmp_path / "bag"), loop.run(load_case(None, ["scenario=large", "duration=2"])))
 
 
-def test_the_plant_s_inactive_state_is_the_paused_run(
+def test_plant_s_inactive_state_is_the_paused_run(
     loopback: Any, start: Any, change: Any, state: Any, tmp_path: Path
 ) -> None:
     running = start_all(start, tmp_path, LOCKSTEP | {"autostart": "true", "duration": 10.0})
@@ -95,7 +97,7 @@ def test_the_plant_s_inactive_state_is_the_paused_run(
     assert_same(record, rerun(load_case(None, ["scenario=large", "duration=10"]), record.changes))
 
 
-def test_an_inactive_controller_takes_part_and_has_no_effect(
+def test_inactive_controller_takes_part_and_has_no_effect(
     loopback: Any, start: Any, change: Any, state: Any, client: Any, tmp_path: Path
 ) -> None:
     run = Graph(start, tmp_path)

@@ -107,7 +107,7 @@ RUNS = {
 
 
 @pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
-def test_a_graph_with_own_links_is_the_in_process_run_bit_for_bit(tmp_path: Path, run: list[str]) -> None:
+def test_graph_with_own_links_is_the_in_process_run_bit_for_bit(tmp_path: Path, run: list[str]) -> None:
     case = load_case(None, run)
     computed = as_in_process(tmp_path, case)
     assert np.unique(computed.delivered["link"]).tolist() == list(range(len(case.links)))
@@ -129,7 +129,7 @@ def test_a_graph_with_own_links_is_the_in_process_run_bit_for_bit(tmp_path: Path
     compensation=st.sampled_from(list(COMPENSATIONS)),
     seed=st.integers(0, 2**31 - 1),
 )
-def test_a_graph_with_any_links_is_the_in_process_run_bit_for_bit(
+def test_graph_with_any_links_is_the_in_process_run_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory,
     one: dict[str, Any],
     other: dict[str, Any],
@@ -142,7 +142,7 @@ def test_a_graph_with_any_links_is_the_in_process_run_bit_for_bit(
     as_in_process(tmp_path_factory.mktemp("graph"), case)
 
 
-def test_an_unstable_run_with_own_links_ends_where_the_in_process_run_ends(tmp_path: Path) -> None:
+def test_unstable_run_with_own_links_ends_where_the_in_process_run_ends(tmp_path: Path) -> None:
     idle = {"parameters": {"gain": 0.0}}
     case = load_case(
         None, [*sets({**idle, "link": link(0.1)}, {**idle, "link": "ideal"}), "duration=20", "frame_rate=30"]
@@ -220,7 +220,7 @@ def test_dead_or_silent_node_is_named_by_its_place(
     assert_named(APART, tmp_path, started, node, number, expected)
 
 
-def test_a_second_graph_of_other_architecture_is_kept_apart(tmp_path: Path, start: Any) -> None:
+def test_second_graph_of_other_architecture_is_kept_apart(tmp_path: Path, start: Any) -> None:
     common = {"scenario": "large", "start_timeout": PATIENCE_S}
     nodes = [start(name, **common) for name in ("wan_link", "controller")]
     plant = start("plant_sim", mode="realtime", duration=1000.0, **common)
@@ -229,7 +229,7 @@ def test_a_second_graph_of_other_architecture_is_kept_apart(tmp_path: Path, star
     assert all(node.poll() is None for node in (plant, *nodes))
 
 
-def test_a_graph_with_namespaces_moves_below_another(start: Any, tmp_path: Path) -> None:
+def test_graph_with_namespaces_moves_below_another(start: Any, tmp_path: Path) -> None:
     run_file = tmp_path / "run.yaml"
     run_file.write_text(dump(load_case(None, [*APART, "duration=1"]).document()))
     common = {"run": run_file, "recorder": "true", "start_timeout": PATIENCE_S}
@@ -248,7 +248,7 @@ def test_a_graph_with_namespaces_moves_below_another(start: Any, tmp_path: Path)
     assert_same(load(tmp_path / "bag"), loop.run(load_case(str(run_file))))
 
 
-def test_a_delay_may_be_changed_while_the_link_runs(start: Any, client: Any, tmp_path: Path) -> None:
+def test_delay_may_be_changed_while_the_link_runs(start: Any, client: Any, tmp_path: Path) -> None:
     common = {"set": "[link.up.0.delay=0.02]", "mode": "realtime", "duration": 1000.0}
     common |= {"recorder": "true", "start_timeout": PATIENCE_S}
     recorder = start("recorder", output=tmp_path / "bag", **common)

@@ -26,10 +26,11 @@ from facts_damping.nodes.base.discovery import wait_for_peers
 from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.topics import REFUSALS
-from facts_damping.nodes.launching import graph
-from facts_damping.nodes.live_view import LISTENING
+from facts_damping.nodes.launching import graph, starting
+from facts_damping.nodes.launching.starting import Parts
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from facts_damping_views.nodes.live_view import LISTENING
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, nodes_left, payloads, quiet, wait_until
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from websockets.sync.client import ClientConnection
+
+    from facts_damping.nodes.launching.processes import Process
 
 PROTOCOL = Subprotocol("foxglove.sdk.v1")  # https://github.com/foxglove/ws-protocol, which it goes on from
 MESSAGE, TIME = 1, 2  # first byte of what the server sends as bytes
@@ -103,13 +106,13 @@ class Client:
 @pytest.fixture
 def client(port: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Client]:
     """A client that graphs wait for once their view serves."""
-    made, serving = Client(port), graph._wait_for_view
+    made, serving = Client(port), starting.wait_for_view
 
-    def serving_client(view: graph.Process) -> None:
+    def serving_client(view: Process) -> None:
         serving(view)
         made.wait()
 
-    monkeypatch.setattr(graph, "_wait_for_view", serving_client)
+    monkeypatch.setattr(starting, "wait_for_view", serving_client)
     yield made
     if made.connection is not None:
         made.connection.close()
@@ -139,7 +142,7 @@ def test_client_gets_what_is_recorded_and_the_recording_keeps_its_bits(
     domain: int, tmp_path: Path, port: int, client: Client
 ) -> None:
     case = load_case(None, SETS)
-    graph.run(case, "realtime", tmp_path, quiet, view_port=port)
+    graph.run(case, "realtime", tmp_path, quiet, parts=Parts(view_port=port))
     client.end()
     fields = ("schemaName", "schemaEncoding", "schema")
     advertised = {row["topic"]: tuple(row[name] for name in fields) for row in client.channels.values()}
@@ -185,7 +188,7 @@ def test_neither_client_nor_view_holds_anybody_up(
             if done > 0.8 * of and client.messages:
                 started["live_view"].process.kill()
 
-        outcome = graph.run(case, "lockstep", tmp_path, stall_and_strike, LOADED_S, view_port=port)
+        outcome = graph.run(case, "lockstep", tmp_path, stall_and_strike, LOADED_S, parts=Parts(view_port=port))
     client.end()
     assert client.messages
     assert started["live_view"].process.exitcode == -signal.SIGKILL
@@ -201,7 +204,7 @@ def test_port_that_is_taken_is_named(domain: int, tmp_path: Path) -> None:
         port = taken.getsockname()[1]
         text = rf"live_view: host, port: 127.0.0.1, {port} given.*allowed: ones that are free"
         with pytest.raises(RunError, match=text):
-            graph.run(load_case(None, ["duration=1"]), "lockstep", tmp_path, quiet, view_port=port)
+            graph.run(load_case(None, ["duration=1"]), "lockstep", tmp_path, quiet, parts=Parts(view_port=port))
     assert nodes_left(tmp_path) == []
 
 

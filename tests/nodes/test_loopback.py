@@ -21,9 +21,9 @@ from std_srvs.srv import Trigger
 
 from facts_damping import nodes
 from facts_damping.errors import RunError
-from facts_damping.nodes.loopback.domain import parse
-from facts_damping.nodes.loopback.opening import StandIn, opened
-from facts_damping.nodes.loopback.processes import World, never
+from facts_damping_testing.loopback.domain import parse
+from facts_damping_testing.loopback.opening import StandIn, opened
+from facts_damping_testing.loopback.processes import World, never
 from tests.nodes.graphs import payloads, run_graph, set_parameter, somebody
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
@@ -63,7 +63,7 @@ def test_ends_meet_where_no_more_is_wanted_than_is_offered(
         assert publisher.get_subscription_count() == int(meet)
 
 
-def test_who_comes_late_hears_what_is_kept_and_a_queue_has_its_depth(loopback: Any) -> None:
+def test_late_subscriber_gets_latched_messages_up_to_the_depth(loopback: Any) -> None:
     with somebody("a") as (node, executor):
         publisher = node.create_publisher(String, "topic", profile(durability=LATCHED, depth=2))
         for text in ("one", "two", "three"):
@@ -125,7 +125,7 @@ def test_names_and_parameters_come_from_arguments_as_in_rclpy(loopback: Any, tmp
         parse(["--ros-args", "-p", "gain"])
 
 
-def test_a_node_that_fails_or_never_waits_is_named(loopback: Any, tmp_path: Path) -> None:
+def test_node_that_fails_or_never_waits_is_named(loopback: Any, tmp_path: Path) -> None:
     with pytest.raises(RunError, match="controller_0_mine"):
         loopback.run(None, tmp_path, controllers=[{"name": "mine", "external": True}], duration=1)
 
@@ -137,14 +137,14 @@ def test_a_node_that_fails_or_never_waits_is_named(loopback: Any, tmp_path: Path
     assert process.exitcode == 1
 
 
-def test_all_that_wait_for_each_other_are_named() -> None:
+def test_deadlock_on_the_loopback_names_those_that_wait() -> None:
     world = World()
     with pytest.raises(RuntimeError, match="main"):
         world.wait(never, 2**63 - 1)
     world.close()
 
 
-def test_a_run_repeats_itself_with_all_its_messages(loopback: Any, tmp_path: Path) -> None:
+def test_run_repeats_itself_with_all_its_messages(loopback: Any, tmp_path: Path) -> None:
     sets = ["duration=2", "link=pdci", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
     for name in ("first", "second"):
         run_graph(tmp_path / name, sets, "realtime")
@@ -156,7 +156,7 @@ def test_a_run_repeats_itself_with_all_its_messages(loopback: Any, tmp_path: Pat
     assert len(first["/pmu/frames"]) == 120
 
 
-def test_a_node_that_was_killed_is_forgotten(loopback: Any) -> None:
+def test_node_that_was_killed_is_forgotten(loopback: Any) -> None:
     def talk() -> None:
         with somebody("talker") as (node, executor):
             node.create_publisher(String, "topic", profile())
@@ -172,7 +172,7 @@ def test_a_node_that_was_killed_is_forgotten(loopback: Any) -> None:
         assert (node.count_publishers("topic"), "talker" in node.get_node_names()) == (0, False)
 
 
-def test_what_is_imported_meanwhile_is_itself_again_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_module_imported_under_the_loopback_is_restored_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
     name = "rclpy.validate_topic_name"
     monkeypatch.delitem(sys.modules, name)
     with opened():
@@ -183,7 +183,7 @@ def test_what_is_imported_meanwhile_is_itself_again_afterwards(monkeypatch: pyte
 
 
 OF_THIS_PROCESS = {
-    "clock.py": {"time"},
+    "nodes/clock.py": {"time"},
     "loopback/opening.py": {"time"},  # replaced for the nodes of users
     "loopback/processes.py": {"threading", "random"},  # whose turn it is
     "loopback/middleware.py": {"random"},
@@ -194,14 +194,16 @@ OF_THIS_PROCESS = {
 
 
 def test_nodes_know_one_clock_and_no_threads() -> None:
-    folder, found = Path(nodes.__file__).parent, {}
-    for path in folder.rglob("*.py"):
+    root, found = Path(nodes.__file__).parents[2], {}
+    rooms = ("loopback", "foreign", "nodes")
+    packages = [root / "facts_damping", *(root / "extensions").iterdir()]
+    for path in (path for room in rooms for package in packages for path in (package / room).rglob("*.py")):
         lines = re.findall(
             r"^\s*(?:import|from) (time|threading|datetime|random|uuid|secrets)\b", path.read_text(), re.MULTILINE
         )
         if lines:
-            found[str(path.relative_to(folder))] = set(lines)
-    assert found == {**OF_THIS_PROCESS, "launching/tap_relay.py": {"random"}}  # a tool beside the graph
+            found["/".join(path.parts[-2:])] = set(lines)
+    assert found == OF_THIS_PROCESS
 
 
 def test_rclpy_is_itself_again_afterwards() -> None:

@@ -17,15 +17,15 @@ from rclpy.serialization import serialize_message
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import DEGRADED, main
 from facts_damping.nodes.admission.message_filter import MessageFilter
-from facts_damping.nodes.admission.publishers import KNOW_S
+from facts_damping.nodes.admission.publishers import KNOW_S, Reading
 from facts_damping.nodes.admission.refusals import MAXIMUM, TELL_S
 from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.base.qos import SUBSCRIBER_QOS
-from facts_damping.nodes.foreign.messages import hostile
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import Estimates, stamped
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import DELIVERY, SETPOINT
+from facts_damping_testing.foreign.messages import hostile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -67,7 +67,7 @@ class Listener:
         self.reports: list[bytes] = []
         self.message_filter = MessageFilter(node, CASE, options(realtime), send_refusals=self.reports.append)
         self.message_filter.subscribe(
-            PmuDataFrame, "topic", lambda *message: self.admitted.append(message), read, newest
+            PmuDataFrame, "topic", lambda *message: self.admitted.append(message), Reading(read, newest)
         )
         (self.state,) = self.message_filter.senders.topics
         self.state.publisher = OWN
@@ -93,7 +93,7 @@ def test_ticks_come_one_after_the_other(node: Node) -> None:
     assert one.causes() == ["tick"] * 3
 
 
-def test_who_does_not_begin_with_tick_0_is_of_another_graph(node: Node) -> None:
+def test_publisher_that_does_not_begin_with_tick_0_is_foreign(node: Node) -> None:
     one = Listener(node, ticks)
     assert [one.send(b"5", FOREIGN), one.send(b"5"), one.send(b"0"), one.send(b"1", FOREIGN), one.send(b"1")] == [
         *(False, False, True, False, True)
@@ -111,12 +111,12 @@ def test_in_real_time_ticks_may_be_missing_as_the_clock_allows(node: Node) -> No
     assert not one.send(b"1000")
 
 
-def test_no_answer_comes_before_its_tick(node: Node) -> None:
+def test_answer_before_its_tick_is_refused(node: Node) -> None:
     one = Listener(node, ticks, newest=lambda: 0)
     assert [one.send(b"0"), one.send(b"1")] == [True, False]
 
 
-def test_who_publishes_is_known_and_counts_up(node: Node) -> None:
+def test_message_of_another_publisher_or_old_sequence_is_refused(node: Node) -> None:
     one = Listener(node, ticks)
     assert one.send(b"0", OWN, 5)
     assert not one.send(b"1", FOREIGN, 6)
@@ -146,7 +146,7 @@ def sound(data: bytes) -> tuple[int]:
         (True, [FOREIGN], [FOREIGN], False),
     ],
 )
-def test_the_place_of_one_that_has_left_is_free_in_real_time(
+def test_place_of_one_that_has_left_is_free_in_real_time(
     node: Node, realtime: bool, there: list[bytes], plant: list[bytes], succeeds: bool
 ) -> None:
     one = Listener(node, sound, realtime)
@@ -162,7 +162,7 @@ def test_the_place_of_one_that_has_left_is_free_in_real_time(
     assert one.causes() == ["format" if succeeds else "publisher", "publisher"]
 
 
-def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Node) -> None:
+def test_joining_node_is_heard_first_on_topics_common_to_all_nodes(node: Node) -> None:
     """As a disarmed identifier, which the recording must name."""
     one = Listener(node, ticks, realtime=True)
     admitted: list[bytes] = []
@@ -175,7 +175,7 @@ def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Nod
     assert admitted == [b"b"]
 
 
-def test_nobody_succeeds_the_plant(node: Node) -> None:
+def test_plant_cannot_be_replaced_by_another_publisher(node: Node) -> None:
     one = Listener(node, ticks, realtime=True)
     one.message_filter.subscribe_run_state()
     one.message_filter.senders.topics[1].publisher = OWN[:12] + bytes(4)
@@ -184,7 +184,7 @@ def test_nobody_succeeds_the_plant(node: Node) -> None:
     assert not one.send(b"1", FOREIGN)
 
 
-def test_what_others_than_the_plant_say_of_errors_is_passed_over(node: Node, capsys: Any) -> None:
+def test_run_state_of_others_than_the_plant_is_ignored(node: Node, capsys: Any) -> None:
     one = Listener(node, ticks)
     one.message_filter.subscribe_run_state()
     _, plant, state = one.message_filter.senders.topics
@@ -235,7 +235,7 @@ def test_odd_messages_of_the_known_publisher_are_refused_too(node: Node) -> None
         assert [message[0] for message in one.admitted] == list(range(len(one.admitted)))
 
 
-def test_a_forged_message_is_reported_at_the_end_of_a_command(loopback: Any, tmp_path: Path, capsys: Any) -> None:
+def test_forged_message_is_reported_at_the_end_of_a_command(loopback: Any, tmp_path: Path, capsys: Any) -> None:
     def forge() -> None:
         rclpy.init()
         time.sleep(1.0)  # the graph is under way

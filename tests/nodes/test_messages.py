@@ -106,7 +106,7 @@ def refusal(message: Any, data: bytes) -> str:
     return refused.value.cause
 
 
-def test_a_message_with_unknown_names_is_refused(case: Case) -> None:
+def test_message_with_unknown_names_is_refused(case: Case) -> None:
     rows = np.zeros(3, DELIVERY)
     rows["pmu"] = [0, 1, 2]
     rows["values"] = np.arange(3.0 * len(CHANNELS)).reshape(3, -1)
@@ -125,7 +125,7 @@ def test_a_message_with_unknown_names_is_refused(case: Case) -> None:
     assert refusal(SetpointsMessage(case, "controller_0_LLC"), serialize_message(asked)) == "names"
 
 
-def test_a_stamp_that_is_not_of_the_tick_is_refused(case: Case) -> None:
+def test_stamp_that_is_not_of_the_tick_is_refused(case: Case) -> None:
     rows = np.zeros(1, DELIVERY)
     frames = FramesMessage(case)
     for tick, start in ((5, start_ns(4)), (2**64 - 1, 0), (10**9, start_ns(5))):
@@ -198,7 +198,7 @@ def test_setpoints_as_bytes_are_the_message(
 
 @settings(deadline=None, max_examples=20)
 @given(rows=deliveries(), cut=st.integers(1, 40))
-def test_a_message_cut_short_is_not_taken_for_a_whole_one(case: Case, rows: Any, cut: int) -> None:
+def test_message_cut_short_is_not_taken_for_a_whole_one(case: Case, rows: Any, cut: int) -> None:
     frames = FramesMessage(case)
     data = frames.fill(7, 0, rows, len(rows))
     assert refusal(frames, data[: max(0, len(data) - cut)]) == "format"

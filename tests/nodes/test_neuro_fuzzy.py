@@ -56,13 +56,13 @@ LINKS = {"delay": "link.up=[{delay: 0.0712}]", "loss": "link.up=[{delay: 0.05}, 
 
 @pytest.mark.parametrize("link", LINKS)
 @pytest.mark.parametrize("system", [["system=two_area", "scenario=large"], ["system=smib", "scenario=heavy"]])
-def test_a_graph_with_an_lqg_is_the_in_process_run_bit_for_bit(tmp_path: Path, system: list[str], link: str) -> None:
+def test_graph_with_an_lqg_is_the_in_process_run_bit_for_bit(tmp_path: Path, system: list[str], link: str) -> None:
     case = load_case(None, [*system, "controllers.0.name=LQG", LINKS[link], "duration=2.5"])
     assert np.abs(as_in_process(tmp_path, case).applied["value"]).max() > 0.01
 
 
 @pytest.mark.parametrize("name", ["LQG", "Hinf", "ANFTSC"])
-def test_a_graph_of_the_deployment_is_the_in_process_run_bit_for_bit(tmp_path: Path, name: str) -> None:
+def test_graph_of_the_deployment_is_the_in_process_run_bit_for_bit(tmp_path: Path, name: str) -> None:
     """Its controllers and supervisors are designed on another system than its plant."""
     sets = [f"controllers.0.name={name}", "system.machines.0.H=5", "system.loads.0.P=900", "duration=2.5"]
     case = load_case("two_area_deployment", sets)
@@ -71,7 +71,7 @@ def test_a_graph_of_the_deployment_is_the_in_process_run_bit_for_bit(tmp_path: P
 
 
 @pytest.mark.parametrize(("name", "scheme", "scenario", "link"), RUNS, ids=[f"{n}-{s}" for n, s, _, _ in RUNS])
-def test_a_graph_with_identifier_is_the_in_process_run_bit_for_bit(
+def test_graph_with_identifier_is_the_in_process_run_bit_for_bit(
     tmp_path: Path, name: str, scheme: str, scenario: list[str], link: str
 ) -> None:
     own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"link={link}", "duration=2"]
@@ -82,7 +82,7 @@ def test_a_graph_with_identifier_is_the_in_process_run_bit_for_bit(
 
 
 @pytest.mark.parametrize(("name", "scheme", "scenario", "link"), MIMO, ids=[f"{n}-{s}" for n, s, _, _ in MIMO])
-def test_a_centralised_graph_is_the_in_process_run_bit_for_bit(
+def test_centralised_graph_is_the_in_process_run_bit_for_bit(
     tmp_path: Path, name: str, scheme: str | None, scenario: str, link: str
 ) -> None:
     """Two signals, two devices; all of them: benchmarks/graphs.py."""
@@ -173,13 +173,13 @@ def test_parameters_that_are_safe_to_change_change_while_it_runs(start: Any, cli
     assert not change("identifier", "identifier_weight", 2.0).successful
 
 
-def test_an_unstable_run_with_identifier_ends_where_the_in_process_run_ends(tmp_path: Path) -> None:
+def test_unstable_run_with_identifier_ends_where_the_in_process_run_ends(tmp_path: Path) -> None:
     sets = [*HBSWC, "controllers.0.parameters.weight=0", "controllers.0.parameters.eta=0", "frame_rate=30"]
     assert not as_in_process(tmp_path, load_case(None, sets)).in_synchronism[-1]
 
 
 @pytest.mark.parametrize("loss", ["", ", {model: bernoulli, loss: 0.1}"])
-def test_a_graph_with_prediction_is_the_in_process_run_bit_for_bit(tmp_path: Path, loss: str) -> None:
+def test_graph_with_prediction_is_the_in_process_run_bit_for_bit(tmp_path: Path, loss: str) -> None:
     link = f"link.up=[{{delay: 0.1}}{loss}]"
     case = load_case(
         None, [*HBSWC, "controllers.0.compensation=prediction", link, "link.down=[{delay: 0.1}]", "duration=3"]

@@ -128,7 +128,7 @@ def test_first_answer_is_waited_for_as_long_as_the_start(loopback: Any, start: A
     plant.finish()
 
 
-def test_a_loss_of_synchronism_is_said_by_every_node(loopback: Any, start: Any, tmp_path: Path) -> None:
+def test_loss_of_synchronism_is_said_by_every_node(loopback: Any, start: Any, tmp_path: Path) -> None:
     sets = ["frame_rate=30", "link=satellite", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
     computed = loop.run(load_case(None, ["scenario=large", *sets]))
     common = {"scenario": "large", "set": str(sets), "timeout": 0.5, "start_timeout": PATIENCE_S, "recorder": "true"}
@@ -156,6 +156,6 @@ ctypes.PyDLL(None).sleep(60)  # with Python's lock held
 
 
 @pytest.mark.parametrize("status", [0, 2])
-def test_a_node_whose_middleware_does_not_end_ends_with_its_status(status: int) -> None:
+def test_node_whose_middleware_does_not_end_ends_with_its_status(status: int) -> None:
     done = subprocess.run([sys.executable, "-c", STUCK, str(status)], check=False, timeout=PATIENCE_S)
     assert done.returncode == status

@@ -18,10 +18,10 @@ from rclpy.qos import QoSHistoryPolicy
 from facts_damping.case.loading import load_case
 from facts_damping.nodes.base.qos import DEPTH, SUBSCRIBER_QOS
 from facts_damping.nodes.launching import graph
-from facts_damping.nodes.loopback.domain import domain as of_loopback
 from facts_damping.recording.reader import load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import loop
+from facts_damping_testing.loopback.domain import domain as of_loopback
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, quiet
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def line(node: subprocess.Popen[str]) -> str:
     return node.stdout.readline() if there else ""
 
 
-def test_who_stops_reading_misses_what_a_publisher_does_not_keep_and_holds_nobody_up(domain: int) -> None:
+def test_stopped_subscriber_loses_messages_and_delays_no_publisher(domain: int) -> None:
     def run(code: str) -> subprocess.Popen[str]:
         node = subprocess.Popen([sys.executable, "-c", code, str(SENT)], stdin=-1, stdout=-1, text=True)
         ended.callback(node.kill)
@@ -92,7 +92,7 @@ def test_who_stops_reading_misses_what_a_publisher_does_not_keep_and_holds_nobod
     assert numbers == [k + numbers[0] - received[0] for k in received]  # what is missing shows
 
 
-def test_all_publishers_keep_so_much_and_a_recorder_says_what_it_lost(loopback: Any, tmp_path: Path) -> None:
+def test_recorder_notes_what_it_lost_from_queues_of_bounded_depth(loopback: Any, tmp_path: Path) -> None:
     """A foreign node discards the messages for the recorder for a while; the loop does not wait for it."""
     case = load_case(None, ["duration=3", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
     profiles: list[Any] = []
@@ -126,9 +126,7 @@ def test_all_publishers_keep_so_much_and_a_recorder_says_what_it_lost(loopback: 
     assert recorded.issued.tobytes() == computed.issued.tobytes()
 
 
-def test_a_recorder_that_was_stopped_for_a_while_catches_up(
-    domain: int, tmp_path: Path, started: dict[str, Any]
-) -> None:
+def test_recorder_that_was_stopped_for_a_while_catches_up(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
     case = load_case(None, ["duration=3"])
 
     def stop(done: int, _of: int) -> None:

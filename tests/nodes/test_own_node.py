@@ -31,7 +31,7 @@ from tests.nodes.test_graph import EXAMPLES
 from tests.nodes.test_policies import diagnostics
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 NODE = str(EXAMPLES / "lead_lag_node.py")
 SETS = ["scenario=large", "link=pdci", "watchdog=off"]
@@ -77,7 +77,7 @@ def run(folder: Path, sets: list[str], mode: str = "lockstep", timeout: float = 
     return graph.run(load_case(None, sets), mode, folder, quiet, timeout)
 
 
-def test_the_example_is_what_the_page_says_it_is() -> None:
+def test_example_is_what_the_page_says_it_is() -> None:
     assert len(Path(NODE).read_text().splitlines()) <= 54
     asked = read_table(EXAMPLES / "lead_lag_node.yaml")
     assert asked["controllers"][0]["command"][-1] == "examples/lead_lag_node.py"
@@ -124,7 +124,7 @@ def test_silent_or_gone_it_is_named_in_lockstep(
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
-def test_a_command_that_dies_is_named_with_what_it_said(domain: int, tmp_path: Path, mode: str) -> None:
+def test_command_that_dies_is_named_with_what_it_said(domain: int, tmp_path: Path, mode: str) -> None:
     sets = by_command("duration=2", more=DYING)
     reason = f"{NAME} ended with exit status 7: out of ideas"
     if mode == "lockstep":
@@ -150,7 +150,7 @@ def test_late_in_real_time_it_is_named(by_hand: Any, tmp_path: Path, monkeypatch
     assert any(f"of {NAME}" in text and "late answers" in text for text in texts), texts
 
 
-def test_it_ends_with_a_command_that_is_killed(domain: int, tmp_path: Path) -> None:
+def test_own_node_ends_when_its_command_is_killed(domain: int, tmp_path: Path) -> None:
     asked = [*changes(by_command("duration=1000")), "--out", str(tmp_path / "out")]
     command = [sys.executable, "-m", "facts_damping.cli.main", "run", *asked]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as popen:
@@ -187,7 +187,7 @@ def test_in_process_it_is_refused(fields: dict[str, Any], expected: str, capsys:
     assert_one_line(2, ["simulate", *changes(own(**fields))], expected, capsys)
 
 
-def test_a_command_that_is_not_there_starts_nothing(tmp_path: Path, capsys: Any) -> None:
+def test_command_that_is_not_there_starts_nothing(tmp_path: Path, capsys: Any) -> None:
     command = ["run", *changes(own(command=["no_such_program"])), "--out", str(tmp_path / "out")]
     text = "controllers.0.command: 'no_such_program' given; allowed: an executable program"
     assert_one_line(2, command, text, capsys)

@@ -13,9 +13,9 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes.launching import graph
-from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from facts_damping_testing.loopback.opening import opened
 from tests.commands import assert_one_line, changes
 from tests.lead_lag_fmu import build
 from tests.nodes.graphs import LOADED_S, as_in_process, payloads, quiet
@@ -45,7 +45,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return outcome.recording
 
 
-def test_a_recording_runs_its_code_when_asked_to_alone(recording: Path, capsys: Any) -> None:
+def test_recording_runs_its_code_when_asked_to_alone(recording: Path, capsys: Any) -> None:
     text = f"controllers.0.policy: '{LEAD_LAG}' given by the recording; allowed: --policy"
     assert_one_line(2, ["replay", str(recording)], text, capsys)
     for more in (["--policy"], ["--set", "controllers.0.name=LLC"], ["--set", f"controllers.0.policy={LEAD_LAG}"]):
@@ -53,7 +53,7 @@ def test_a_recording_runs_its_code_when_asked_to_alone(recording: Path, capsys: 
         assert "identical, bit for bit" in capsys.readouterr().out
 
 
-def test_what_only_reads_a_recording_runs_no_code(
+def test_commands_that_read_a_recording_run_no_user_code(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object) -> None:
@@ -67,7 +67,7 @@ def test_what_only_reads_a_recording_runs_no_code(
     assert "mine" in (tmp_path / "report.html").read_text()
 
 
-def test_a_class_that_fails_is_named_and_its_recording_is_readable(loopback: Any, tmp_path: Path) -> None:
+def test_class_that_fails_is_named_and_its_recording_is_readable(loopback: Any, tmp_path: Path) -> None:
     case = load_case(None, own(written(tmp_path, "return 0.001 if t_s < 1 else 1 / 0"), "duration=3"))
     text = r"controller_0_mine: controllers.0.policy: mine.py:5: ZeroDivisionError: .*, in step of mine at 1 s"
     with pytest.raises(RunError, match=text):
@@ -79,13 +79,13 @@ def test_a_class_that_fails_is_named_and_its_recording_is_readable(loopback: Any
         assert getattr(recorded, name)[:60].tobytes() == getattr(before, name)[:60].tobytes()
 
 
-def test_nothing_is_started_for_a_class_that_is_not_there(tmp_path: Path, capsys: Any) -> None:
+def test_missing_policy_file_is_refused_before_a_graph_starts(tmp_path: Path, capsys: Any) -> None:
     command = ["run", *changes(own("nowhere.py:Mine")), "--out", str(tmp_path / "out")]
     assert_one_line(2, command, "controllers.0.policy: nowhere.py: no such file", capsys)
     assert not (tmp_path / "out").exists()
 
 
-def test_the_node_refuses_it_too(loopback: Any, tmp_path: Path) -> None:
+def test_node_refuses_it_too(loopback: Any, tmp_path: Path) -> None:
     case = load_case(None, own("nowhere.py:Mine", "duration=1"))
     with pytest.raises((RunError, InputError), match=r"nowhere\.py: no such file"):
         graph.run(case, "lockstep", tmp_path / "out", quiet, LOADED_S)
@@ -109,7 +109,7 @@ def diagnostics(recording: Path, of: str) -> list[str]:
     return [status.message for status in rows if of in status.name]
 
 
-def test_an_fmu_in_a_graph_is_the_one_in_process_bit_for_bit(
+def test_fmu_in_a_graph_is_the_one_in_process_bit_for_bit(
     domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "passing").mkdir()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize("take", [raw_take.take, raw_take._Rcl().take], ids=["default", "rcl"])
-def test_a_message_comes_with_its_publisher_and_sequence(domain: int, take: Callable[[Any], Any]) -> None:
+def test_message_comes_with_its_publisher_and_sequence(domain: int, take: Callable[[Any], Any]) -> None:
     with somebody("both") as (node, _):
         subscription = node.create_subscription(GridEvent, "events", print, qos.SUBSCRIBER_QOS, raw=True)
         publisher = node.create_publisher(GridEvent, "events", qos.PUBLISHER_QOS)

@@ -26,11 +26,12 @@ from facts_damping.errors import RecordingError, RunError
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.controller import ControllerNode
 from facts_damping.nodes.launching import graph
-from facts_damping.nodes.loopback.opening import opened
+from facts_damping.nodes.launching.starting import Parts
 from facts_damping.recording import RecordingWriter
 from facts_damping.recording.reader import KINDS, UNTIMED, load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import replay
+from facts_damping_testing.loopback.opening import opened
 from tests.nodes.bags import STORAGES, copy, in_chunks
 from tests.nodes.graphs import (
     ARRAYS,
@@ -119,7 +120,7 @@ def test_nodes_in_lockstep_give_the_whole_recording_again(
     assert nodes_left(tmp_path) == []
 
 
-def test_a_shadow_is_the_same_by_nodes_and_in_process(
+def test_shadow_is_the_same_by_nodes_and_in_process(
     loopback: Any, graphs: dict[str, Path], tmp_path: Path, capsys: Any
 ) -> None:
     other = ["--set", "controllers.0.name=ANFTSC", "--json", "-"]
@@ -159,7 +160,7 @@ def test_other_setpoints_without_set_are_a_failure(
     assert errors.count("\n") == 1
 
 
-def test_a_silent_controller_is_named(
+def test_silent_controller_is_named(
     loopback: Any, graphs: dict[str, Path], tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     act = ControllerNode.act
@@ -174,7 +175,7 @@ def test_a_silent_controller_is_named(
     record = load(graphs["decentralised"])
     case = replay.case_of(record, "it", None, [])
     with pytest.raises(RunError, match=f"^replay_source: substation/{SILENT} is silent: no answer to tick 50 within"):
-        graph.run(case, "lockstep", tmp_path / "out", quiet, SILENCE_S, replayed=graphs["decentralised"])
+        graph.run(case, "lockstep", tmp_path / "out", quiet, SILENCE_S, parts=Parts(replayed=graphs["decentralised"]))
 
 
 @pytest.mark.parametrize("storage", STORAGES)
@@ -198,7 +199,7 @@ def count_before(chunks: Chunks, tick: int) -> int:
     return sum(at < tick for chunk in chunks for _, at in chunk)
 
 
-def test_a_recorder_that_came_late_is_said(
+def test_recorder_that_came_late_is_said(
     graphs: dict[str, Path], in_order: tuple[Path, Chunks], tmp_path: Path, capsys: Any
 ) -> None:
     folder, chunks = in_order
@@ -212,7 +213,7 @@ def test_a_recorder_that_came_late_is_said(
     assert "--nodes: a recording from tick 90" in errors
 
 
-def test_a_recorder_may_come_between_the_messages_of_a_tick(in_order: tuple[Path, Chunks], tmp_path: Path) -> None:
+def test_recorder_may_come_between_the_messages_of_a_tick(in_order: tuple[Path, Chunks], tmp_path: Path) -> None:
     folder, chunks = in_order
     began, end = count_before(chunks, 90), count_before(chunks, 96)
     whole = load(copy(folder, tmp_path / "whole", "mcap", end=end))
@@ -272,7 +273,7 @@ def test_recordings_cut_short_are_replayed_as_far_as_they_go(
     assert seen[-1] > 100
 
 
-def test_a_message_that_is_missing_ends_the_replay_there_whatever_it_is(
+def test_message_that_is_missing_ends_the_replay_there_whatever_it_is(
     loopback: Any, tmp_path: Path, capsys: Any
 ) -> None:
     case = load_case("two_area_supervised", ["duration=2", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
@@ -294,7 +295,7 @@ def test_a_message_that_is_missing_ends_the_replay_there_whatever_it_is(
     assert ended >= 10
 
 
-def test_a_database_that_is_cut_is_read_up_to_there_or_refused(
+def test_database_that_is_cut_is_read_up_to_there_or_refused(
     graphs: dict[str, Path], in_order: tuple[Path, Chunks], tmp_path: Path
 ) -> None:
     bag = copy(in_order[0], tmp_path / "bag", "sqlite3")
@@ -354,7 +355,7 @@ def test_tools_of_others_read_every_message_without_a_warning(graphs: dict[str, 
     ("name", "nodes"),
     [("large", ["controller_0_LLC"]), ("centralised", ["controller_0_ANFTSC", "identifier_0_ANFTSI"])],
 )
-def test_a_player_at_recorded_times_drives_the_nodes(
+def test_player_at_recorded_times_drives_the_nodes(
     loopback: Any, graphs: dict[str, Path], tmp_path: Path, start: Any, name: str, nodes: list[str]
 ) -> None:
     """What `ros2 bag play --topics /pmu/delivered` does: bytes as recorded, paced by the times of reception."""
@@ -425,7 +426,7 @@ class Slow:
 
 
 @pytest.mark.parametrize("controller", ["indirect", "late"])
-def test_a_supervised_run_by_the_clock_is_replayed_to_the_bit(controller: str, tmp_path: Path, capsys: Any) -> None:
+def test_supervised_run_by_the_clock_is_replayed_to_the_bit(controller: str, tmp_path: Path, capsys: Any) -> None:
     """With an identifier; and with a controller that is late, so that deadlines are missed."""
     (tmp_path / "slow.py").write_text(SLOW)
     late = f"controllers=[{{name: slow, policy: {tmp_path / 'slow.py'}:Slow}}]"

@@ -32,7 +32,7 @@ SETS = [
 ]
 
 
-def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(start: Any, tmp_path: Path, client: Any) -> None:
+def test_run_that_was_changed_under_way_is_its_recording_to_the_bit(start: Any, tmp_path: Path, client: Any) -> None:
 
     def trigger(name: str) -> None:
         answer = client(Trigger, f"/plant_sim/{name}", Trigger.Request())
@@ -137,7 +137,7 @@ def test_events_that_are_asked_for_are_those_of_a_file_to_the_bit(start: Any, tm
     assert [event.kind for event in record.events] == ["brake", "forced_oscillation", "brake_out"]
 
 
-def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_path: Path) -> None:
+def test_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_path: Path) -> None:
     common = {"recorder": "true", "start_timeout": PATIENCE_S, "timeout": 1.5, "duration": 2}
     recorder = start("recorder", output=tmp_path / "recording", **common)
     plant = start("plant_sim", **common)
@@ -155,7 +155,7 @@ def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_pat
     assert not any(b"nothing has come" in data for data in diagnostics if b"wan_link" in data)
 
 
-def test_a_paused_run_answers_and_ends_when_told(start: Any, client: Any) -> None:
+def test_paused_run_answers_and_ends_when_told(start: Any, client: Any) -> None:
     plant = start("plant_sim", mode="free")
     plant.wait(lambda: "tick" in plant.texts()[0], PATIENCE_S)
     assert client(Trigger, "/plant_sim/pause", Trigger.Request()).success

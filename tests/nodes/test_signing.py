@@ -51,7 +51,7 @@ def cause(reader: Any, data: bytes) -> str:
     return refused.value.cause
 
 
-def test_the_code_is_that_of_hmac_over_topic_key_session_and_message() -> None:
+def test_code_is_that_of_hmac_over_topic_key_session_and_message() -> None:
     data = message()
     read = deserialize_message(data, msg.PmuDataFrame)
     signature = bytes(read.signature)
@@ -65,7 +65,7 @@ def test_the_code_is_that_of_hmac_over_topic_key_session_and_message() -> None:
 
 @settings(deadline=None, max_examples=100)
 @given(data=st.data())
-def test_no_bit_can_be_changed(data: st.DataObject) -> None:
+def test_signed_message_with_a_changed_bit_is_refused(data: st.DataObject) -> None:
     whole = message()
     at = data.draw(st.integers(0, 8 * len(whole) - 1))
     changed = bytearray(whole)
@@ -73,7 +73,7 @@ def test_no_bit_can_be_changed(data: st.DataObject) -> None:
     assert cause(frames(), bytes(changed)) in ("signature", "names", "format")
 
 
-def test_what_is_not_signed_with_a_known_key_is_refused() -> None:
+def test_message_not_signed_with_a_known_key_is_refused() -> None:
     assert cause(frames(), message(None)) == "signature"
     assert cause(frames(), message(Signing({1: NEW}, NOW, 0))) == "signature"
     assert cause(frames(), message(Signing({2: NEW}, NOW, 0))) == "signature"
@@ -84,7 +84,7 @@ def test_what_is_not_signed_with_a_known_key_is_refused() -> None:
         assert frames(both).read(message(Signing(key, NOW, 0)))[0] == 0
 
 
-def test_an_earlier_session_is_refused() -> None:
+def test_earlier_session_is_refused() -> None:
     early = Signing({1: OLD}, NOW - 91 * 10**9, 30 * 10**9)
     assert cause(frames(), message(early)) == "session"
     reader = frames()
@@ -96,7 +96,7 @@ def test_an_earlier_session_is_refused() -> None:
     assert cause(frames(), message(Signing({1: OLD}, time.time_ns() + 31 * 10**9, 30 * 10**9))) == "session"
 
 
-def test_who_joins_takes_the_session_of_a_graph_under_way_and_none_of_an_earlier_one() -> None:
+def test_joining_node_takes_the_session_under_way_and_no_earlier_one() -> None:
     hour = 3600
     began = Signing({1: OLD}, NOW - hour * 10**9, 30 * 10**9)
     assert frames().read(message(began, 60 * hour))[0] == 60 * hour
@@ -113,7 +113,7 @@ def test_setpoints_are_signed_too() -> None:
     assert len(SetpointsMessage(CASE, "controller_0_LLC", [0], Seal(BY, topic)).read(empty)[1]) == 0
 
 
-def test_a_signed_graph_gives_the_bits_of_the_in_process_run(domain: int, tmp_path: Path) -> None:
+def test_signed_graph_gives_the_bits_of_the_in_process_run(domain: int, tmp_path: Path) -> None:
     """Over a link of its own, in a namespace; over that of the graph: `test_fault_injection.py`."""
     keys = tmp_path / "keys.yaml"
     add_key(keys)

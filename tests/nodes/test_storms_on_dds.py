@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.loading import changed_case, load_case
 from facts_damping.monitor_table import ARMED
-from facts_damping.nodes.launching import graph
+from facts_damping.nodes.launching import graph, processes
 from facts_damping.recording.reader import load
-from facts_damping.storm.rules import violations
-from facts_damping.storm.running import Trace
+from facts_damping_testing.storm.rules import violations
+from facts_damping_testing.storm.running import Trace
 from tests.nodes.graphs import LOADED_S, quiet
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 GONE_S = 2.0  # longest wait at the end for the readers of killed nodes
-OWN = [sys.executable, "-c", "from facts_damping.nodes.foreign.own_controller import main; main()"]
+OWN = [sys.executable, "-c", "from facts_damping_testing.foreign.own_controller import main; main()"]
 
 
 def assert_holds(case: Any, mode: str, folder: Path, timeout: float, look: Any = None) -> Trace:
@@ -27,7 +27,7 @@ def assert_holds(case: Any, mode: str, folder: Path, timeout: float, look: Any =
     return trace
 
 
-def test_a_replay_knows_a_link_and_a_supervisor_that_were_started_again(domain: int, tmp_path: Path) -> None:
+def test_replay_knows_a_link_and_a_supervisor_that_were_started_again(domain: int, tmp_path: Path) -> None:
     case = load_case(None, ["system=smib", "scenario=nominal", "frame_rate=20", "supervision=standard", "arm_at=0.2",
                             "duration=5"])  # fmt: skip
     killed = {"wan_link": 20, "supervisor_0_LLC": 35}  # tick by node
@@ -37,14 +37,14 @@ def test_a_replay_knows_a_link_and_a_supervisor_that_were_started_again(domain: 
             if tick >= at and running[name].process.exitcode is None:
                 running[name].process.kill()
             elif tick >= at:
-                graph.start_again(running, name)
+                processes.start_again(running, name)
                 del killed[name]
 
     record: Any = assert_holds(case, "realtime", tmp_path / "graph", GONE_S, look).record
     assert {one.role for one in record.changes if one.kind == "start"} == {"link", "supervisor"}
 
 
-def test_a_supervised_node_of_the_users_own_runs(domain: int, tmp_path: Path) -> None:
+def test_supervised_node_of_the_users_own_runs(domain: int, tmp_path: Path) -> None:
     controllers = [{"name": "mine", "command": OWN}]
     fields = {"duration": 1, "supervision": "standard", "arm_at": 0.2, "controllers": controllers}
     case = changed_case({}, "test", fields)

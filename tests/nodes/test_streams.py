@@ -18,19 +18,20 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import system_pmus
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.monitor_table import SHADOW
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
-from facts_damping.nodes.c37118_client import C37118Client
 from facts_damping.nodes.launching import graph
+from facts_damping.nodes.launching.starting import Parts
 from facts_damping.recording.reader import load
 from facts_damping.signals import NANOSECONDS, NEVER
 from facts_damping.simulation import loop
-from facts_damping.streaming import recorded, serving
-from facts_damping.streaming.pdc import Pdc, grid_pmus
-from facts_damping.streaming.serving import Serving
+from facts_damping_streams.c37118 import system_pmus
+from facts_damping_streams.nodes.c37118_client import C37118Client
+from facts_damping_streams.streaming import recorded, serving
+from facts_damping_streams.streaming.pdc import Pdc, grid_pmus
+from facts_damping_streams.streaming.serving import Serving
 from tests.commands import assert_one_line
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, quiet, wait_until
 
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SECONDS = float(os.environ.get("STREAM_S", "3"))  # 60 was run, too
 WAIT_S = 5.0  # for what a loaded machine is late with, and for what a link has lost at the end
@@ -94,9 +95,8 @@ def both(sets: list[str], folder: Path, file: str, other: dict[str, str], there:
             raise KeyboardInterrupt
 
     with ThreadPoolExecutor(1) as beside:
-        shadow = beside.submit(
-            graph.run, case, "realtime", folder / "shadow", progress, LOADED_S, streams=file, environment=other
-        )
+        parts = Parts(streams=file, environment=other)
+        shadow = beside.submit(graph.run, case, "realtime", folder / "shadow", progress, LOADED_S, None, parts)
         try:
             deadline = time.monotonic() + PATIENCE_S
             while not there():
@@ -111,7 +111,7 @@ def both(sets: list[str], folder: Path, file: str, other: dict[str, str], there:
             raise
 
 
-def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
+def test_controller_in_shadow_does_what_the_one_in_the_graph_does(
     start: Any, elsewhere: dict[str, str], streams: Any, tmp_path: Path, port: int
 ) -> None:
     """Over a link with random delays, by its own seed; and another program's client gets the same values."""
@@ -157,7 +157,7 @@ def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
     np.testing.assert_allclose(phasors, told[frames].astype(np.float32), rtol=1e-6)
 
 
-def test_each_station_alone_behind_a_link_by_datagrams(
+def test_udp_streams_of_single_stations_give_the_frames_of_the_link(
     start: Any, elsewhere: dict[str, str], streams: Any, tmp_path: Path, port: int
 ) -> None:
     """Five streams, put together again by their stamps: each PMU's frames as the link delivered them."""
@@ -209,7 +209,7 @@ def serve(port: int) -> Iterator[Callable[[int], Played]]:
         one.end()
 
 
-def test_a_server_that_leaves_and_comes_back(domain: int, serve: Any, tmp_path: Path, port: int) -> None:
+def test_server_that_leaves_and_comes_back(domain: int, serve: Any, tmp_path: Path, port: int) -> None:
     """Ticks go on without frames, then with those of the new server, whose stamps are of another time."""
     first = serve(1_700_000_000)
 
@@ -255,7 +255,7 @@ def test_flood_of_stream_data_does_not_stop_the_ticks() -> None:
         ([], {"pmus": {"G1": {"voltage": "VA"}}}, "PMU G1: voltage: 'VA' given; allowed: what PMU G1 sends: V1"),
     ],
 )
-def test_a_stream_that_does_not_fit_is_said(
+def test_stream_that_does_not_fit_is_said(
     domain: int,
     serve: Any,
     tmp_path: Path,

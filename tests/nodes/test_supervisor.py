@@ -20,6 +20,7 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import MONITORS, STATES, cause_name
 from facts_damping.nodes.launching import graph
+from facts_damping.nodes.launching.starting import Parts
 from facts_damping.parameters.security import add_key
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop, replay
@@ -42,7 +43,7 @@ from tests.nodes.test_joining import Graph
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 pytestmark = pytest.mark.usefixtures("loopback")
 
@@ -83,7 +84,7 @@ def states(found: Record, controller: int = 0) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("name", GRAPHS)
-def test_a_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(tmp_path: Path, name: str) -> None:
+def test_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(tmp_path: Path, name: str) -> None:
     """Signed in one of them; replayed in process and by nodes."""
     sets = [*ON, *GRAPHS[name]]
     if "networks" in name:
@@ -101,7 +102,7 @@ def test_a_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(tmp_
     assert replay.first_difference(part, played.issued) is None
     assert replay.first_supervised(part, played) is None
     bag = tmp_path / "it" / "recording"
-    graph.run(mine, "lockstep", tmp_path / "again", quiet, LOADED_S, replayed=bag)
+    graph.run(mine, "lockstep", tmp_path / "again", quiet, LOADED_S, parts=Parts(replayed=bag))
     again = load(tmp_path / "again" / "recording")
     for table in ("issued", "supervised", "supervision", "estimates", "learning"):
         assert getattr(again, table).tobytes() == getattr(recorded, table).tobytes(), table
@@ -115,7 +116,7 @@ def test_a_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(tmp_
         ("controller_0_LLC", signal.SIGSTOP, "controller_0_LLC is silent"),
     ],
 )
-def test_a_dead_or_silent_node_of_a_supervised_graph_is_named(
+def test_dead_or_silent_node_of_a_supervised_graph_is_named(
     tmp_path: Path, started: dict[str, Any], node: str, number: int, expected: str
 ) -> None:
     assert_named(["supervision=standard"], tmp_path, started, node, number, expected)
@@ -217,7 +218,7 @@ def supervisor_logs(many: int) -> list[tuple[int, str]]:
     return logs
 
 
-def test_a_fallback_takes_over_from_a_controller_that_leaves_in_real_time(
+def test_fallback_takes_over_from_a_controller_that_leaves_in_real_time(
     tmp_path: Path, started: dict[str, Any]
 ) -> None:
     def strike(done: int, _of: int) -> None:
@@ -235,7 +236,7 @@ def test_a_fallback_takes_over_from_a_controller_that_leaves_in_real_time(
     assert not record.devices["released"].any()
 
 
-def test_a_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_by_an_operator(
+def test_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_by_an_operator(
     start: Any, client: Any, tmp_path: Path
 ) -> None:
     run = Graph(start, tmp_path, set=str(["supervision=standard", "arm_at=0.5"]))

@@ -36,7 +36,7 @@ def test_release_and_return_of_a_graph_are_those_of_the_in_process_run(loopback:
     assert row["rearmed_s"] is not None
 
 
-def test_a_plant_that_is_slow_lets_go_by_the_clock(
+def test_plant_that_is_slow_lets_go_by_the_clock(
     loopback: Any, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     advance = LivePlant.advance
@@ -58,7 +58,7 @@ def test_a_plant_that_is_slow_lets_go_by_the_clock(
     assert 2 <= change.tick - record.applied["tick"].max() <= 4  # 0.2 s by the clock, not 12 ticks
 
 
-def test_a_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(
+def test_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(
     loopback: Any, start: Any, client: Any, tmp_path: Path
 ) -> None:
     common = {"scenario": "large", "duration": 4.0, "mode": "realtime", "recorder": "true", "start_timeout": 60.0}

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 GOOD = "ab" * 32
 
 
-def test_a_new_key_comes_first_and_the_one_before_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_new_key_comes_first_and_the_one_before_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "keys.yaml"
     assert main(["new", "key", str(path)]) == 0
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
@@ -48,7 +48,7 @@ def test_a_new_key_comes_first_and_the_one_before_is_kept(tmp_path: Path, capsys
         (f"keys: [{{id: 1, key: {GOOD}}}, {{id: 2, key: {GOOD}}}, {{id: 3, key: {GOOD}}}]", "keys"),
     ],
 )
-def test_a_wrong_file_is_one_line(tmp_path: Path, text: str, said: str) -> None:
+def test_wrong_file_is_one_line(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "keys.yaml"
     path.write_text(text)
     path.chmod(0o600)
@@ -58,7 +58,7 @@ def test_a_wrong_file_is_one_line(tmp_path: Path, text: str, said: str) -> None:
     assert "\n" not in str(told.value)
 
 
-def test_a_file_that_others_may_read_is_refused(tmp_path: Path) -> None:
+def test_file_that_others_may_read_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "keys.yaml"
     add_key(path)
     path.chmod(0o640)
@@ -66,7 +66,7 @@ def test_a_file_that_others_may_read_is_refused(tmp_path: Path) -> None:
         read_keys(path)
 
 
-def test_a_graph_without_its_keys_does_not_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_graph_without_its_keys_does_not_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     missing = tmp_path / "none.yaml"
     assert_one_line(2, ["run", "--set", f"security.keys={missing}", "--out", str(out)], str(missing), capsys)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.streams import Server, read_streams, server
+from facts_damping_streams.parameters import Server, read_streams, server
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,7 +25,7 @@ pmus:
 """
 
 
-def test_a_whole_file(tmp_path: Path) -> None:
+def test_whole_file(tmp_path: Path) -> None:
     path = tmp_path / "streams.yaml"
     path.write_text(WHOLE)
     found = read_streams(str(path))
@@ -41,7 +41,7 @@ def test_a_whole_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["tcp://127.0.0.1:4712/7", "udp://10.0.0.1:1/65534", "udp://@0.0.0.0:4713/1", "udp://@239.255.0.37:9/2"]
 )
-def test_an_address_is_what_it_was_written_as(text: str) -> None:
+def test_address_is_what_it_was_written_as(text: str) -> None:
     assert str(server(text)) == text
     assert read_streams(text).servers == [text]
 
@@ -62,7 +62,7 @@ def test_an_address_is_what_it_was_written_as(text: str) -> None:
         ("servers: [tcp://a:1/1]\npmus: {G1: {volts: V}}", "volts: unknown"),
     ],
 )
-def test_what_is_wrong_is_one_line(tmp_path: Path, content: str, said: str) -> None:
+def test_invalid_stream_file_is_refused_in_one_line(tmp_path: Path, content: str, said: str) -> None:
     path = tmp_path / "streams.yaml"
     path.write_text(content)
     with pytest.raises(InputError) as told:
@@ -72,7 +72,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, content: str, said: str) -> N
     assert "allowed" in str(told.value)
 
 
-def test_what_is_not_there_is_said() -> None:
+def test_missing_stream_file_is_refused_with_what_is_allowed() -> None:
     with pytest.raises(InputError, match="streams: nothing given; allowed: a YAML file, or tcp://"):
         read_streams("")
     with pytest.raises(InputError, match=r"nowhere.yaml: no such file; allowed: an existing YAML file"):

@@ -34,14 +34,14 @@ def test_plain_words_are_those_of_the_core_schema(text: str, value: Any) -> None
     "text",
     ["{a: 1, a: 2}", "a: 1\nb: 2\na: 3", "[1, 2", "!!python/object:os.system x", "{[1]: 2}", "1: 2", "a: {~: 1}"],
 )
-def test_what_is_no_such_text_is_refused(text: str) -> None:
+def test_malformed_or_unsupported_yaml_is_refused(text: str) -> None:
     with pytest.raises(UNREADABLE):
         parse(text)
 
 
 @settings(max_examples=40)
 @given(CONTENT)
-def test_what_is_written_is_read_back(content: Any) -> None:
+def test_dumped_yaml_is_parsed_to_the_same_content(content: Any) -> None:
     assert parse(dump(content)) == content
     assert parse(dump(content, flow=True)) == content
 
@@ -59,7 +59,7 @@ BOMB = "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}
     ],
     ids=["aliases", "lists", "mappings", "blocks"],
 )
-def test_what_would_be_too_large_or_too_deep_is_refused_before_it_is_made(text: str, said: str) -> None:
+def test_yaml_too_large_or_too_deep_is_refused_before_it_is_built(text: str, said: str) -> None:
     with pytest.raises(UNREADABLE, match=said):
         parse(text)
 

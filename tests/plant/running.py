@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.case.loading import load_system
+from facts_damping.parameters.events import Scenario
 from facts_damping.parameters.plant.devices import Sssc
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.run import Scenario
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.grid.network import series_devices
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.run import Event
+    from facts_damping.parameters.events import Event
 
     # Effective time in s, value in p.u., and the device's index where it is not the first.
     Targets = Sequence[tuple[float, float] | tuple[float, float, int]]

@@ -12,7 +12,7 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import make_case
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping.studies.design import design
+from facts_damping_studies.design import design
 from tests.plant.running import follow, shipped
 
 if TYPE_CHECKING:

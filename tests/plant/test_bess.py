@@ -128,17 +128,17 @@ def test_voltage_support_is_a_droop_within_what_the_rating_leaves(u: float, V: f
     assert np.hypot(device["active_power"], device["reactive_power"]) <= 2.0 + 1e-9
 
 
-def test_it_starts_at_rest_and_leaves_the_power_flow_alone() -> None:
+def test_bess_starts_at_rest_and_leaves_the_power_flow_unchanged() -> None:
     built = plant(two_area(K=30.0, charge=0.1), installed=["bess"])  # also when it is empty
     assert np.abs(slopes(built)).max() < 1e-9
     np.testing.assert_array_equal(built.flow.voltage, plant("two_area").flow.voltage)
 
 
-def test_it_follows_its_linear_model() -> None:
+def test_bess_follows_its_linear_model() -> None:
     follows_linear_model(plant(two_area(K=30.0, response_time=0.05), installed=["bess"]))
 
 
-def test_a_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
+def test_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
     damps(row("B9", setpoint_max=1.0, rate_max=10.0, response_time=0.05, K=10.0))
 
 

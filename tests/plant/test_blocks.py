@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.plant.blocks import MODELS
+from facts_damping.parameters.plant.block_models import MODELS
 from facts_damping.parameters.plant.machines import BLOCK_CONTROLS
 from facts_damping.plant.machines import block_controls, blocks
 from facts_damping.plant.machines.block_controls import GIVES
@@ -243,13 +243,13 @@ EXPECTED: list[tuple[str, str, Callable[[complex, Any], complex]]] = [
 ]
 
 
-def test_every_model_has_its_transfer_function() -> None:
+def test_table_of_transfer_functions_covers_all_control_models() -> None:
     assert {model for model, _, _ in EXPECTED} == set(MODELS) == set(DATA)
 
 
 @pytest.mark.parametrize(("model", "signals", "expected"), EXPECTED)
 @pytest.mark.parametrize("hertz", [0.02, 0.6, 2.0, 20.0])
-def test_a_control_is_the_transfer_function_of_its_standard(
+def test_control_is_the_transfer_function_of_its_standard(
     model: str, signals: str, expected: Callable[[complex, Any], complex], hertz: float
 ) -> None:
     data, s = made(model), 2j * np.pi * hertz
@@ -257,7 +257,7 @@ def test_a_control_is_the_transfer_function_of_its_standard(
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
+def test_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
     """But for those that need one: of a loop, of an integrator."""
     needed = {"T3", "TA", "TE", "TM", "TF1"}
     times = [name for name in MODELS[model].fields.split() if name[0] == "T" and name not in ("TATB", "THETAP")]
@@ -267,7 +267,7 @@ def test_a_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
     assert sorted(quick.gives) == sorted(plain.gives)
 
 
-def test_it_rests_where_it_starts_within_its_limits() -> None:
+def test_control_models_start_at_rest_within_their_limits() -> None:
     for model in MODELS:
         data = made(model)
         control, rest = at_rest(data)
@@ -285,7 +285,7 @@ def test_it_rests_where_it_starts_within_its_limits() -> None:
 
 
 @given(st.lists(st.floats(-50.0, 50.0), min_size=5, max_size=40))
-def test_a_limited_state_stays_within_its_limits_and_leaves_them_at_once(errors: list[float]) -> None:
+def test_limited_state_stays_within_its_limits_and_leaves_them_at_once(errors: list[float]) -> None:
     """It does not wind up: where the input turns, so does the state."""
     data = made("IEEEX1", TB=0.0, TC=0.0, KF=0.0)
     control, rest = at_rest(data)
@@ -304,7 +304,7 @@ def test_a_limited_state_stays_within_its_limits_and_leaves_them_at_once(errors:
             x[VR] = min(max(x[VR] + h * dx[VR], data.VRMIN), data.VRMAX)
 
 
-def test_the_integral_of_a_pid_stops_at_its_limit_and_leaves_it_at_once() -> None:
+def test_integral_of_a_pid_stops_at_its_limit_and_leaves_it_at_once() -> None:
     data = made("DC4B", KA=2.0)
     control, rest = at_rest(data)
     x, dx, values = rest.states.copy(), np.zeros(len(rest.states)), np.zeros(len(SENSED) + len(control.rows))
@@ -323,12 +323,12 @@ def test_the_integral_of_a_pid_stops_at_its_limit_and_leaves_it_at_once() -> Non
     ("loading", "fraction"),
     [(-0.1, 1.0), (0.0, 1.0), (0.2, 0.8846), (0.433, 0.7502), (0.6, 0.6245), (0.75, 0.4330), (0.9, 0.1732), (1.2, 0.0)],
 )
-def test_a_rectifier_is_that_of_the_standard(loading: float, fraction: float) -> None:
+def test_rectifier_is_that_of_the_standard(loading: float, fraction: float) -> None:
     """IEEE Std 421.5, annex D: three modes of commutation."""
     assert blocks._rectified(2.0, 2.0 * loading) == pytest.approx(2.0 * fraction, abs=2e-4)
 
 
-def test_the_source_of_a_compound_exciter_is_that_of_the_standard() -> None:
+def test_source_of_a_compound_exciter_is_that_of_the_standard() -> None:
     """VE = |KP V + j (KI + KP XL) I|, KP at the angle THETAP."""
     data = made("ESST3A", KI=0.435, XL=0.0098, THETAP=3.33, KC=0.01)
     control, rest = at_rest(data, Vd=0.3, Vq=0.97)
@@ -341,7 +341,7 @@ def test_the_source_of_a_compound_exciter_is_that_of_the_standard() -> None:
     assert values[len(SENSED) + control.gives.index("VE")] == pytest.approx(expected)
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_invalid_data_of_a_control_model_are_refused() -> None:
     with pytest.raises(InputError, match=r"ESST3A of G1: an algebraic loop: .*; allowed: a time constant above 0"):
         block_controls.control(made("ESST3A", TM=0.0))
     with pytest.raises(ValueError, match=r"TA must be 0 or at least 0.002 s, given 0.001"):

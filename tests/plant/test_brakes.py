@@ -15,7 +15,7 @@ POWER = 600.0  # MW
 BRAKE = {"time": 1.0, "kind": "brake", "bus": "B6", "power": POWER}
 
 
-def test_a_brake_is_an_added_constant_impedance_for_its_time() -> None:
+def test_brake_is_an_added_constant_impedance_for_its_time() -> None:
     """Bit for bit."""
     system, times = shipped("two_area"), frame_times(4)
     load = {"name": "brake", "bus": "B6", "P": POWER, "Q": 0.0, "at": "nominal"}
@@ -33,7 +33,7 @@ def test_a_brake_is_an_added_constant_impedance_for_its_time() -> None:
 
 
 @pytest.mark.parametrize("installed", [[], ["sssc"]])
-def test_the_bus_gives_a_brake_its_power(installed: list[str]) -> None:
+def test_bus_gives_a_brake_its_power(installed: list[str]) -> None:
     """A bus without load and machine: what flows into its branches is what the brake takes, with opposite sign."""
     system = shipped("two_area")
     pmus = [one.model_dump(by_alias=True) for one in system.pmus]
@@ -48,7 +48,7 @@ def test_the_bus_gives_a_brake_its_power(installed: list[str]) -> None:
     assert 0.5 * POWER * 0.8 < energy < 0.5 * POWER
 
 
-def test_a_brake_with_a_duration_is_a_brake_and_its_removal() -> None:
+def test_brake_with_a_duration_is_a_brake_and_its_removal() -> None:
     brief = topology_intervals(shipped("two_area"), events({**BRAKE, "duration": 0.5}))
     both = topology_intervals(shipped("two_area"), events({"time": 1.5, "kind": "brake_out", "bus": "B6"}, BRAKE))
     assert brief == both

@@ -14,8 +14,8 @@ from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import to_ns
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping.small_signal.modal_analysis import analyse
-from facts_damping.studies.margins.linear_closed_loop import DelayedLoop, Discrete, approximate, delayed_loop, sampled
+from facts_damping.small_signal.modal_tables import analyse
+from facts_damping_studies.margins.linear_closed_loop import DelayedLoop, Discrete, approximate, delayed_loop, sampled
 from tests.plant.running import follow, plant, shipped, table, with_device
 from tests.studies.test_linear_closed_loop import random_loop
 
@@ -37,7 +37,7 @@ def test_setpoints_act_after_the_dead_time_to_the_nanosecond() -> None:
     assert set(trace.devices["setpoint"][:, 0]) == {0.0, 0.05, -0.02, 0.01}
 
 
-def test_a_dead_time_is_as_the_link_s_way_down() -> None:
+def test_dead_time_is_as_the_link_s_way_down() -> None:
     """A closed loop with 13 ms in the device, and one with 13 ms on the way to it: the same to the last bit."""
     own = ["scenario=large", "duration=3", "watchdog=off"]
     one = loop.run(load_case(None, [*own, "system.devices.0.dead_time=0.013"]))
@@ -47,7 +47,7 @@ def test_a_dead_time_is_as_the_link_s_way_down() -> None:
     np.testing.assert_array_equal(one.devices["reference"], other.devices["reference"])
 
 
-def test_a_flood_is_thinned_and_its_last_setpoint_acts_when_it_should() -> None:
+def test_flood_is_thinned_and_its_last_setpoint_acts_when_it_should() -> None:
     """A microsecond apart, fifty times as dense as there is room for: none acts early, the last one at its time."""
     values = np.linspace(1e-4, 0.05, 3000)
     sent = 0.001 + 1e-6 * np.arange(len(values))
@@ -63,7 +63,7 @@ def test_a_flood_is_thinned_and_its_last_setpoint_acts_when_it_should() -> None:
 
 
 @pytest.mark.parametrize("T", [0.0004, 0.02])
-def test_the_response_is_that_of_a_first_order_lag_to_the_ramp(T: float) -> None:
+def test_response_is_that_of_a_first_order_lag_to_the_ramp(T: float) -> None:
     """Ramp, then rest: its convolution with exp(-t/T)/T; as exact with a lag of a fifth of the step."""
     built = plant(with_device("sssc", response_time=T))
     times = np.arange(0.0, 0.1, 0.0013)
@@ -82,7 +82,7 @@ def test_the_response_is_that_of_a_first_order_lag_to_the_ramp(T: float) -> None
 
 
 @pytest.mark.parametrize("dead", [0.0, 0.06])
-def test_a_release_waits_for_nothing_and_what_is_under_way_acts_no_more(dead: float) -> None:
+def test_release_waits_for_nothing_and_what_is_under_way_acts_no_more(dead: float) -> None:
     """Setpoints each 10 ms until 0.1 s, time-out 50 ms: to zero from 0.15 s on, whatever was under way."""
     own = np.array([watchdog.settings(Watchdog(timeout=0.05, max_age=10.0, release_rate=0.2), 60)])
     built = build(with_device("sssc", dead_time=dead, response_time=0.01), ["sssc"], [], own)
@@ -133,7 +133,7 @@ def test_modes_know_both() -> None:
     np.testing.assert_allclose(ratio[rows], np.exp(-at * dead) / (1.0 + at * T), rtol=1e-5)
 
 
-def test_the_linear_closed_loop_has_the_dead_time_as_delay() -> None:
+def test_linear_closed_loop_has_the_dead_time_as_delay() -> None:
     """50 ms in the device as 50 ms more on the link; the controllers know of both."""
     link = 'link={"up": [{"model": "constant", "delay": 0.03}]}'
     one = load_case(None, [link, "system.devices.0.dead_time=0.05", "system.devices.0.response_time=0.02"])

@@ -59,7 +59,7 @@ def own(built: Built, name: str) -> list[int]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_writes_its_own_states_and_no_others(kind: str) -> None:
+def test_device_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     """Its branch in each of the compiled functions is there, and gives numbers."""
     built = plant(system(), installed=[f"{kind}_1"])
     d, x = built.plant.devices[0], built.state.x
@@ -74,7 +74,7 @@ def test_every_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     assert np.isfinite(devices.other_characteristic(int(d["kind"]), d, x, 0.01, size)[0]) == two == (d["other"] > 0)
 
 
-def test_what_is_no_kind_gives_no_number() -> None:
+def test_unknown_device_kind_gives_nan() -> None:
     """So that a forgotten branch ends the run, and does not take another's law."""
     d = plant(system(), installed=["statcom_1"]).plant.devices.copy()[0]
     d["kind"] = -1
@@ -83,7 +83,7 @@ def test_what_is_no_kind_gives_no_number() -> None:
 
 
 @pytest.mark.parametrize("name", ["two_area", "kundur_12_6_thyristor"])
-def test_all_start_at_rest_together(name: str) -> None:
+def test_devices_of_all_kinds_start_at_rest_together(name: str) -> None:
     every = [d.name for d in system(name).devices]
     assert np.abs(slopes(plant(system(name), installed=every))).max() < 1e-8
 
@@ -127,7 +127,7 @@ def test_two_of_a_kind_act_alike_in_any_order(kind: str) -> None:
 
 @pytest.mark.parametrize("d", [0, 1])
 @pytest.mark.parametrize("kind", IN_GRID)
-def test_a_setpoint_moves_the_device_that_it_is_for(kind: str, d: int) -> None:
+def test_setpoint_moves_the_device_that_it_is_for(kind: str, d: int) -> None:
     """Within 60 ms, what it gives changes, and the other's reference does not."""
     trace = follow(plant(system(), installed=[f"{kind}_1", f"{kind}_2"]), frame_times(0.06, 500), [(0.0, 0.03, d)])
     moved = [np.ptp(trace.devices[name], axis=0) for name in ("active_power", "reactive_power")]

@@ -8,7 +8,7 @@ import pytest
 
 from facts_damping.case.loading import make_case
 from facts_damping.errors import InputError
-from facts_damping.parameters.run import Event
+from facts_damping.parameters.events import Event
 from facts_damping.plant.events import timeline, topology_intervals
 from tests.plant.running import changed, events, follow, frame_times, plant, shipped, slopes
 
@@ -44,13 +44,13 @@ def refusal(*rows: dict[str, Any]) -> str:
     return str(error.value)
 
 
-def test_every_kind_is_here() -> None:
+def test_table_of_event_kinds_is_complete() -> None:
     models = get_args(get_args(Event)[0])
     assert set(KINDS) == {kind for model in models for kind in get_args(model.model_fields["kind"].annotation)}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_acts_from_its_instant_on(kind: str) -> None:
+def test_event_acts_from_its_instant_on(kind: str) -> None:
     """Nothing before, something after; what is taken back leaves the start's network."""
     built = plant("two_area", *KINDS[kind])
     trace = follow(built, [0.0, KINDS[kind][0]["time"], 1.5, 1.6])
@@ -71,7 +71,7 @@ def test_every_kind_acts_from_its_instant_on(kind: str) -> None:
         assert np.abs(after).max() > 1e-3
 
 
-def test_a_line_that_goes_out_and_comes_in_leaves_no_trace() -> None:
+def test_line_that_goes_out_and_comes_in_leaves_no_trace() -> None:
     rows = [at(1.0, "line_out", line="line_2"), at(2.0, "line_in", line="line_2")]
     found = topology_intervals(shipped("two_area"), events(*rows))
     assert [s.start_ns for s in found] == [0, SECOND, 2 * SECOND]
@@ -119,7 +119,7 @@ def test_events_at_one_instant_are_one_stage() -> None:
     assert only.topology.lines_out == {"line_1"}
 
 
-def test_a_tripped_machine_gives_nothing_and_is_no_longer_in_the_grid() -> None:
+def test_tripped_machine_gives_nothing_and_is_no_longer_in_the_grid() -> None:
     built = plant("two_area", at(1.0, "generator_trip", machine="G4"))
     trace = follow(built, frame_times(3))
     out = trace.t >= 1.0
@@ -133,7 +133,7 @@ def test_a_tripped_machine_gives_nothing_and_is_no_longer_in_the_grid() -> None:
 
 @pytest.mark.parametrize("place", [{"bus": "B9"}, {"line": "line_4", "location": 0.3}])
 @pytest.mark.parametrize("impedance", [{}, {"r": 0.01, "x": 0.02}])
-def test_a_fault_with_a_duration_is_a_fault_and_a_clear(place: dict[str, Any], impedance: dict[str, float]) -> None:
+def test_fault_with_a_duration_is_a_fault_and_a_clear(place: dict[str, Any], impedance: dict[str, float]) -> None:
     """Bit for bit."""
     element = {key: value for key, value in place.items() if key != "location"}
     brief = plant("two_area", at(1.0, "fault", duration=0.1, **place, **impedance))
@@ -159,20 +159,20 @@ def during(place: dict[str, Any]) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize(("location", "bus"), [(1e-9, "B8E"), (1 - 1e-9, "B9")])
-def test_a_fault_at_the_end_of_a_line_is_one_at_its_bus(location: float, bus: str) -> None:
+def test_fault_at_the_end_of_a_line_is_one_at_its_bus(location: float, bus: str) -> None:
     near, there = during({"line": "line_4", "location": location}), during({"bus": bus})
     middle = during({"line": "line_4", "location": 0.5})
     np.testing.assert_allclose(near, there, rtol=1e-6, atol=1e-6)
     assert np.abs(middle - there).max() > 1e-3
 
 
-def test_a_bolted_fault_is_the_limit_of_a_small_impedance() -> None:
+def test_bolted_fault_is_the_limit_of_a_small_impedance() -> None:
     bolted, small, large = (during({"line": "line_4", "r": r}) for r in (0.0, 1e-9, 1e3))
     np.testing.assert_allclose(small, bolted, rtol=0, atol=1e-4)
     assert np.abs(large).max() < 1e-2 < np.abs(bolted).max()
 
 
-def test_a_bolted_fault_holds_its_bus_at_zero() -> None:
+def test_bolted_fault_holds_its_bus_at_zero() -> None:
     system = shipped("two_area")
     (pmu,) = [i for i, s in enumerate(system.pmus) if s.name == "TIE"]
     trace = follow(plant(system, at(1.0, "fault", bus="B8W", duration=0.1)), frame_times(2))
@@ -181,7 +181,7 @@ def test_a_bolted_fault_holds_its_bus_at_zero() -> None:
     assert (trace.frames[~burning, pmu, 0] > 0.5).all()
 
 
-def test_a_line_taken_out_takes_its_fault_along() -> None:
+def test_line_taken_out_takes_its_fault_along() -> None:
     """The usual clearing by breakers; a fault that still burns is back with the line."""
     fault = [at(1.0, "fault", line="line_4", location=0.3, r=0.01), at(1.1, "line_out", line="line_4")]
     out = plant("two_area", at(1.1, "line_out", line="line_4")).plant.network[-1]
@@ -250,14 +250,14 @@ REFUSED: list[tuple[list[dict[str, Any]], str, str, str]] = [
 
 
 @pytest.mark.parametrize(("rows", "where", "given", "allowed"), REFUSED)
-def test_what_cannot_happen_is_refused(rows: list[dict[str, Any]], where: str, given: str, allowed: str) -> None:
+def test_impossible_event_is_refused(rows: list[dict[str, Any]], where: str, given: str, allowed: str) -> None:
     message = refusal(*rows)
     assert re.match(rf"{re.escape(where)}: {given} given", message), message
     assert allowed in message.partition("allowed: ")[2]
     assert given.strip("'") not in message.partition("allowed: ")[2].split(", ")
 
 
-def test_a_line_is_not_taken_for_the_bus_of_its_name() -> None:
+def test_line_is_not_taken_for_the_bus_of_its_name() -> None:
     system = shipped("two_area")
     lines = [{**line.model_dump(by_alias=True)} for line in system.lines]
     lines[0]["name"] = "B9"
@@ -265,7 +265,7 @@ def test_a_line_is_not_taken_for_the_bus_of_its_name() -> None:
         plant(changed(system, lines=lines), at(1, "fault", bus="B9"), at(2, "clear", line="B9"))
 
 
-def test_an_island_without_a_machine_is_refused() -> None:
+def test_island_without_a_machine_is_refused() -> None:
     rows = [at(1, "line_out", line="T1"), at(2, "line_out", line="T2"), at(3, "line_out", line="line_6_7")]
     message = refusal(*rows)
     assert re.match(r"events\.2 \(line_out\): .*island without a machine: buses B5, B6; allowed: at least one", message)

@@ -13,7 +13,7 @@ from facts_damping.parameters.plant.machines import StaticExciter
 from facts_damping.parameters.plant.system import System
 from facts_damping.plant.machines.excitation import derivatives, field_voltage, steady_state
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping.validation.small_signal import PRINTED
+from facts_damping_validation.small_signal import PRINTED
 from tests.independent import kundur_circuits
 from tests.independent.reference_cases import CURRENT, IMPEDANCE
 from tests.plant.running import REFERENCES, changed, plant, shipped
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize("name", names("systems"))
-def test_a_system_as_recordings_have_it_is_read_back(name: str) -> None:
+def test_system_as_recordings_have_it_is_read_back(name: str) -> None:
     """They have every field of it, of each exciter those of its model."""
     assert System.model_validate(shipped(name).model_dump(by_alias=True)) == shipped(name)
 
 
 @pytest.mark.parametrize("name", kundur_circuits.SYSTEMS)
-def test_the_books_equations_with_exciters_are_those_of_the_file(name: str) -> None:
+def test_books_equations_with_exciters_are_those_of_the_file(name: str) -> None:
     with (REFERENCES / "kundur_12_6_excitation_book.csv").open() as file:
         written = [complex(float(r["re"]), float(r["im"])) for r in csv.DictReader(file) if r["system"] == name]
     assert kundur_circuits.swings(shipped(name)) == pytest.approx(written, rel=0, abs=1e-5)
 
 
-def test_the_books_equations_with_thyristor_exciters_give_the_books_eigenvalues() -> None:
+def test_books_equations_with_thyristor_exciters_give_the_books_eigenvalues() -> None:
     """As far as these can be read off the plot that quotes them: to 0.002 and 0.02 1/s."""
     found = kundur_circuits.swings(shipped("kundur_12_6_thyristor"))
     assert [v.real for v in found] == pytest.approx([v.real for v in PRINTED], rel=0, abs=0.002)

@@ -62,7 +62,7 @@ def test_its_setpoint_acts_as_an_offset_of_the_voltage_reference(name: str) -> N
     assert trace.sound.all()
 
 
-def test_a_static_exciter_gives_its_gain_times_the_setpoint() -> None:
+def test_static_exciter_gives_its_gain_times_the_setpoint() -> None:
     """At once, d(Efd) = KA u / (1 + KA KF / TF), as the transducer and the feedback have not moved."""
     built = plant(with_input(), installed=["input"])
     (e,) = (e for e in shipped("two_area").exciters if isinstance(e, StaticExciter) and e.machine == "G2")
@@ -85,7 +85,7 @@ def test_two_inputs_at_a_machine_add_up_beside_its_stabiliser() -> None:
     assert (both.plant.devices["port"] == -1).all()
 
 
-def test_it_changes_nothing_at_rest_and_draws_nothing() -> None:
+def test_exciter_input_leaves_the_power_flow_unchanged_and_draws_nothing() -> None:
     built = plant(with_input(), installed=["input"])
     np.testing.assert_array_equal(built.flow.voltage, plant("two_area").flow.voltage)
     trace = follow(built, frame_times(1.0), [(0.0, 0.5), (0.5, float("nan"))])
@@ -96,22 +96,22 @@ def test_it_changes_nothing_at_rest_and_draws_nothing() -> None:
     assert np.isnan(device["injected_voltage"]).all()
 
 
-def test_it_works_in_a_plant_without_any_port() -> None:
+def test_exciter_input_works_in_a_plant_without_any_port() -> None:
     """wscc_9: loads that are impedances, machines without saliency of the stator."""
     built = plant(with_input("wscc_9"), installed=["input"])
     assert follow(built, frame_times(1.0), [(0.0, 0.05)]).sound.all()
 
 
-def test_it_follows_its_linear_model() -> None:
+def test_exciter_input_follows_its_linear_model() -> None:
     follows_linear_model(plant(with_input(response_time=0.02), installed=["input"]), u=1e-4)
 
 
-def test_a_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
+def test_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
     damps(row("G2"), damping=0.05)
 
 
 @pytest.mark.parametrize(("machine", "said"), [("G9", "'G9' given"), ("G2", "'G2' given, which has no exciter")])
-def test_a_machine_without_exciter_is_refused(machine: str, said: str) -> None:
+def test_machine_without_exciter_is_refused(machine: str, said: str) -> None:
     system = shipped("two_area")
     left = [e.model_dump() for e in system.exciters if e.machine != "G2"]
     others = [s.model_dump() for s in system.stabilisers if s.machine != "G2"]

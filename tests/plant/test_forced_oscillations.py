@@ -15,7 +15,8 @@ from facts_damping.nodes.live_plant import LivePlant
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
-from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, RunChange
+from facts_damping.record import RunChange
+from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import apply
 from facts_damping.simulation.twins import mirrored
@@ -62,7 +63,7 @@ def input_of(built: Built, element: dict[str, str]) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("element", [{"machine": "G1"}, {"load": "load_2"}])
 @pytest.mark.parametrize("frequency", [0.4, 1.1])
-def test_the_speeds_are_those_of_the_linear_plant(element: dict[str, str], frequency: float) -> None:
+def test_speeds_are_those_of_the_linear_plant(element: dict[str, str], frequency: float) -> None:
     """Amplitude and phase within 1 %."""
     built = plant(controlled(), at(**element, frequency=frequency, ramp=5.0), installed=[])
     rest = plant(controlled(), at(**element, duration=1e-3, time=1e4), installed=[])
@@ -92,7 +93,7 @@ def test_the_speeds_are_those_of_the_linear_plant(element: dict[str, str], frequ
     duration=st.none() | st.floats(1e-3, 1),
     waveform=st.sampled_from(["sine", "square"]),
 )
-def test_one_of_amplitude_0_is_none(element: dict[str, str], **fields: Any) -> None:
+def test_forced_oscillation_of_amplitude_0_changes_no_bit(element: dict[str, str], **fields: Any) -> None:
     """Bit for bit."""
     traces = [
         follow(plant("two_area", *rows), frame_times(1)) for rows in ([], [at(**element, **fields, amplitude=0.0)])
@@ -121,7 +122,7 @@ def test_start_ramp_and_end_of_a_sine() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
-def test_a_square_has_the_sign_of_its_sine() -> None:
+def test_square_has_the_sign_of_its_sine() -> None:
     times = frame_times(3, rate=60)
     found = powers(at(machine="G1", amplitude=0.1, frequency=1.5, waveform="square", duration=2.0), times=times)
     halves = np.floor(np.array(times) * 3.0 + 1e-9)
@@ -131,7 +132,7 @@ def test_a_square_has_the_sign_of_its_sine() -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(frequency=st.floats(1e-3, 240.0), k=st.integers(0, 10**6))
-def test_a_square_changes_at_its_edges(frequency: float, k: int) -> None:
+def test_square_changes_at_its_edges(frequency: float, k: int) -> None:
     """At the last ns before an edge, and at the edge."""
     built = plant("two_area", at(machine="G1", amplitude=0.1, frequency=frequency, waveform="square"), installed=[])
     work, machines = workspace(built.plant, built.state), np.zeros(4, MACHINE_TRUTH)
@@ -150,7 +151,7 @@ def test_several_add_up() -> None:
     np.testing.assert_allclose(both, first + second, rtol=0, atol=1e-15)
 
 
-def test_a_power_depends_on_time_not_on_the_frames() -> None:
+def test_power_depends_on_time_not_on_the_frames() -> None:
     """With frames twice as dense the run is the same, but for the steps beside edges."""
     rows = [at(machine="G1", amplitude=0.05, frequency=3.0), at(load="load_1", amplitude=0.05, waveform="square")]
     sparse, dense = (follow(plant("two_area", *rows), frame_times(2, rate=rate)) for rate in (60, 120))
@@ -158,7 +159,7 @@ def test_a_power_depends_on_time_not_on_the_frames() -> None:
     assert np.abs(sparse.speeds).max() > 1e-4
 
 
-def test_the_integration_keeps_its_order() -> None:
+def test_integration_keeps_its_order() -> None:
     """With a quarter of the step the error falls by about 4^4, with start, end, ramp and edges between steps."""
     rows = [
         at(time=0.0123, machine="G1", amplitude=0.05, frequency=3.0, ramp=0.3117, duration=0.7331),
@@ -170,13 +171,13 @@ def test_the_integration_keeps_its_order() -> None:
     assert fine < coarse / 100
 
 
-def test_a_tripped_machine_has_none() -> None:
+def test_tripped_machine_has_none() -> None:
     trip = {"time": 1.0, "kind": "generator_trip", "machine": "G4"}
     trace = follow(plant("two_area", at(machine="G4", amplitude=0.1, duration=2.0), trip), frame_times(2.5))
     assert (trace.machines["mechanical_power"][trace.t >= 1.0, 3] == 0).all()
 
 
-def test_it_passes_a_governor_by() -> None:
+def test_forced_oscillation_of_a_machine_bypasses_its_governor() -> None:
     """The mechanical power has it at once, where a step of the reference takes its time."""
     built = plant(controlled(), at(machine="G1", amplitude=0.1, waveform="square"), installed=[])
     trace = follow(built, [0.0, 1e-3])
@@ -221,7 +222,7 @@ def test_events_of_a_running_plant_are_those_of_a_file(rows: list[str], sets: li
 
 
 @pytest.mark.parametrize("devices", ["[]", "[sssc]"])
-def test_a_load_becomes_a_port_during_a_run(devices: str) -> None:
+def test_load_becomes_a_port_during_a_run(devices: str) -> None:
     """An impedance before, so that the networks are reduced differently: equal to the rounding."""
     found, expected = (run(ROWS, f"devices={devices}") for run in (live, from_file))
     np.testing.assert_allclose(found[:60], expected[:60], rtol=0, atol=1e-9)
@@ -229,7 +230,7 @@ def test_a_load_becomes_a_port_during_a_run(devices: str) -> None:
     assert np.nanmax(np.abs(found[-1] - found[0])) > 1e-3
 
 
-def test_a_reset_ends_what_was_asked_for() -> None:
+def test_reset_ends_what_was_asked_for() -> None:
     case = load_case(None, LIVE)
     node = LivePlant(case)
     node.measure(0)

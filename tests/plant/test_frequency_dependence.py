@@ -13,14 +13,14 @@ from facts_damping.case.loading import load_case, load_system
 from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping.small_signal.modal_analysis import analyse
+from facts_damping.small_signal.modal_tables import analyse
 from tests.plant.island import H, P, V, X, island
 
 OMEGA_0 = 2 * math.pi * 60
 
 
 @pytest.mark.parametrize(("kpf", "T"), [(1.5, 0.02), (1.5, 0.5), (6.0, 0.1)])
-def test_a_load_is_a_damping_torque(kpf: float, T: float) -> None:
+def test_load_is_a_damping_torque(kpf: float, T: float) -> None:
     """Eigenvalues of 2 H domega/dt = -dP, dP = kpf P dw_bus, dw_bus = s theta / (omega_0 (1 + s T)^2).
 
     theta = delta - phi with P = E^2 sin(2 phi) / (2 X) where the load draws no reactive power: dphi = a dP. So
@@ -49,7 +49,7 @@ def run(events: list[dict[str, Any]], **load: Any) -> Any:
 
 
 @pytest.mark.parametrize("change", [0.1, -0.2])
-def test_a_load_step_ends_at_the_frequency_at_which_the_load_draws_what_it_did(change: float) -> None:
+def test_load_step_ends_at_the_frequency_at_which_the_load_draws_what_it_did(change: float) -> None:
     """P (1 + change) (1 + kpf dw) = P."""
     kpf = 3.0
     record = run([{"time": 1.0, "kind": "load_step", "load": "load", "change": change}], kpf=kpf)
@@ -68,7 +68,7 @@ def test_reactive_power_follows_the_frequency_by_its_own_factor() -> None:
     assert drawn[-1] < 0.3 - 1e-4
 
 
-def test_a_bolted_fault_at_the_load_is_survived() -> None:
+def test_bolted_fault_at_the_load_is_survived() -> None:
     record = run([{"time": 1.0, "kind": "fault", "bus": "B", "duration": 0.1}], kpf=1.5)
     assert record.in_synchronism.all()
     speed = record.machines["speed_deviation"][:, 0]
@@ -82,7 +82,7 @@ def test_without_it_nothing_is_added() -> None:
     assert not any(name.endswith(".theta") for name in built.state_names)
 
 
-def test_it_damps_swings_between_areas_and_holds_the_common_speed() -> None:
+def test_frequency_dependent_load_damps_swings_and_the_common_speed() -> None:
     without = analyse(load_system("two_area"), ["sssc"])
     with_it = analyse(load_system("two_area", ["loads.0.kpf=1.5", "loads.1.kpf=1.5"]), ["sssc"])
     swings = [next(mode for mode in one.swings if mode.label == "interarea") for one in (without, with_it)]

@@ -16,8 +16,8 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
-from facts_damping.small_signal.modal_analysis import analyse
-from facts_damping.validation.devices import SWINGS, two_machines
+from facts_damping.small_signal.modal_tables import analyse
+from facts_damping_validation.devices import SWINGS, two_machines
 from tests.plant.channels import ACTIVE, REACTIVE, VOLTAGE
 from tests.plant.running import changed, follow, frame_times, plant, shipped
 from tests.plant.small import SPUR, between_infinite_buses
@@ -95,7 +95,7 @@ def test_below_its_least_voltage_it_is_an_admittance_and_comes_back_as_the_other
     assert trace.sound.all()
 
 
-def test_a_bolted_fault_at_either_end_takes_all_power_and_no_more() -> None:
+def test_bolted_fault_at_either_end_takes_all_power_and_no_more() -> None:
     for bus in ("B7", "B9"):
         fault = {"time": 0.1, "kind": "fault", "bus": bus, "duration": 0.08}
         trace = follow(plant("two_area_hvdc", fault, installed=["hvdc"]), frame_times(1.0, 240))
@@ -118,7 +118,7 @@ def test_modulation_keeps_limits_ramp_and_capacity(setpoint: float, order: float
 
 
 @pytest.mark.parametrize("setpoint", [0.7, -0.9])
-def test_a_link_without_schedule_modulates_both_ways(setpoint: float) -> None:
+def test_link_without_schedule_modulates_both_ways(setpoint: float) -> None:
     system = link(P=0.0, P_min=-125.0, P_max=125.0, setpoint_max=2.0, rate_max=1000.0)
     trace = follow(plant(system, installed=["hvdc"]), frame_times(0.5), [(0.1, 2.0 * setpoint)])
     assert trace.devices["active_power"][0, 0] == 0.0
@@ -173,7 +173,7 @@ def test_left_alone_it_is_two_loads_of_constant_power() -> None:
     np.testing.assert_allclose(follow(ours, times).speeds, follow(theirs, times).speeds, rtol=0, atol=1e-10)
 
 
-def test_it_is_in_service_where_it_is_not_installed() -> None:
+def test_hvdc_link_that_is_not_installed_is_in_service() -> None:
     """It carries its order and answers nobody; the fault's course is that of one without a setpoint."""
     fault = {"time": 0.1, "kind": "fault", "bus": "B9", "x": 0.01, "duration": 0.1}
     ours, alone = (plant("two_area_hvdc", fault, installed=devices) for devices in (["hvdc"], []))
@@ -185,7 +185,7 @@ def test_it_is_in_service_where_it_is_not_installed() -> None:
     assert alone.plant.devices.size == 0
 
 
-def test_the_shipped_run_damps_what_grows_without_it() -> None:
+def test_shipped_run_damps_what_grows_without_it() -> None:
     """LLC from the difference of speeds: the interarea mode of 0.64 Hz; more speed in area 1 asks for more power."""
     with_it = summarise(loop.run(load_case("two_area_hvdc", [])))
     without = summarise(loop.run(load_case("two_area_hvdc", ["controllers=[]"])))
@@ -206,11 +206,11 @@ def test_the_shipped_run_damps_what_grows_without_it() -> None:
         ({"from": "X"}, "devices: hvdc.from: 'X' given; allowed: A, B, G, S"),
     ],
 )
-def test_what_cannot_be_is_refused(fields: dict[str, Any], message: str) -> None:
+def test_invalid_hvdc_link_is_refused(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
         link(**fields)
 
 
-def test_a_start_below_its_least_voltage_is_refused() -> None:
+def test_start_below_its_least_voltage_is_refused() -> None:
     with pytest.raises(InputError, match=r"hvdc: S has 0\.9\d* p.u. of voltage at the start; .* at least its V_min, 1"):
         plant(link(P=300.0, V_min=1.0, pf_from=0.9), installed=[])

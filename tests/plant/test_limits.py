@@ -44,7 +44,7 @@ LIMITS = {"setpoint_max": 0.1, "rate_max": 5.0, "vp_max": 0.1, "vc_max": 0.11, "
 RATED = Series(parameters(**THESIS, **LIMITS), 1.0)
 
 
-def test_the_device_of_two_area_has_the_data_of_the_thesis() -> None:
+def test_device_of_two_area_has_the_data_of_the_thesis() -> None:
     (shipped_device,) = series_devices(shipped("two_area"))
     place = {"from_bus", "to_bus"}
     assert shipped_device.model_dump(exclude=place) == RATED.p.model_dump(exclude=place)
@@ -146,7 +146,7 @@ def test_slopes_of_the_converter_are_those_of_its_voltages(
         assert at.v_q_slope == pytest.approx((high.v_q - low.v_q) / 2e-5, rel=1e-5, abs=1e-9)
 
 
-def test_a_blocked_converter_stands_still() -> None:
+def test_blocked_converter_stands_still() -> None:
     """Too little current: no voltage; in the plant no state of it moves."""
     found = at_a_port(device(), (0.01, 0.02, 0.9), 0.05, 0.001 + 0j, 0.1j)
     assert found.blocked
@@ -167,7 +167,7 @@ def test_a_blocked_converter_stands_still() -> None:
         ((0.0, 0.2, 1.0), 0.0, (False, True)),
     ],
 )
-def test_an_integrator_is_frozen_while_its_output_is_limited(
+def test_integrator_is_frozen_while_its_output_is_limited(
     x: tuple[float, float, float], u: float, limited: tuple[bool, bool]
 ) -> None:
     found = at_a_port(device(), [*x[:2], 0.95], u, 0.4 + 0j, 0.1j)
@@ -200,7 +200,7 @@ def test_dc_regulator_stays_within_its_limits_and_leaves_them() -> None:
     assert found[-1].max() < high - 0.05
 
 
-def test_what_a_step_takes_a_regulator_beyond_its_limit_has_no_effect() -> None:
+def test_overshoot_of_a_regulator_limit_in_a_coarse_step_has_no_effect() -> None:
     """The field voltage of a coarse step is near that of a fine one; with it, they would be 0.04 p.u. apart."""
     system = shipped("kundur_12_6_dc")
     start = plant(system)

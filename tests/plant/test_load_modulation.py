@@ -53,7 +53,7 @@ def test_below_v_min_it_is_an_impedance(u: float) -> None:
     assert trace.sound.all()
 
 
-def test_it_starts_at_rest_and_leaves_the_power_flow_alone() -> None:
+def test_load_modulation_starts_at_rest_and_leaves_the_power_flow_unchanged() -> None:
     built = plant(two_area(), installed=["modulation"])
     assert np.abs(slopes(built)).max() < 1e-9
     np.testing.assert_array_equal(built.flow.voltage, plant("two_area").flow.voltage)
@@ -72,7 +72,7 @@ def test_with_a_lag_it_follows_as_the_linear_model() -> None:
     follows_linear_model(built)
 
 
-def test_a_bolted_fault_at_its_bus_takes_all_its_power() -> None:
+def test_bolted_fault_at_its_bus_takes_all_its_power() -> None:
     fault = {"time": 0.2, "kind": "fault", "bus": "B9", "duration": 0.1}
     built = plant(two_area(), fault, installed=["modulation"])
     trace = follow(built, frame_times(1, 240), [(0.05, 0.5)])
@@ -82,5 +82,5 @@ def test_a_bolted_fault_at_its_bus_takes_all_its_power() -> None:
     assert trace.sound.all()
 
 
-def test_a_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
+def test_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
     damps(row("B9", setpoint_max=1.0, rate_max=10.0, response_time=0.05))

@@ -38,7 +38,7 @@ def many(duration: float = 20.0, seed: int = 1, **noise: Any) -> NDArray[np.floa
 
 
 @pytest.mark.parametrize("T", [0.2, 2.0])
-def test_it_is_an_ornstein_uhlenbeck_process(T: float) -> None:
+def test_load_noise_is_an_ornstein_uhlenbeck_process(T: float) -> None:
     """Variance s^2 (1 - exp(-2 t / T)) from a start at 0; correlation exp(-lag / T); 400 processes: within 5 sigma."""
     x = many(std=0.03, time_constant=T)
     x = np.concatenate([x[..., 0], x[..., 1]])
@@ -60,7 +60,7 @@ def test_p_and_q_go_together_as_far_as_asked_and_loads_do_not(correlation: float
     assert np.abs(np.corrcoef(x[:50, :, 0]) - np.eye(50)).max() < 0.25
 
 
-def test_a_load_has_a_stream_of_its_own() -> None:
+def test_load_has_a_stream_of_its_own() -> None:
     whole = draw(LoadNoise(), MANY, 2.0, 7)
     other = draw(LoadNoise(loads={"load_1": {"std": 0.0}, "load_2": {"std": 0.05}}), MANY, 1.0, 7)  # type: ignore[dict-item]
     assert "load_1" not in other
@@ -77,7 +77,7 @@ def case(*sets: str, **load: Any) -> Case:
 
 
 @pytest.mark.parametrize("rate", [60, 50, 7])
-def test_the_machine_gives_what_the_load_draws(rate: int) -> None:
+def test_machine_gives_what_the_load_draws(rate: int) -> None:
     """P (1 + noise) at every frame, the noise between its points along a line."""
     asked = case(f"frame_rate={rate}")
     drawn = draw(asked.run.load_noise, asked.system.loads, 2.0, 3)["load"]
@@ -87,7 +87,7 @@ def test_the_machine_gives_what_the_load_draws(rate: int) -> None:
     assert np.ptp(expected) > 0.05
 
 
-def test_an_impedance_is_scaled_as_a_whole() -> None:
+def test_impedance_is_scaled_as_a_whole() -> None:
     """P + j Q over |V|^2, at 60 Hz as the frames have it; V0 is 1 p.u."""
     asked = case(P_fractions={"impedance": 1.0}, Q=20.0)
     drawn = draw(asked.run.load_noise, asked.system.loads, 2.0, 3)["load"][::2]
@@ -96,7 +96,7 @@ def test_an_impedance_is_scaled_as_a_whole() -> None:
         assert frame[:, channel] / frame[:, 0] ** 2 == pytest.approx(power * (1 + drawn[:-1, own]), rel=1e-9)
 
 
-def test_it_does_not_matter_in_how_many_parts_time_goes_on() -> None:
+def test_noisy_load_gives_the_same_however_time_is_divided() -> None:
     built, other = build_plant(case()), build_plant(case())
     work, none = workspace(built.plant, built.state), np.zeros(0, SETPOINT)
     ends = [int(1e9 * t) for t in (0.0, 0.013, 0.0171, 0.5, 0.50001, 1.0)]
@@ -130,7 +130,7 @@ def test_runs_that_share_a_plant_have_the_bits_of_each_seed() -> None:
     assert not np.array_equal(one, other, equal_nan=True)
 
 
-def test_the_plant_of_a_node_has_the_same_bits() -> None:
+def test_plant_of_a_node_has_the_same_bits() -> None:
     asked = load_case(None, [*NOISY, "controllers=[]"])
     plant, frames = LivePlant(asked), []
     for tick in range(asked.ticks):
@@ -140,7 +140,7 @@ def test_the_plant_of_a_node_has_the_same_bits() -> None:
     assert np.array_equal(np.array(frames), loop.run(asked).frames, equal_nan=True)
 
 
-def test_an_event_that_is_asked_for_leaves_the_noise_as_it_was() -> None:
+def test_event_that_is_asked_for_leaves_the_noise_as_it_was() -> None:
     asked = load_case(None, ["scenario=training", "devices=[]", "controllers=[]", "load_noise.std=0.02"])
     plant = LivePlant(asked)
     before = plant._plant.load_noise

@@ -13,7 +13,7 @@ from facts_damping.small_signal.bus_places import places
 from tests.plant.running import shipped
 
 
-def test_it_has_what_its_description_says() -> None:
+def test_minniwecc_has_the_parts_of_its_description() -> None:
     system = shipped("minniwecc")
     assert (len(system.buses), len(system.machines), len(system.pmus)) == (122, 34, 36)
     assert len({m.area for m in system.machines}) == 5
@@ -26,7 +26,7 @@ def test_it_has_what_its_description_says() -> None:
 
 
 @pytest.mark.parametrize("scenario", ["brake", "colstrip", "coi"])
-def test_the_modulated_intertie_damps_its_scenarios(scenario: str) -> None:
+def test_modulated_intertie_damps_its_scenarios(scenario: str) -> None:
     swings = []
     for control in ([], ["controllers=[]"]):
         record = run(load_case("minniwecc", [f"scenario={scenario}", *control]))

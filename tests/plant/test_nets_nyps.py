@@ -13,9 +13,10 @@ from facts_damping.findings import itae
 from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation.loop import run
-from facts_damping.small_signal.linearisation import linearise, modes
-from facts_damping.studies.margins import delay_margin
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
+from facts_damping.small_signal.eigenmodes import modes
+from facts_damping.small_signal.linearisation import linearise
+from facts_damping_studies.margins import delay_margin
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from tests.plant.running import REFERENCES, figures, follow, plant, shipped
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def test_power_flow_is_that_of_andes() -> None:
         assert abs(voltage - theirs[name]) < 1e-7, name
 
 
-def test_a_fault_is_that_of_andes() -> None:
+def test_fault_is_that_of_andes() -> None:
     """Exciters without saturation and limits: ANDES's is another one."""
     system = without_devices()
     free = [e.model_copy(update=NO_LIMIT[e.model]) for e in system.exciters]

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from facts_damping.plant.grid.power_flow import solve
-from facts_damping.small_signal.linearisation import linearise, modes
+from facts_damping.small_signal.eigenmodes import modes
+from facts_damping.small_signal.linearisation import linearise
 from tests.plant.running import figures, follow, frame_times, plant, shipped
 
 GENERATED = {  # MATPOWER, case39 solved: MW and Mvar
@@ -61,7 +62,7 @@ def test_nine_swings_one_of_them_against_the_rest_of_the_interconnection() -> No
     assert (apart[:-1] > 150).all()
 
 
-def test_the_scenario_is_survived() -> None:
+def test_scenario_is_survived() -> None:
     rows = [
         {"time": 0.1, "kind": "fault", "bus": "B14"},
         {"time": 0.2, "kind": "clear", "bus": "B14"},

@@ -120,7 +120,7 @@ def far(found: NDArray[np.complex128], *, leave: int) -> NDArray[np.complex128]:
     return kept
 
 
-def test_every_case_is_here() -> None:
+def test_reference_eigenvalues_cover_all_cases_of_options() -> None:
     with (REFERENCES / "kundur_12_6_options_eigenvalues_andes.csv").open() as file:
         assert {row["case"] for row in csv.DictReader(file)} == set(CASES)
 
@@ -211,7 +211,7 @@ def test_classical_machines_swing_as_in_a_third_program() -> None:
 # Kundur's table E12.3, and why GENROU with saturation is not it
 
 
-def test_the_books_equations_give_the_books_eigenvalues() -> None:
+def test_books_equations_give_the_books_eigenvalues() -> None:
     """All but the pair at zero: the table has two or three decimals, its operating point four digits.
 
     The largest difference, 0.012, is that of a swing printed as j6.82 whose printed frequency is 1.087 Hz, j6.83.
@@ -227,7 +227,7 @@ def test_without_saturation_the_plant_has_the_books_equations() -> None:
     assert furthest(far(found, leave=3), far(ours, leave=3)) < 1e-5
 
 
-def test_what_the_form_of_saturation_changes() -> None:
+def test_saturation_as_in_genrou_damps_local_modes_more_than_in_the_book() -> None:
     """S10 and S12 give the book's curve at 1.0 and 1.2, but GENROU saturates the transient circuits alone.
 
     The book lowers both mutual inductances to their incremental values, by 0.55 to 0.58. The interarea mode is
@@ -256,7 +256,7 @@ def exact(z: complex, y: complex, length: float) -> NDArray[np.complex128]:
 
 
 @pytest.mark.parametrize("length", [1.0, 110.0, 1000.0, 5000.0])
-def test_a_distributed_line_solves_the_telegraph_equations(length: float) -> None:
+def test_distributed_line_solves_the_telegraph_equations(length: float) -> None:
     """The tie of Kundur's system, from 1 km to almost a wavelength (2 pi / 0.00132 km)."""
     r, x, b = 0.0001, 0.001, 0.00175
     line = Line.model_validate({"name": "line", "from": "A", "to": "B", "length": length, "r": r, "x": x, "b": b})
@@ -267,7 +267,7 @@ def test_a_distributed_line_solves_the_telegraph_equations(length: float) -> Non
     np.testing.assert_allclose(parts[0] @ parts[1], expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
-def test_a_distributed_line_is_that_of_a_textbook() -> None:
+def test_distributed_line_is_that_of_a_textbook() -> None:
     """Glover, Sarma and Overbye, Power System Analysis and Design, example 5.2: 765 kV, 300 km; ohm and siemens.
 
     A = 0.9313 at 0.209 degrees, B = 97.0 at 87.2, C = 1.37e-3 at 90.06; the nominal pi circuit has B = 99.3 at 87.14.

@@ -232,7 +232,7 @@ def test_below_v_min_the_voltage_is_that_of_an_impedance(P: float) -> None:
 
 
 @pytest.mark.parametrize("P", [12.6, 15.0, 30.0])
-def test_a_load_beyond_what_the_network_can_carry_collapses_to_an_impedance(P: float) -> None:
+def test_load_beyond_what_the_network_can_carry_collapses_to_an_impedance(P: float) -> None:
     """E^2 / (2 X) = 12.5 p.u. is the most; a V_min near zero leaves no other way out than next to no voltage."""
     built = plant(loaded(8.0, 0.01), {"time": 0.5, "kind": "load_step", "load": "load", "change": P / 8 - 1})
     trace = follow(built, [0.0, 0.6])
@@ -240,7 +240,7 @@ def test_a_load_beyond_what_the_network_can_carry_collapses_to_an_impedance(P: f
 
 
 @pytest.mark.parametrize("V_min", [0.5, 0.7, 0.9])
-def test_every_fault_has_a_solution_with_loads_of_constant_power(V_min: float) -> None:
+def test_network_with_constant_power_loads_has_a_solution_in_every_fault(V_min: float) -> None:
     """Their draw is bounded and continuous, so there is one: also where one load is an impedance, the other not."""
     system = shipped("two_area")
     system = changed(system, loads=[{**load.model_dump(), **POWER, "V_min": V_min} for load in system.loads])
@@ -250,7 +250,7 @@ def test_every_fault_has_a_solution_with_loads_of_constant_power(V_min: float) -
             assert follow(plant(system, fault, installed=[]), [0.0, 0.5]).sound.all(), (bus, x)
 
 
-def test_a_statcom_whose_current_its_bus_cannot_carry_is_blocked() -> None:
+def test_statcom_whose_current_its_bus_cannot_carry_is_blocked() -> None:
     """|V| = sqrt(|Voc|^2 - Im(Z i)^2) + Re(Z i): none for an active current of 40 p.u. in the middle of the tie."""
     built = plant("two_area", installed=["statcom"])
     trace = follow(built, [0.0], x=moved(built, {"statcom.id": 40.0}))
@@ -259,14 +259,14 @@ def test_a_statcom_whose_current_its_bus_cannot_carry_is_blocked() -> None:
     assert trace.sound.all()
 
 
-def test_a_run_whose_states_are_no_numbers_ends() -> None:
+def test_run_whose_states_are_no_numbers_ends() -> None:
     built = plant("two_area", installed=["sssc"])
     trace = follow(built, [0.0, 0.1], x=np.full_like(built.state.x, np.nan))
     assert not trace.sound.any()
 
 
 @pytest.mark.parametrize("P", [13.0, 18.0, 25.0])
-def test_a_load_beyond_it_that_becomes_an_impedance_is_one(P: float) -> None:
+def test_load_beyond_it_that_becomes_an_impedance_is_one(P: float) -> None:
     """With the default V_min the voltage that an impedance leaves is a solution: 0.686, 0.562, 0.440 p.u."""
     built = plant(loaded(8.0), {"time": 0.5, "kind": "load_step", "load": "load", "change": P / 8 - 1})
     trace = follow(built, [0.0, 0.6])
@@ -274,7 +274,7 @@ def test_a_load_beyond_it_that_becomes_an_impedance_is_one(P: float) -> None:
 
 
 @pytest.mark.parametrize("bus", ["B5", "B7", "B10"])
-def test_a_fault_finds_loads_of_constant_power_as_impedances(bus: str) -> None:
+def test_fault_finds_loads_of_constant_power_as_impedances(bus: str) -> None:
     """Through 0.2 p.u., the default V_min: voltages of 0.68 and 0.67, 0.69 and 0.68, 0.84 and 0.67 at the two loads."""
     system = shipped("two_area")
     system = changed(system, loads=[{**load.model_dump(), **POWER} for load in system.loads])
@@ -337,7 +337,7 @@ def test_slopes_of_every_port_are_those_of_its_law(
     moved=st.lists(st.floats(-0.1, 0.1), min_size=5, max_size=5),
     references=st.tuples(*[st.floats(-0.1, 0.1)] * len(KINDS)),
 )
-def test_all_ports_are_solved_together(moved: list[float], references: tuple[float, ...]) -> None:
+def test_ports_of_all_kinds_are_solved_together(moved: list[float], references: tuple[float, ...]) -> None:
     """Every law holds at its response, and every response is the network's to all sources."""
     built = of_all_kinds()
     work, x, source = workspace(built.plant, built.state), np.array(built.state.x), copy(built.state).source

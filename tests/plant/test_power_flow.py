@@ -53,14 +53,14 @@ def test_rows_of_buses_add_up(name: str) -> None:
     assert 0 < losses < 0.05 * sum(power.real for power in flow.generation.values() if power.real > 0) * 100
 
 
-def test_a_load_beyond_what_the_grid_carries_is_refused() -> None:
+def test_load_beyond_what_the_grid_carries_is_refused() -> None:
     system = shipped("kundur_12_6")
     loads = [{**load.model_dump(), "P": load.P * 3} for load in system.loads]
     with pytest.raises(InputError, match=rf"kundur_12_6: power flow does not converge: .*; allowed: {TOLERANCE:g}"):
         solve(changed(system, loads=loads))
 
 
-def test_a_bus_that_nothing_joins_is_refused() -> None:
+def test_bus_that_nothing_joins_is_refused() -> None:
     system = shipped("kundur_12_6")
     buses = [*(bus.model_dump() for bus in system.buses), {"name": "alone", "nominal_voltage": 230.0}]
     with pytest.raises(InputError, match="power flow does not converge"):

@@ -85,7 +85,7 @@ def test_power_balances_at_every_bus_and_in_all() -> None:
 
 @pytest.mark.parametrize("g", [0.0, 0.05])
 @pytest.mark.parametrize("vdc", [0.9, 1.1])
-def test_what_the_converter_draws_charges_its_capacitor_or_is_lost(vdc: float, g: float) -> None:
+def test_power_drawn_by_the_sssc_charges_its_capacitor_or_is_lost(vdc: float, g: float) -> None:
     """The network's power less rs |I|^2, integrated, is the change of tau vdc^2 / 2 and what g takes."""
     system = everywhere(with_device("sssc", g=g))
     built = plant(system)
@@ -154,7 +154,7 @@ def test_order_of_rows_is_of_no_account(usual: Any, data: st.DataObject) -> None
 
 @some
 @given(degrees=st.floats(-360, 360))
-def test_a_common_angle_is_of_no_account(usual: Any, degrees: float) -> None:
+def test_common_angle_is_of_no_account(usual: Any, degrees: float) -> None:
     """The slack's angle turns all others along, and changes no speed."""
     system = shipped("two_area")
     machines = [{**m.model_dump(), "angle": degrees if m.slack else 0.0} for m in system.machines]
@@ -170,7 +170,7 @@ def tie(trace: Trace) -> NDArray[np.float64]:
     return trace.frames[:, [s.name for s in shipped("two_area").pmus].index("TIE"), ACTIVE]
 
 
-def test_a_capacitive_setpoint_raises_the_transfer() -> None:
+def test_capacitive_setpoint_raises_the_transfer() -> None:
     """At once, before the rotors move; and injected voltage follows the reference."""
     for value in (0.02, -0.02):
         trace = follow(plant("two_area"), frame_times(0.3, 240), [(0.0125, value)])
@@ -182,7 +182,7 @@ def test_a_capacitive_setpoint_raises_the_transfer() -> None:
         assert reached["injected_voltage"] == pytest.approx(value, rel=0.02)
 
 
-def test_a_capacitive_setpoint_slows_area_1_and_speeds_area_2() -> None:
+def test_capacitive_setpoint_slows_area_1_and_speeds_area_2() -> None:
     trace = follow(plant("two_area"), frame_times(0.2), [(0.0, 0.05)])
     assert trace.speeds[-1, :2].max() < -1e-5
     assert trace.speeds[-1, 2:].min() > 1e-5
@@ -205,7 +205,7 @@ def test_sign_of_the_speed_after_an_event(event: dict[str, Any], sign: int) -> N
     assert sign * (trace.speeds[-1] @ inertia) / inertia.sum() > 1e-3
 
 
-def test_a_line_out_lowers_the_tie_power() -> None:
+def test_line_out_lowers_the_tie_power() -> None:
     """At once: one of two circuits of a half of the tie is gone."""
     trace = follow(plant("two_area", {"time": 0.1, "kind": "line_out", "line": "line_2"}), frame_times(0.2))
     assert tie(trace)[-1] < tie(trace)[0] - 0.3

@@ -14,7 +14,7 @@ FAULT = {"time": 0.1, "kind": "fault", "line": "line_4", "location": 0.9, "durat
 RATED = 6.0  # p.u.; the tie carries 4.15 at the start
 
 
-def test_an_sssc_is_bypassed_above_its_rating_where_asked() -> None:
+def test_sssc_is_bypassed_above_its_rating_where_asked() -> None:
     """In the fault its line carries more than rated: then its transformer is all that is there."""
     free, kept = (
         follow(
@@ -32,14 +32,14 @@ def test_an_sssc_is_bypassed_above_its_rating_where_asked() -> None:
     np.testing.assert_allclose(drop, 0.0, atol=1e-15)
 
 
-def test_a_start_above_the_rating_is_refused() -> None:
+def test_start_above_the_rating_is_refused() -> None:
     with pytest.raises(InputError, match=r"sssc carries 4\.1\d* p.u. at the start; allowed: .* at most I_rated, 4"):
         plant(with_device("sssc", I_rated=4.0, enforce_rating=True))
     plant(with_device("sssc", I_rated=4.0))
 
 
 @pytest.mark.parametrize("on", [False, True])
-def test_the_whole_current_of_a_statcom_is_limited_where_asked(on: bool) -> None:
+def test_whole_current_of_a_statcom_is_limited_where_asked(on: bool) -> None:
     """Losses of 0.6 p.u. and all the reactive power that there is: the DC link keeps its current, the rest is left."""
     system = between_infinite_buses([row("S", g=0.6, Ki=50.0, enforce_rating=on)], step=5e-4)
     built = plant(system, installed=["statcom"])
@@ -53,7 +53,7 @@ def test_the_whole_current_of_a_statcom_is_limited_where_asked(on: bool) -> None
 
 
 @pytest.mark.parametrize(("g", "R"), [(0.05, 0.0073), (0.3, 0.0), (0.3, 0.1)])
-def test_a_statcom_with_losses_rests_and_the_power_flow_has_them(g: float, R: float) -> None:
+def test_statcom_with_losses_rests_and_the_power_flow_has_them(g: float, R: float) -> None:
     """P = V i with V i - R i^2 = g; that is missing at its bus, and no state moves."""
     built = plant(with_device("statcom", g=g, R=R), installed=["sssc", "statcom"])
     assert np.abs(slopes(built)).max() < 1e-8

@@ -11,13 +11,14 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
-from facts_damping.small_signal.linearisation import linearise, modes
+from facts_damping.small_signal.eigenmodes import modes
+from facts_damping.small_signal.linearisation import linearise
 from tests.plant.channels import ACTIVE, ANGLE, VOLTAGE
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
 if TYPE_CHECKING:
     from facts_damping.parameters.plant.system import System
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 LOADINGS = ("nominal", "light", "heavy")
 
@@ -46,7 +47,7 @@ def test_operating_points_are_the_thesis_s(loading: str, megawatts: float, degre
 
 @pytest.mark.parametrize("installed", [[], ["sssc"]])
 @pytest.mark.parametrize("loading", LOADINGS)
-def test_every_loading_starts_at_rest_and_stays_there(loading: str, installed: list[str]) -> None:
+def test_smib_starts_and_stays_at_rest_at_every_loading(loading: str, installed: list[str]) -> None:
     """Heavy loading has a growing mode: exp(0.04 * 20) is 2.2."""
     built = plant(shipped("smib", None, loading), installed=installed)
     assert np.abs(slopes(built)).max() < 1e-9
@@ -125,7 +126,7 @@ def watched(angle: float = 0.0, **fields: Any) -> System:
     return changed(system, pmus=pmus, infinite_buses=[grid], **fields)
 
 
-def test_nothing_moves_the_infinite_bus_but_a_fault_at_itself() -> None:
+def test_infinite_bus_keeps_its_voltage_in_a_fault_at_another_bus() -> None:
     fault = {"time": 0.1, "kind": "fault", "bus": "B2", "duration": 0.1}
     trace = follow(plant(watched(-50.0), fault), frame_times(1))
     assert np.ptp(trace.frames[:, 1, VOLTAGE]) > 0.3
@@ -134,7 +135,7 @@ def test_nothing_moves_the_infinite_bus_but_a_fault_at_itself() -> None:
     np.testing.assert_allclose(trace.frames[:, 2, ANGLE], math.radians(-50), rtol=0, atol=1e-15)
 
 
-def test_a_fault_at_the_infinite_bus_holds_it_at_zero_and_it_comes_back() -> None:
+def test_fault_at_the_infinite_bus_holds_it_at_zero_and_it_comes_back() -> None:
     """Meanwhile its lines take losses alone, so that the machine speeds up."""
     fault = {"time": 0.1, "kind": "fault", "bus": "B4", "duration": 0.05}
     trace = follow(plant(watched(), fault), frame_times(4, 100))

@@ -10,14 +10,14 @@ from scipy.sparse import csc_array
 
 from facts_damping.case.loading import load_case, load_system
 from facts_damping.errors import InputError
-from facts_damping.grid_formats.matpower import import_case
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.plant.system import System
-from facts_damping.parameters.validation import check
 from facts_damping.plant import build as plant_build
 from facts_damping.plant.build import build
 from facts_damping.plant.grid import power_flow, sparse
 from facts_damping.simulation import loop
-from facts_damping.small_signal import descriptor, linearisation, residues
+from facts_damping.small_signal import descriptor, eigenmodes, linearisation, residues
+from facts_damping_grids.matpower_reading import import_case
 from tests.andes_cases import CASES
 
 if TYPE_CHECKING:
@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize(("name", "devices"), [("new_england_39", []), ("two_area", ["sssc", "statcom"]), ("smib", [])])
-def test_both_ways_give_the_same_network(name: str, devices: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sparse_and_dense_elimination_give_the_same_network(
+    name: str, devices: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     system = load_system(name)
     dense = build(system, devices, [])
     monkeypatch.setattr(sparse, "DENSE", 0)
@@ -55,7 +57,7 @@ def test_equations_are_solved(kind: type, columns: int | None) -> None:
         np.testing.assert_allclose(found, np.linalg.solve(a, b), rtol=1e-8, atol=1e-10)
 
 
-def test_a_grid_of_2224_buses_is_at_rest() -> None:
+def test_grid_of_2224_buses_is_at_rest() -> None:
     """Great Britain's, from ANDES's wheel: the power flow of the case is balanced, its machines stand still."""
     path = CASES / "GBnetwork" / "GBnetwork.m"
     system = check(System, import_case(path).content, str(path))
@@ -113,13 +115,13 @@ def test_runs_are_the_same_with_factors_instead_of_a_dense_network(
     np.testing.assert_allclose(found.frames, dense.frames, rtol=1e-6, atol=1e-7)
 
 
-def test_the_sparse_linear_plant_has_the_same_modes_and_residues(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sparse_linear_plant_has_the_same_modes_and_residues(monkeypatch: pytest.MonkeyPatch) -> None:
     """Series and parallel devices, machines with X''q != X''d; the modes nearest the shifts, not all."""
     system, devices = load_system("nets_nyps"), ["sssc", "statcom"]
     pmus = [pmu.name for pmu in system.pmus]
     built = build(system, devices, [])
     dense = linearisation.linear_model(built, system.signals, pmus)
-    known = {mode.eigenvalue: mode for mode in linearisation.modes(dense.A, built.state_names, system, dense, devices)}
+    known = {mode.eigenvalue: mode for mode in eigenmodes.modes(dense.A, built.state_names, system, dense, devices)}
     at_mode = residues.residues(built, system, devices, 60)
     monkeypatch.setattr(plant_build, "LARGE", 0)
     monkeypatch.setattr(descriptor, "ALL_MODES", 0)
@@ -127,7 +129,7 @@ def test_the_sparse_linear_plant_has_the_same_modes_and_residues(monkeypatch: py
     built = build(system, devices, [])
     model = linearisation.linear_model(built, system.signals, pmus)
     assert np.abs(model.response(3j) - dense.response(3j)).max() < 1e-6 * np.abs(dense.response(3j)).max()
-    found = linearisation.modes(model.matrix, built.state_names, system, model, devices)
+    found = eigenmodes.modes(model.matrix, built.state_names, system, model, devices)
     swings = [mode for mode in found if mode.swings]
     assert len(swings) == 8  # of 15
     for mode in swings:

@@ -146,7 +146,7 @@ PAIR = (sssc("a", "line_1"), sssc("b", "line_4", "to", tau=0.01))
 
 
 @pytest.mark.parametrize("installed", [["a", "b"], ["b", "sssc", "a"]])
-def test_what_each_of_several_draws_charges_its_own_capacitor(installed: list[str]) -> None:
+def test_power_drawn_by_each_sssc_charges_its_own_capacitor(installed: list[str]) -> None:
     """In two lines at once, and with the one in the tie: power at its ends less rs |I|^2, integrated."""
     system = everywhere(place(in_lines(*PAIR)))
     built = plant(system, {**LOAD_STEP, "time": 0.0}, installed=installed)
@@ -210,7 +210,7 @@ def test_placed_by_its_line_it_is_what_explicit_buses_make_it(end: str) -> None:
     assert np.ptp(traces[0].frames[:, -1, ACTIVE]) > 1
 
 
-def test_it_is_the_line_s_end_that_it_stands_at() -> None:
+def test_sssc_stands_at_the_given_end_of_its_line() -> None:
     """Where it stands makes a difference: the line's charging lies on the other side."""
     near, far = (plant(place(in_lines(sssc("a", "line_1", end))), installed=["a"]) for end in ("from", "to"))
     assert near.flow.currents["a"] != pytest.approx(far.flow.currents["a"], rel=1e-3)
@@ -226,7 +226,7 @@ def test_not_installed_it_is_its_transformer_s_resistance() -> None:
     np.testing.assert_allclose(traces[0].speeds, traces[1].speeds, rtol=0, atol=2e-6)
 
 
-def test_it_goes_out_with_its_line_and_comes_back() -> None:
+def test_sssc_goes_out_of_service_with_its_line_and_comes_back() -> None:
     """Blocked meanwhile: no current flows."""
     rows = [{"time": 0.5, "kind": "line_out", "line": "line_1"}, {"time": 1.0, "kind": "line_in", "line": "line_1"}]
     trace = follow(plant(place(in_lines(*PAIR)), *rows, installed=["a"]), frame_times(2), [(0.0, 0.05)])

@@ -57,7 +57,7 @@ def two_area(**fields: Any) -> System:
     return everywhere(with_device("statcom", **fields))
 
 
-def test_what_it_draws_is_lost_or_stored_in_its_transformer_and_its_capacitor() -> None:
+def test_energy_drawn_by_the_statcom_is_lost_or_stored() -> None:
     """Integral of the power drawn = integral of R i^2 + change of L i^2 / (2 omega_0) + change of tau vdc^2 / 2.
 
     From its equations times i_d, i_q and vdc. The power is that of the PMUs at the other branches of its bus.
@@ -108,7 +108,7 @@ def test_bus_voltage_meets_the_port_s_closed_form(i_d: float, i_q: float, V: flo
     assert (frame[VOLTAGE], frame[ANGLE]) == pytest.approx((magnitude, angle), abs=1e-11)
 
 
-def test_it_starts_at_rest_without_current_and_leaves_the_power_flow_alone() -> None:
+def test_statcom_starts_without_current_and_leaves_the_power_flow_unchanged() -> None:
     built = plant("two_area", installed=BOTH)
     assert np.abs(slopes(built)).max() < 1e-9
     trace = follow(built, frame_times(1))
@@ -241,7 +241,7 @@ def test_regulators_answer_a_small_step_as_their_equations_say(step: str) -> Non
     assert (np.abs(found - expected).max(axis=0) <= 2e-4 * np.abs(expected).max(axis=0) + 1e-9).all()
 
 
-def test_a_fault_at_its_bus_blocks_it_and_it_comes_back() -> None:
+def test_fault_at_its_bus_blocks_it_and_it_comes_back() -> None:
     """No current and no state moving while the voltage is too low; afterwards it holds the voltage again."""
     fault = {"time": 0.1, "kind": "fault", "bus": "B8W", "duration": 0.1}
     system = two_area()

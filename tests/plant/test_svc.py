@@ -49,7 +49,7 @@ def two_area(**fields: Any) -> System:
 
 @settings(deadline=None, max_examples=60)
 @given(B=st.floats(-5, 5), V=st.floats(0.8, 1.2))
-def test_it_is_a_susceptance(B: float, V: float) -> None:
+def test_svc_is_a_susceptance(B: float, V: float) -> None:
     """Behind a reactance X: V = E / (1 - X B), in phase; it gives Q = B V^2, no power, and |i| = |B| V."""
     built = plant(between_infinite_buses([row()], V=V), installed=["svc"])
     trace = follow(built, [0.0], x=moved(built, {"svc.B": B}))
@@ -111,13 +111,13 @@ def test_susceptance_stays_within_its_limits_and_leaves_them_without_wind_up(u: 
     np.testing.assert_allclose(B[after], expected, rtol=1e-3, atol=1e-9)
 
 
-def test_it_starts_at_rest_and_leaves_the_power_flow_alone() -> None:
+def test_svc_starts_at_rest_and_leaves_the_power_flow_unchanged() -> None:
     built = plant(two_area(), installed=["sssc", "svc"])
     assert np.abs(slopes(built)).max() < 1e-9
     np.testing.assert_array_equal(built.flow.voltage, plant("two_area").flow.voltage)
 
 
-def test_what_it_gives_goes_into_the_branches_at_its_bus() -> None:
+def test_reactive_power_of_the_svc_goes_into_the_branches_at_its_bus() -> None:
     """Of the two areas, while machines swing: no power, Q = B V^2."""
     system = two_area()
     step = {"time": 0.0, "kind": "load_step", "load": "load_2", "change": -0.1}
@@ -131,7 +131,7 @@ def test_what_it_gives_goes_into_the_branches_at_its_bus() -> None:
     np.testing.assert_allclose(out, 1j * B * trace.frames[:, at[0], VOLTAGE] ** 2, rtol=0, atol=1e-10)
 
 
-def test_a_fault_at_its_bus_blocks_it_and_it_comes_back() -> None:
+def test_fault_at_its_bus_blocks_it_and_it_comes_back() -> None:
     """No current and no state moving while the voltage is too low; afterwards it lifts the voltage again."""
     fault = {"time": 0.2, "kind": "fault", "bus": "B8W", "duration": 0.1}
     built = plant(two_area(), fault, installed=["svc"])

@@ -72,7 +72,7 @@ def test_its_reactance_follows_in_its_time(T: float) -> None:
     np.testing.assert_allclose(x[late], expected[late], rtol=0, atol=1e-8)
 
 
-def test_it_is_the_same_as_a_line_with_that_much_less_reactance() -> None:
+def test_tcsc_equals_a_line_of_less_reactance() -> None:
     """Power flow, speeds after a fault: installed, not installed, and a fixed reactance of the line."""
     system = two_area()
     (device,) = (d for d in system.devices if isinstance(d, Tcsc))
@@ -93,7 +93,7 @@ def test_it_is_the_same_as_a_line_with_that_much_less_reactance() -> None:
         np.testing.assert_allclose(speeds[0], speeds[1], rtol=0, atol=2e-6)
 
 
-def test_it_starts_at_rest() -> None:
+def test_tcsc_starts_at_rest() -> None:
     built = plant(two_area(), installed=["tcsc"])
     assert np.abs(slopes(built)).max() < 1e-9
     names, same = plant(two_area(), installed=[]).flow, built.flow
@@ -112,21 +112,21 @@ def test_above_its_largest_current_it_is_bypassed() -> None:
     assert np.ptp(trace.x[:, built.state_names.index("tcsc.x")]) == 0
 
 
-def test_a_current_above_it_at_the_start_is_refused() -> None:
+def test_current_above_it_at_the_start_is_refused() -> None:
     with pytest.raises(InputError, match=r"tcsc carries 17.25 p.u. at the start; allowed: at most I_max, 12"):
         small(I_max=12.0)
 
 
-def test_a_reactance_beyond_its_limits_is_refused() -> None:
+def test_reactance_beyond_its_limits_is_refused() -> None:
     with pytest.raises(ValueError, match=re.escape("X must be between X_min and X_max, given 0.02, -0.005 and 0.01")):
         small(X_max=0.01)
 
 
-def test_it_follows_its_linear_model() -> None:
+def test_tcsc_follows_its_linear_model() -> None:
     follows_linear_model(plant(two_area(response_time=0.02), installed=["tcsc"]), u=1e-4)
 
 
-def test_a_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
+def test_lead_lag_that_commands_it_damps_the_interarea_swing() -> None:
     (given,) = (d for d in two_area().devices if d.name == "tcsc")
     place_again = {"line": "line_1", "from": None, "to": None}
     fields = {key: value for key, value in given.model_dump(by_alias=True).items() if key not in place_again}

@@ -61,7 +61,7 @@ def test_controlled_run_agrees_with_the_independent_model(
     np.testing.assert_allclose(record.devices["reference"][:, 0], other.references["sssc"], rtol=0, atol=1e-10)
 
 
-def test_a_longer_fault_without_control_agrees_with_the_independent_model_until_synchronism_is_lost() -> None:
+def test_longer_fault_without_control_agrees_with_the_independent_model_until_synchronism_is_lost() -> None:
     """Also 1 s before, with the step of the system; both lose it in the same frame."""
     fault = {**FAULT, "duration": 20 / 60}
     times = frame_times(4.8)
@@ -114,7 +114,7 @@ def test_kundur_12_6_fault_is_that_of_andes() -> None:
     assert np.abs(trace.speeds[1:] - speeds).max() < 0.001 * np.abs(speeds).max()
 
 
-def test_a_setpoint_acts_from_its_own_instant_on() -> None:
+def test_setpoint_acts_from_its_own_instant_on() -> None:
     """Two runs whose setpoint arrives 1 ms apart between two frames differ as the linear model predicts.
 
     The reference of the later run lags by 1 ms for good, so the states differ by exp(A (T - t)) B u times 1 ms,
@@ -133,14 +133,14 @@ def test_a_setpoint_acts_from_its_own_instant_on() -> None:
         np.testing.assert_allclose(difference, predicted[speeds], rtol=0.006)
 
 
-def test_a_setpoint_on_a_boundary_of_frames_is_in_force_from_there_on() -> None:
+def test_setpoint_on_a_boundary_of_frames_is_in_force_from_there_on() -> None:
     built = plant("two_area")
     trace = follow(built, frame_times(0.1), [(3 / 60, 0.05)])
     assert (trace.reference[:4] == 0).all()
     np.testing.assert_allclose(trace.reference[4:, 0], 0.05, rtol=0, atol=1e-12)
 
 
-def test_a_setpoint_that_comes_late_acts_at_once_and_the_last_of_an_instant_wins() -> None:
+def test_setpoint_that_comes_late_acts_at_once_and_the_last_of_an_instant_wins() -> None:
     """In real time a link may deliver what was due before."""
     plant_, state, *_ = plant("two_area")
     targets = table([(0.05, 0.03), (0.08, -0.02), (0.08, 0.01)])
@@ -149,7 +149,7 @@ def test_a_setpoint_that_comes_late_acts_at_once_and_the_last_of_an_instant_wins
 
 
 @pytest.mark.parametrize("shift", [0.0037, 0.0123456])
-def test_an_event_acts_at_its_own_instant(shift: float) -> None:
+def test_event_acts_at_its_own_instant(shift: float) -> None:
     """Everything is at rest before: a fault between two frames gives the same course, later by as much."""
     late = {**FAULT, "time": FAULT["time"] + shift}  # type: ignore[operator]
     first = follow(plant("two_area", FAULT), frame_times(2))
@@ -158,7 +158,7 @@ def test_an_event_acts_at_its_own_instant(shift: float) -> None:
     np.testing.assert_allclose(second.speeds[-1], first.speeds[-1], rtol=0, atol=3e-6)
 
 
-def test_the_division_into_frames_is_of_no_account_to_an_event() -> None:
+def test_division_into_frames_is_of_no_account_to_an_event() -> None:
     """The event splits the frame: 60 and 53 frames/s agree to the integrator's error."""
     event = {"time": 0.1234567, "kind": "load_step", "load": "load_2", "change": -0.02}
     runs = [follow(plant("two_area", event), frame_times(2, rate)).x[-1] for rate in (60, 53)]

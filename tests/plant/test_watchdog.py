@@ -74,7 +74,7 @@ def judged(fields: dict[str, Any]) -> tuple[bool, Any]:
 
 
 @pytest.mark.parametrize("name", ODD)
-def test_an_odd_setpoint_is_refused_and_counted_by_cause(name: str) -> None:
+def test_odd_setpoint_is_refused_and_counted_by_cause(name: str) -> None:
     fields, cause = ODD[name]
     taken, watch = judged(fields)
     assert not taken
@@ -84,13 +84,13 @@ def test_an_odd_setpoint_is_refused_and_counted_by_cause(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", GOOD)
-def test_a_good_setpoint_is_accepted(name: str) -> None:
+def test_good_setpoint_is_accepted(name: str) -> None:
     taken, watch = judged(GOOD[name])
     assert taken
     assert watch["accepted_ns"] == 1000 * MS
 
 
-def test_a_watchdog_that_is_off_refuses_only_what_is_no_number() -> None:
+def test_watchdog_that_is_off_refuses_only_what_is_no_number() -> None:
     row, watch = np.array([watchdog.settings(None, RATE)]), watchdog.initial_watch(1)
     for name, (fields, _) in ODD.items():
         taken = watchdog.accepts(row[0], watch[0], setpoint(1000 * MS, **fields)[0], LIMIT, 1000 * MS)
@@ -98,7 +98,7 @@ def test_a_watchdog_that_is_off_refuses_only_what_is_no_number() -> None:
     assert watch.tobytes() == watchdog.initial_watch(1).tobytes()
 
 
-def test_nothing_refused_changes_no_bit() -> None:
+def test_watchdog_that_refuses_nothing_changes_no_bit() -> None:
     """On or off: whole runs over the shipped links, also those with jitter in order."""
     for link in ("ideal", "fibre", "satellite"):
         on, off = (loop.run(load_case(None, [f"link={link}", "duration=6", *more])) for more in ([], ["watchdog=off"]))
@@ -107,7 +107,7 @@ def test_nothing_refused_changes_no_bit() -> None:
 
 
 @pytest.mark.parametrize("timeout", [0.2, 0.3104])
-def test_a_device_lets_go_to_the_instant_and_stays_at_zero(timeout: float) -> None:
+def test_device_lets_go_to_the_instant_and_stays_at_zero(timeout: float) -> None:
     """Total loss from 2.5 s on: the last setpoint for `timeout`, then to zero at the release rate."""
     more = ["scenario=large", "duration=4", f"link={CUT}"]
     held = loop.run(load_case(None, [*more, "watchdog=off"]))
@@ -128,7 +128,7 @@ def test_a_device_lets_go_to_the_instant_and_stays_at_zero(timeout: float) -> No
     assert (held.devices["setpoint"][after, 0] == at_end).all()
 
 
-def test_a_device_that_never_had_a_setpoint_is_not_released() -> None:
+def test_device_that_never_had_a_setpoint_is_not_released() -> None:
     record = loop.run(load_case(None, ["controllers=[]", "duration=2"]))
     assert not record.devices["released"].any()
     assert summarise(record)["releases"] == []
@@ -140,7 +140,7 @@ def gap(more: list[str]) -> Any:
     return loop.run(load_case(None, ["scenario=large", "duration=5", f"link={link}", *more]))
 
 
-def test_a_released_device_is_latched_or_comes_back_after_good_setpoints() -> None:
+def test_released_device_is_latched_or_comes_back_after_good_setpoints() -> None:
     latched, back = gap([]), gap(["watchdog.good=30"])
     assert (latched.devices["released"][latched.time_s > 2.8, 0] == 1.0).all()
     assert (latched.devices["reference"][latched.time_s > 4.0, 0] == 0.0).all()
@@ -152,7 +152,7 @@ def test_a_released_device_is_latched_or_comes_back_after_good_setpoints() -> No
     assert np.abs(again).max() > 0.001
 
 
-def test_the_wall_clock_releases_who_heard_nothing_and_only_they_are_re_armed() -> None:
+def test_wall_clock_releases_who_heard_nothing_and_only_they_are_re_armed() -> None:
     watch = watchdog.initial_watch(3)
     latest = watchdog.initial_clock_state(3)
     watch["accepted_ns"] = [NOT_YET, 5, 6]
@@ -167,7 +167,7 @@ def test_the_wall_clock_releases_who_heard_nothing_and_only_they_are_re_armed() 
     assert watch["accepted_ns"].tolist() == [NOT_YET, 100, 7]
 
 
-def test_the_table_says_when_a_device_was_released_and_why() -> None:
+def test_table_says_when_a_device_was_released_and_why() -> None:
     text = table([("first", summarise(gap([]))), ("other", summarise(gap(["watchdog=off"])))])
     (line,) = [line for line in text.splitlines() if line.startswith("sssc released")]
     assert line.split()[2:] == ["at", "2.70", "s:", "no", "setpoint", "for", "0.2", "s", "-"]
@@ -191,7 +191,7 @@ def test_overtaken_setpoints_are_refused_and_told() -> None:
         (["system.devices.0.hold=0.3"], "'hold' given; allowed: 'watchdog.timeout'"),
     ],
 )
-def test_what_a_watchdog_cannot_be_is_refused(sets: list[str], message: str) -> None:
+def test_invalid_watchdog_is_refused(sets: list[str], message: str) -> None:
     with pytest.raises(InputError, match=message):
         load_case(None, sets)
 
@@ -202,7 +202,7 @@ def test_off_may_be_opened_by_a_field() -> None:
     assert load_case("two_area_small", []).run.watchdog is None
 
 
-def test_the_age_is_by_the_device_s_own_time_not_by_the_setpoint_s() -> None:
+def test_age_is_by_the_device_s_own_time_not_by_the_setpoint_s() -> None:
     """One that says it arrived long ago, on data of then, is too old."""
     built = build_plant(load_case(None, []))
     old = setpoint(0, value=0.05)

@@ -117,7 +117,7 @@ def test_classical_machines_swing_as_published_after_the_fault() -> None:
     assert apart[trace.t > 1].max() < first.max()
 
 
-def test_the_scenario_is_survived_with_exciters_too() -> None:
+def test_scenario_is_survived_with_exciters_too() -> None:
     """The two-axis machines with their slow exciters swing further, to 161 degrees, and come back."""
     trace = follow(plant("wscc_9", *FAULT), frame_times(20.0))
     apart = np.ptp(np.rad2deg(trace.machines["rotor_angle"]), axis=1)

@@ -11,17 +11,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from facts_damping.case.loading import read_system
 from facts_damping.parameters.recorded_run import recorded_run
+from facts_damping.record import GridEvent, Record
 from facts_damping.recording import RecordingWriter, schema_text
-from facts_damping.signals import (
-    CHANNELS,
-    DELIVERY,
-    DEVICE_TRUTH,
-    MACHINE_TRUTH,
-    NANOSECONDS,
-    SETPOINT,
-    GridEvent,
-    Record,
-)
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
     from collections.abc import Callable

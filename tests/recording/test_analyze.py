@@ -42,7 +42,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_report_and_pictures_of_two_recordings(
+def test_report_and_pictures_of_two_recordings(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Two of the same name are told apart, a cut one is said to be cut."""
@@ -68,7 +68,7 @@ def test_a_report_and_pictures_of_two_recordings(
     assert str(cut) in text
 
 
-def test_the_same_run_without_control_may_be_the_baseline(
+def test_same_run_without_control_may_be_the_baseline(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ["analyze", str(recording), "--run", "two_area_small", "--out", str(tmp_path), "--baseline"]

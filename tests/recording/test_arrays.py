@@ -20,7 +20,7 @@ from tests.commands import assert_one_line
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 RUN = ["duration=2", "link=plc", "controllers.0.name=HBsWC", "scenario=large", "frame_rate=50"]
 
@@ -30,7 +30,7 @@ def record() -> Record:
     return loop.run(load_case(None, RUN))
 
 
-def test_every_column_is_on_the_grid_and_has_a_unit(record: Record) -> None:
+def test_array_columns_are_on_the_grid_of_ticks_and_have_units(record: Record) -> None:
     assert record.arrays.keys() == record.units.keys()
     assert all(values.shape == (100,) for values in record.arrays.values())
     assert record.arrays["tick"].tolist() == list(range(100))
@@ -40,7 +40,7 @@ def test_every_column_is_on_the_grid_and_has_a_unit(record: Record) -> None:
         assert name.endswith(ending)
 
 
-def test_what_is_sampled_stands_as_it_is(record: Record) -> None:
+def test_arrays_of_sampled_signals_are_the_recorded_values(record: Record) -> None:
     arrays = record.arrays
     assert arrays["machine.G3.rotor_angle_rad"].tobytes() == record.machines["rotor_angle"][:, 2].tobytes()
     assert arrays["device.sssc.injected_voltage_pu"].tobytes() == record.devices["injected_voltage"][:, 0].tobytes()
@@ -48,7 +48,7 @@ def test_what_is_sampled_stands_as_it_is(record: Record) -> None:
     assert arrays["pmu.TIE.active_power_pu"].tobytes() == record.frames[:, record.pmus.index("TIE"), column].tobytes()
 
 
-def test_what_comes_now_and_then_is_held(record: Record) -> None:
+def test_arrays_of_irregular_messages_hold_the_newest_value(record: Record) -> None:
     """Tick by tick, by hand: entries that are older than what is known do not count."""
     speed, pmu = list(CHANNELS).index("speed_deviation"), record.pmus.index("G2")
     known, at, issued = np.nan, -1, np.nan
@@ -73,7 +73,7 @@ def test_estimates_and_learning_rates_are_there(record: Record) -> None:
     assert "learning.controller_0_HBsWC.identifier.lyapunov" in record.arrays
 
 
-def test_what_supervisors_say_has_columns_by_monitor() -> None:
+def test_supervision_arrays_have_a_column_for_each_monitor() -> None:
     given = ["supervision=standard", "arm_at=0.5", "duration=2", "devices=[sssc,statcom]"]
     record = loop.run(load_case(None, given))
     arrays, place = record.arrays, "supervision.controller_0_LLC"

@@ -147,7 +147,7 @@ def read(*folders: Path) -> None:
 
 
 @pytest.mark.parametrize("name", BOMBS)
-def test_a_bomb_is_one_line(folders: dict[str, Path], name: str) -> None:
+def test_bomb_is_one_line(folders: dict[str, Path], name: str) -> None:
     folder = folders[name]
     for _ in range(TRIES):
         status, took, megabytes = map(float, (folder / "said").read_text().split())

@@ -98,7 +98,7 @@ def test_messages_of_many_layouts(store: Any, little_endian: bool) -> None:
     assert firsts == sorted(firsts)
 
 
-def test_a_number_is_in_the_order_of_this_machine(store: Any) -> None:
+def test_number_is_in_the_order_of_this_machine(store: Any) -> None:
     message = random_message(store, np.random.default_rng(4))
     data = bytes(store.serialize_cdr(message, MIXED, little_endian=sys.byteorder != "little"))
     (block,), _ = blocks([data, data], store.fielddefs, MIXED)
@@ -129,7 +129,7 @@ def test_cut_and_foreign_bytes_are_left_out(store: Any) -> None:
 
 
 @pytest.mark.parametrize("name", sorted({message_type for message_type, _ in KINDS.values()}))
-def test_all_kinds_of_fields_in_this_package_are_known(name: str) -> None:
+def test_column_decoder_knows_all_field_types_of_our_messages(name: str) -> None:
     used = get_types_from_msg(schema_text(name), name)
     kinds: list[Any] = [kind for _, fields in used.values() for _, kind in fields]
     items = [what[0] if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (node, what) for node, what in kinds]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 STRING = "std_msgs/msg/String"
 
@@ -185,7 +185,7 @@ def test_topics_that_have_no_tick_in_common(
         load(tmp_path / "run")
 
 
-def test_a_cut_recording_that_is_refused_says_so(
+def test_cut_recording_that_is_refused_says_so(
     tmp_path: Path, random_record: Callable[..., Record], write_record: Any
 ) -> None:
     late = ("/pmu/delivered", "/controller_10_B/setpoints")
@@ -221,7 +221,7 @@ def test_foreign_recording(tmp_path: Path) -> None:
         load(tmp_path / "run")
 
 
-def test_a_recording_with_messages_of_old_names_says_so(tmp_path: Path) -> None:
+def test_recording_with_messages_of_old_names_says_so(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "run") as writer:
         old = next(name for name, new in OLD_NAMES.items() if new == "DeviceSetpoints")
         writer.add_topic("/setpoints/delivered", f"facts_damping_msgs/msg/{old}", schema="uint64 tick\n")
@@ -243,7 +243,7 @@ def test_foreign_schema(tmp_path: Path) -> None:
     ("content", "reason"),
     [(None, "does not exist"), (b"", "is not an MCAP file"), (b"x" * 99, "is not an MCAP file")],
 )
-def test_no_recording(tmp_path: Path, content: bytes | None, reason: str) -> None:
+def test_missing_or_foreign_recording_is_refused(tmp_path: Path, content: bytes | None, reason: str) -> None:
     file = tmp_path / "x.mcap"
     if content is not None:
         file.write_bytes(content)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 TYPES = sorted({message_type for message_type, _ in KINDS.values()})
 # A number as another one, wider and narrower, as text, as a message, in a sequence or an array; text as numbers.
@@ -35,7 +35,7 @@ OTHERS = [
 
 
 @pytest.mark.parametrize("name", TYPES)
-def test_what_is_read_is_in_the_definitions_of_this_version(name: str) -> None:
+def test_fields_that_are_read_are_in_the_message_definitions(name: str) -> None:
     for own, (_, fields) in get_types_from_msg(schema_text(name), name).items():
         assert FIELDS[own].items() <= {field: written(kind) for field, kind in fields}.items()
 
@@ -54,7 +54,7 @@ FIRST = {FIELDS[owner][field]: (owner, field) for owner, field in reversed(READ)
 
 
 @pytest.mark.parametrize(("owner", "field"), READ)
-def test_a_field_of_another_type_is_refused(owner: str, field: str) -> None:
+def test_field_of_another_type_is_refused(owner: str, field: str) -> None:
     """The first field of each type with all others, the rest with one each by turns, and without the field."""
     name = next(one for one in TYPES if owner in get_types_from_msg(schema_text(one), one))
     allowed, turn = FIELDS[owner][field], READ.index((owner, field)) % len(OTHERS)
@@ -72,7 +72,7 @@ def test_a_field_of_another_type_is_refused(owner: str, field: str) -> None:
     ("owner", "field", "other"),
     [("PlantState", "tick", "float64"), ("PmuFrame", "speed_deviation_pu", "uint64"), ("PlantState", "machines", None)],
 )
-def test_a_recording_of_other_fields_is_refused_in_a_line(
+def test_recording_of_other_fields_is_refused_in_a_line(
     tmp_path: Path, random_record: Callable[..., Record], written: Any, owner: str, field: str, other: str | None
 ) -> None:
     """Its bytes would be read as other numbers: eight of a tick as a fraction, or the reverse."""

@@ -28,7 +28,7 @@ from tests.mutations import damaged, mutated
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SETS = ["duration=1", "link=plc", "controllers.0.name=ANFTSC", "scenario=large"]
 PACKAGE = "facts_damping_msgs/msg/"
@@ -85,7 +85,7 @@ def assert_sound(found: Record | str, whole: Record) -> None:
         assert found.notes
 
 
-def test_the_whole_file_is_sound(whole: bytes, record: Record) -> None:
+def test_whole_file_is_sound(whole: bytes, record: Record) -> None:
     found = read(whole)
     assert not isinstance(found, str), found
     assert_sound(found, record)
@@ -131,7 +131,7 @@ def test_noise_is_refused(data: bytes) -> None:
         assert isinstance(read(magic + data, name), str)
 
 
-def test_every_bit_of_the_stored_run_counts(whole: bytes) -> None:
+def test_changed_bit_of_the_stored_run_is_noticed(whole: bytes) -> None:
     """A digit of a gain in run.yaml is not covered by a chunk: its own checksum tells."""
     with tempfile.TemporaryFile() as stream:
         stream.write(whole)
@@ -155,7 +155,7 @@ def _load(data: bytes) -> Record:
         return load(file)
 
 
-def test_a_chunk_whose_kind_is_flipped_is_missed(whole: bytes, record: Record) -> None:
+def test_chunk_whose_kind_is_flipped_is_missed(whole: bytes, record: Record) -> None:
     """It is passed over as an unknown record; the checksum of the whole, or the count of messages, tells."""
     chunk = whole.rindex(b"zstd")  # of the last chunk
     while whole[chunk - 41] != 0x06:
@@ -235,7 +235,7 @@ def late(topic: str, message: Any) -> Any:
     return message
 
 
-def test_a_tick_far_away_neither_hangs_nor_fills_the_memory(
+def test_tick_far_away_neither_hangs_nor_fills_the_memory(
     tmp_path: Path, record: Record, messages: Any, written: Callable[..., None]
 ) -> None:
     """As a sender of another version, or of another kind, might number them."""
@@ -245,7 +245,7 @@ def test_a_tick_far_away_neither_hangs_nor_fills_the_memory(
     assert len(found.time_ns) == 59
 
 
-def test_a_tick_far_away_in_a_bag_without_a_run_does_not_either(
+def test_tick_far_away_in_a_bag_without_a_run_does_not_either(
     tmp_path: Path, record: Record, messages: Any, written: Callable[..., None]
 ) -> None:
     written(record, tmp_path / "run", change=late, configuration="none")
@@ -257,9 +257,7 @@ def test_a_tick_far_away_in_a_bag_without_a_run_does_not_either(
 @pytest.mark.parametrize(
     "topic", ["/plant/state", "/pmu/delivered", "/controller_0_ANFTSC/setpoints", "/identifier_0_X/estimate"]
 )
-def test_one_message_that_is_missing_ends_the_replay_there(
-    tmp_path: Path, record: Record, written: Any, topic: str
-) -> None:
+def test_missing_message_ends_the_replay_at_its_tick(tmp_path: Path, record: Record, written: Any, topic: str) -> None:
     written(record, tmp_path / "run", skip=lambda name, tick: (name, tick) == (topic, 41))
     found = load(tmp_path / "run")
     assert found.gap_tick == 41
@@ -271,7 +269,7 @@ def test_one_message_that_is_missing_ends_the_replay_there(
 
 
 @pytest.mark.parametrize("change", ["older", "newer", "text", "list", "other"])
-def test_a_run_of_another_version_is_left_out_with_a_line(
+def test_run_of_another_version_is_left_out_with_a_line(
     tmp_path: Path, record: Record, written: Any, change: str
 ) -> None:
     made = dict(record.configuration)
@@ -325,7 +323,7 @@ def test_topics_of_other_types_beside_ours_do_no_harm(tmp_path: Path, record: Re
 
 @settings(max_examples=25, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32), command=st.sampled_from(["analyze", "replay", "views"]))
-def test_a_run_in_a_recording_that_is_nearly_right(
+def test_run_in_a_recording_that_is_nearly_right(
     tmp_path_factory: Any, record: Record, written: Any, capsys: Any, seed: int, command: str
 ) -> None:
     """As another version, or somebody else, may have stored it: what it names is not opened."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from facts_damping.record import Absence
 from facts_damping.recording.decode import Series
 from facts_damping.recording.gaps import find_absences, first_missing, gap_notes
-from facts_damping.signals import Absence
 
 LEFT, FOUND = 10, 14  # the first tick without them; the first at which the recorder heard the link again
 
@@ -18,7 +18,7 @@ def series(topic: str, first: int) -> Series:
 
 
 @pytest.mark.parametrize(("began", "answered"), [(12, 12), (13, FOUND), (FOUND, FOUND)])
-def test_what_a_link_delivered_unheard_is_missing_where_it_was_answered(began: int, answered: int) -> None:
+def test_deliveries_answered_before_the_link_was_heard_are_missing(began: int, answered: int) -> None:
     """The link began again at tick 12, the controller at another; the recorder found that when it `answered`."""
     late = {("link", 0, 12), ("controller", 0, began)}
     found = {
@@ -35,7 +35,7 @@ def test_what_a_link_delivered_unheard_is_missing_where_it_was_answered(began: i
     assert gap_notes(found, away, 19) == (told if heard_late else [])
 
 
-def test_an_absent_link_explains_gaps_of_the_nodes_that_use_it_alone() -> None:
+def test_absent_link_explains_gaps_of_the_nodes_that_use_it_alone() -> None:
     """Controller 1 has a link of its own, controllers 0 and 2 share the first."""
     found = {
         "delivered": [Series("/pmu/delivered", np.arange(20), []), series("/controller_1_LLC/pmu/delivered", FOUND)],

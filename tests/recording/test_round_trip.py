@@ -19,7 +19,7 @@ from facts_damping.recording import load
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 def assert_identical(one: Record, other: Record, ignore: tuple[str, ...] = ()) -> None:

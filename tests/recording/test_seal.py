@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def folder(tmp_path: Path, random_record: Callable[..., Record], write_record: A
     return tmp_path / "run"
 
 
-def test_a_recording_keeps_its_digest(folder: Path) -> None:
+def test_recording_keeps_its_digest(folder: Path) -> None:
     before = yaml.safe_load((folder / "metadata.yaml").read_text())
     made = seal(folder)
     information = yaml.safe_load((folder / "metadata.yaml").read_text())
@@ -49,13 +49,13 @@ def test_another_digest_is_noted_in_a_line(
 
 
 @pytest.mark.parametrize("digits", ["[]", "3", "''", "'\"'", "'[1]'"])
-def test_what_is_no_digest_harms_nobody(folder: Path, digits: str) -> None:
+def test_malformed_digest_in_the_metadata_is_noted(folder: Path, digits: str) -> None:
     file = folder / "metadata.yaml"
     file.write_text(file.read_text().replace("custom_data:\n", f"custom_data:\n    digest: {digits}\n"))
     assert all("digest" in note for note in load(folder).notes)
 
 
-def test_a_cut_recording_is_not_marked_as_complete(folder: Path) -> None:
+def test_cut_recording_is_not_marked_as_complete(folder: Path) -> None:
     (folder / "metadata.yaml").unlink()
     seal(folder)
     assert not (folder / "metadata.yaml").exists()

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from facts_damping.errors import RecordingError
+from facts_damping.record import GridEvent
 from facts_damping.recording import RecordingWriter, in_simulated_time, load
 from facts_damping.recording.decode import decode, time_ns
 from facts_damping.recording.scan import scan
-from facts_damping.signals import GridEvent
 from tests.nodes.graphs import assert_same
 
 if TYPE_CHECKING:

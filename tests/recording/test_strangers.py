@@ -17,11 +17,11 @@ import facts_damping as fd
 from facts_damping import report
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
-from facts_damping.cockpit import server
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording import RecordingWriter, load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import loop
+from facts_damping_views.cockpit import server
 from tests.commands import assert_one_line
 from tests.mutations import changed
 from tests.nodes.bags import copy
@@ -29,7 +29,7 @@ from tests.nodes.bags import copy
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 COMMANDS = {
     "report": ["analyze", "{}", "--report", "report.html", "--out", "out"],
@@ -120,7 +120,7 @@ CHANGES: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_every_command_refuses_a_run_that_is_not_right_with_field_and_value(
+def test_commands_refuse_an_invalid_stored_run_in_one_line(
     record: Record, stored: Any, place: Path, change: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fields, reason = CHANGES[change]
@@ -134,7 +134,7 @@ def test_every_command_refuses_a_run_that_is_not_right_with_field_and_value(
             assert errors.count("\n") == 1, command
 
 
-def test_a_run_without_a_system_or_with_a_stage_without_its_name(
+def test_run_without_a_system_or_with_a_stage_without_its_name(
     record: Record, stored: Any, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The system is needed; what a stage lacks is its default."""
@@ -147,7 +147,7 @@ def test_a_run_without_a_system_or_with_a_stage_without_its_name(
 
 
 @pytest.mark.timeout(60)
-def test_a_list_of_a_million_is_refused_before_it_is_made(
+def test_list_of_a_million_is_refused_before_it_is_made(
     record: Record, stored: Any, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = dump({name: value for name, value in record.configuration.items() if name != "devices"})
@@ -159,7 +159,7 @@ def test_a_list_of_a_million_is_refused_before_it_is_made(
 
 @settings(max_examples=20, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32), command=st.sampled_from(list(COMMANDS)))
-def test_a_changed_run_is_read_or_refused_in_one_line(
+def test_changed_run_is_read_or_refused_in_one_line(
     record: Record, stored: Any, place: Path, capsys: pytest.CaptureFixture[str], seed: int, command: str
 ) -> None:
     folder = place / f"{command}_{seed}"
@@ -223,7 +223,7 @@ REFUSED: dict[str, tuple[Callable[[Path, Path], str], str]] = {
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("kind", REFUSED)
-def test_every_command_refuses_what_is_no_recording_of_a_run(
+def test_commands_refuse_files_that_are_no_recording_of_a_run(
     sound: Path, place: Path, kind: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     make, reason = REFUSED[kind]
@@ -233,7 +233,7 @@ def test_every_command_refuses_what_is_no_recording_of_a_run(
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_database_is_read_or_refused_for_want_of_its_run(
+def test_database_is_read_or_refused_for_want_of_its_run(
     sound: Path, place: Path, command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     status, errors = said(command, database(sound, place / "bag"), capsys)
@@ -243,7 +243,7 @@ def test_a_database_is_read_or_refused_for_want_of_its_run(
 
 
 @pytest.mark.timeout(60)
-def test_what_metadata_name_is_not_opened(sound: Path, place: Path, record: Record) -> None:
+def test_files_named_by_the_metadata_of_a_bag_are_not_opened(sound: Path, place: Path, record: Record) -> None:
     """Its file names sort the folder's files; it may be a link or a pipe itself."""
     os.mkfifo(place / "pipe.mcap")
     file = Path(copy(sound, place / "bag", "mcap")) / "metadata.yaml"
@@ -259,7 +259,7 @@ def test_what_metadata_name_is_not_opened(sound: Path, place: Path, record: Reco
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_a_recording_whose_messages_all_come_twice_replays_exactly(
+def test_recording_whose_messages_all_come_twice_replays_exactly(
     sound: Path, place: Path, late: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content = scan(sound)
@@ -279,7 +279,7 @@ def test_a_recording_whose_messages_all_come_twice_replays_exactly(
     assert all(note.endswith("the first counts") for note in notes)
 
 
-def test_a_folder_that_is_removed_while_a_report_is_made_ends_the_command_in_a_line(
+def test_folder_that_is_removed_while_a_report_is_made_ends_the_command_in_a_line(
     sound: Path, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write = report.write

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 RATE = 60
 
@@ -97,7 +97,7 @@ def rows(device: int = 0) -> Any:
         ),
     ],
 )
-def test_a_foreign_message_is_set_aside(
+def test_foreign_message_is_set_aside(
     into: Any, record: Record, messages: Any, topic: str, make: Callable[[Any, Record], bytes], said: str, first: bool
 ) -> None:
     found = into(topic, make(messages, record), first)
@@ -166,7 +166,7 @@ def test_lists_that_do_not_fit_are_set_aside(tmp_path: Path, random_record: Any,
     assert len(found.estimates) == len(record.estimates) - 8
 
 
-def test_a_flood_of_names_is_told_in_a_few_lines(tmp_path: Path, record: Record, messages: Any, written: Any) -> None:
+def test_flood_of_names_is_told_in_a_few_lines(tmp_path: Path, record: Record, messages: Any, written: Any) -> None:
     written(record, tmp_path / "own")
     content = scan(tmp_path / "own")
     with RecordingWriter(tmp_path / "mixed", content.configuration, content.versions) as writer:

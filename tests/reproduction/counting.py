@@ -16,13 +16,13 @@ from types import CellType, FunctionType, SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from facts_damping_reproduction.operations import OTHERS, SHAPE, file
-from facts_damping_reproduction.printed import Operations
 
 from facts_damping import elementary
 from facts_damping.neurofuzzy.network import Pass, backward, forward, network, shapes
 from facts_damping.neurofuzzy.start import Start, initial
 from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping_reproduction.operations import OTHERS, SHAPE, file
+from facts_damping_reproduction.printed import Operations
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

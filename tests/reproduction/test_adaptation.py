@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+
+from facts_damping.cli.main import main
 from facts_damping_reproduction.adaptation import experiment, pages
 from facts_damping_reproduction.adaptation.cases import BEGIN, KINDS, evaluation, training
 from facts_damping_reproduction.adaptation.decide import ALIKE, BETTER, OPEN, WORSE, decision, ratio
-
-from facts_damping.cli.main import main
-from facts_damping.studies.score.card import NONE
+from facts_damping_studies.score.card import NONE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,7 +49,7 @@ def found_of(levels: dict[str, float], random: np.random.Generator, spread: floa
     return {"rows": rows, "kinds": kinds}
 
 
-def test_the_interval_is_over_searches_and_cases() -> None:
+def test_interval_is_over_searches_and_cases() -> None:
     """The luck of the search is in it: of 60 experiments about 95 % of the intervals hold the truth."""
     random, held = np.random.default_rng(5), 0
     for _ in range(60):
@@ -64,7 +64,7 @@ def test_the_interval_is_over_searches_and_cases() -> None:
     ("low", "high", "told"),
     [(0.8, 0.94, BETTER), (0.8, 0.96, OPEN), (0.96, 1.2, ALIKE), (1.06, 1.2, WORSE), (0.9, 1.1, OPEN)],
 )
-def test_the_rule_of_the_plan(low: float, high: float, told: str) -> None:
+def test_rule_of_the_plan(low: float, high: float, told: str) -> None:
     assert decision(low, high, 0.05) == told
 
 
@@ -83,7 +83,7 @@ def test_repetitions_stand_beside_each_other() -> None:
     assert whole.low < np.exp(0.2) < whole.high
 
 
-def test_the_whole_way_with_a_small_plan(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_whole_way_with_a_small_plan(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     whole = experiment.plan()
     arms = {
         name: whole["arms"][name]

@@ -10,6 +10,10 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import spearmanr
+
 from facts_damping_reproduction.agreement import (
     ALL,
     ComparedRun,
@@ -25,9 +29,6 @@ from facts_damping_reproduction.agreement import (
 from facts_damping_reproduction.agreement import value_text as text_of
 from facts_damping_reproduction.printed import DIRECT, LLC, Cell, ControllerId, cells
 from facts_damping_reproduction.ranking import correlation, mean_ranks, rankings, totals
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import spearmanr
 
 CELLS = cells()
 Found = dict[ComparedRun, dict[str, float]]
@@ -68,7 +69,7 @@ def test_ours_is_the_cell_itself_where_the_runs_are_theirs() -> None:
         assert c.ours - c.cell.corrected == c.difference
 
 
-def test_an_improvement_is_4_109_and_a_roughness_stands_as_it_is() -> None:
+def test_improvement_is_4_109_and_a_roughness_stands_as_it_is() -> None:
     figures = as_printed()
     run = ComparedRun("smib", "heavy", INDIRECT)
     figures[run] |= {"ITAE": 3.0, "roughness": 7.0}
@@ -84,7 +85,7 @@ def test_an_improvement_is_4_109_and_a_roughness_stands_as_it_is() -> None:
     assert ours["roughness", None] == (7.0, 7.0)
 
 
-def test_the_thesis_agrees_with_itself() -> None:
+def test_thesis_agrees_with_itself() -> None:
     found = stated(as_printed())
     assert contradictions(found) == []
     rows = signs(found)
@@ -109,7 +110,7 @@ def test_the_thesis_agrees_with_itself() -> None:
     }
 
 
-def test_the_thesis_turned_round_agrees_nowhere() -> None:
+def test_thesis_turned_round_agrees_nowhere() -> None:
     found = stated(as_printed(), reversed_cells())
     assert [row.fraction for row in signs(found)] == [0.0] * 16
     assert len(contradictions(found)) == len(found) == 1540
@@ -127,7 +128,7 @@ def test_roughness_claims_of_the_thesis_itself() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_one_cell_that_differs_shows_up_and_nothing_else(seed: int) -> None:
+def test_single_differing_cell_is_the_only_contradiction(seed: int) -> None:
     rng = np.random.default_rng(seed)
     found = list(CELLS)
     i = int(rng.choice([i for i, c in enumerate(found) if c.against is not None]))
@@ -144,14 +145,14 @@ def test_one_cell_that_differs_shows_up_and_nothing_else(seed: int) -> None:
     assert sum(s.statements - s.agree for s in signs(stated(as_printed(), found))) == 3  # table, kind, all
 
 
-def test_a_slip_whose_sign_is_wrong_counts_in_one_reading_only() -> None:
+def test_slip_whose_sign_is_wrong_counts_in_one_reading_only() -> None:
     found = [c._replace(printed=-c.printed) if c.reason else c for c in CELLS]
     last = signs(stated(as_printed(), found))[-1]
     assert (last.agree, last.agree_as_printed) == (1540, 1540 - 25)
     assert last.fraction_as_printed == pytest.approx(1515 / 1540)
 
 
-def test_an_unstable_run_contradicts_everything_that_is_said_of_it() -> None:
+def test_unstable_run_contradicts_everything_that_is_said_of_it() -> None:
     run = ComparedRun("smib", "light", INDIRECT)
     figures: Figures = {**as_printed(), run: None}
     found = stated(figures)
@@ -169,7 +170,7 @@ def test_an_unstable_run_contradicts_everything_that_is_said_of_it() -> None:
     assert all(r.ours[r.controllers.index("ANFLeC")] == 11 and r.missing == ("ANFLeC",) for r in ranked)
 
 
-def test_a_run_that_is_not_converged_has_no_place_in_an_order() -> None:
+def test_run_that_is_not_converged_has_no_place_in_an_order() -> None:
     figures, run = as_printed(), ComparedRun("smib", "light", INDIRECT)
     plain, without = (rankings(compare(CELLS, figures, frozenset(unsure))) for unsure in ([], [run]))
     shorter = [(a, b) for a, b in zip(plain, without, strict=True) if a != b]
@@ -188,7 +189,7 @@ def test_without_the_reference_nothing_can_be_said_but_the_order_is_known() -> N
     assert all(r.rho == pytest.approx(1.0) for r in rankings(compare(CELLS, figures)))
 
 
-def test_a_figure_that_is_no_number_is_missing_and_a_run_that_was_not_made_is_an_error() -> None:
+def test_figure_that_is_no_number_is_missing_and_a_run_that_was_not_made_is_an_error() -> None:
     figures = as_printed()
     figures[ComparedRun("smib", "light", INDIRECT)]["ITAE"] = math.nan
     missing = [c.cell for c in compare(CELLS, figures) if c.ours is None]
@@ -224,7 +225,7 @@ def test_best_and_second_by_hand() -> None:
     assert sum(m.theirs for m in means if (m.table, m.quantity) == ("4.1", "IAE")) == 66
 
 
-def test_a_controller_far_from_its_place_is_named_and_ties_share_it() -> None:
+def test_controller_far_from_its_place_is_named_and_ties_share_it() -> None:
     figures = as_printed()
     figures[ComparedRun("two_area", "large", ControllerId("MISO", "HBsWC", "direct"))]["ITAE"] = 0.99
     changed = [r for r in rankings(compare(CELLS, figures)) if r.rho != pytest.approx(1.0)]

@@ -8,14 +8,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from facts_damping_reproduction import pictures, results
-from facts_damping_reproduction.printed import SCENARIOS, cells
-from facts_damping_reproduction.results import TITLES
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
+from facts_damping_reproduction import pictures, results
+from facts_damping_reproduction.printed import SCENARIOS, cells
+from facts_damping_reproduction.results import TITLES
 
 WHO = {"LLC", "ANFTSC"}
 CELLS = [cell for cell in cells(["6.1"]) if cell.controller in WHO and cell.scenario != "multiple"]
@@ -41,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def test_a_second_run_that_goes_on_from_most_of_the_runs_in_another_order_gives_the_same(
+def test_second_run_that_goes_on_from_most_of_the_runs_in_another_order_gives_the_same(
     folder: Path, tmp_path: Path
 ) -> None:
     again = tmp_path / "again"
@@ -59,14 +59,14 @@ def test_a_second_run_that_goes_on_from_most_of_the_runs_in_another_order_gives_
         assert (folder / name).read_bytes() == (again / name).read_bytes(), name
 
 
-def test_what_is_told_is_what_is_written(folder: Path) -> None:
+def test_reproduction_json_has_the_cells_of_the_csv_file(folder: Path) -> None:
     content = json.loads((folder / "told.json").read_text())
     assert content["tables"] == ["3.1", "6.1"]
     with (folder / "cells.csv").open() as file:
         assert len(content["cells"]) == len(list(csv.DictReader(file))) == len(CELLS)
 
 
-def test_what_is_written_holds_together(folder: Path) -> None:
+def test_reproduction_pages_have_all_pictures_tables_and_ensembles(folder: Path) -> None:
     page = "\n".join((folder / name).read_text() for name in ("reproduction.md", "tables.md"))
     for picture in re.findall(r"\]\(([^)]+\.png)\)", page):
         assert (folder / picture).is_file(), picture
@@ -81,7 +81,7 @@ def test_what_is_written_holds_together(folder: Path) -> None:
     assert {"MISO LLC-tuned", "MISO LQG", "MIMO LQG"} <= {row["who"] for row in rows}
 
 
-def test_an_unknown_table_is_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_unknown_table_is_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["reproduce", "4.3", "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == f"facts-damping: TABLE: '4.3' given; allowed: {', '.join(TITLES)}\n"
 

@@ -3,14 +3,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
+
+from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping_reproduction import ensembles
 from facts_damping_reproduction.agreement import ComparedRun, name
 from facts_damping_reproduction.printed import DIRECT, LLC, SCENARIOS, ControllerId, cells
 from facts_damping_reproduction.ranking import rho
 from facts_damping_reproduction.runs import BASELINES, FIGURES
-from scipy import stats
-
-from facts_damping.neurofuzzy.table import VARIANTS
 
 NETWORKS = [ControllerId("MISO", one, "direct") for one in VARIANTS]
 EVERYBODY = [*BASELINES, *NETWORKS]
@@ -30,7 +30,7 @@ def rows(system: str, scenario: str, draws: int, seed: int) -> list[dict[str, An
 
 
 @pytest.mark.parametrize("n", [6, 25, 100])
-def test_the_interval_of_a_median_is_that_of_order_statistics(n: int) -> None:
+def test_interval_of_a_median_is_that_of_order_statistics(n: int) -> None:
     random = np.random.default_rng(n)
     for _ in range(20):
         x = random.standard_cauchy(n)
@@ -38,7 +38,7 @@ def test_the_interval_of_a_median_is_that_of_order_statistics(n: int) -> None:
         assert ensembles.median(x) == pytest.approx((np.median(x), told.low, told.high))
 
 
-def test_the_interval_of_a_median_covers_it() -> None:
+def test_interval_of_a_median_covers_it() -> None:
     random = np.random.default_rng(1)
     found = [ensembles.median(random.exponential(size=100)) for _ in range(4000)]
     covered = np.mean([one.low <= np.log(2.0) <= one.high for one in found])
@@ -100,7 +100,7 @@ def figures(order: Callable[[str, int], float]) -> dict[ComparedRun, dict[str, f
     }
 
 
-def test_a_ranking_that_one_scenario_decides_is_said_to_be_so() -> None:
+def test_ranking_that_one_scenario_decides_is_said_to_be_so() -> None:
     same = figures(lambda _, i: i)
     assert {(one.first, one.deciding) for one in ensembles.decided(same)} == {(name(DIRECT), ())}
     # The second is a place behind in three scenarios; in the light one the first is last.

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from facts_damping_reproduction.operations import SHAPE, WHY, Count, complexity, file, markdown
-from facts_damping_reproduction.printed import Operations, operations
 
 from facts_damping.compiling import compiled
 from facts_damping.neurofuzzy.network import forward, network, passes
 from facts_damping.neurofuzzy.start import initial
 from facts_damping.neurofuzzy.table import VARIANTS, Variant
+from facts_damping_reproduction.operations import SHAPE, WHY, Count, complexity, file, markdown
+from facts_damping_reproduction.printed import Operations, operations
 from tests.reproduction import counting
 from tests.reproduction.counting import AT, START, counts
 
@@ -50,7 +50,7 @@ def test_operations_of_a_function_are_those_written_without_zeros_and_ones() -> 
     assert counting.counted(counting.needed(tape, [result])) == everything - Counter(trigonometric=1)
 
 
-def test_what_is_compared_is_needed() -> None:
+def test_operations_that_enter_a_comparison_are_counted() -> None:
     tape = counting.Tape()
     x = counting.Number(tape, 2.0)
     assert x + 1.0 > 2.0
@@ -60,7 +60,7 @@ def test_what_is_compared_is_needed() -> None:
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_the_function_that_is_counted_gives_the_output_of_the_compiled_one(name: str) -> None:
+def test_function_that_is_counted_gives_the_output_of_the_compiled_one(name: str) -> None:
     net = network(VARIANTS[name].antecedent, VARIANTS[name].consequent, *SHAPE)
     theta, p, tape = initial(net, START), passes(net), counting.Tape()
     forward(net, theta, np.array(AT), p)
@@ -71,7 +71,7 @@ def test_the_function_that_is_counted_gives_the_output_of_the_compiled_one(name:
     assert p.total[0] > 0
 
 
-def test_the_file_has_what_is_counted() -> None:
+def test_file_has_what_is_counted() -> None:
     with file().open(encoding="utf-8", newline="") as stream:
         written = [{key: int(v) if v.isdigit() else v for key, v in row.items()} for row in csv.DictReader(stream)]
     assert written == counting.rows()
@@ -86,7 +86,7 @@ def test_parameters_are_theirs_and_a_step_takes_more_than_its_output(row: Count)
         assert row.step >= row.ours >= 0
 
 
-def test_a_network_of_gaussians_and_singletons_by_hand() -> None:
+def test_network_of_gaussians_and_singletons_by_hand() -> None:
     """z = (x - h) / s, exp(-(z z)) four times; two products of two, w F twice, two sums of two, a quotient."""
     output, _ = counts(VARIANTS["ANFTSC"])
     assert output == {"additions": 6, "multiplications": 8, "divisions": 5, "exponentials": 4, "negations": 4}
@@ -100,7 +100,7 @@ def total(membership: tuple[int, ...], *parts: tuple[int, ...]) -> tuple[int, ..
     return tuple(4 * m + sum(rest) for m, *rest in zip(membership, *parts, strict=True))
 
 
-def test_what_is_said_about_the_thesiss_way_of_counting() -> None:
+def test_operation_counts_of_the_thesis_follow_its_stated_way_of_counting() -> None:
     """Of `WHY`: which of its rows follow from one way of counting, and where the table contradicts itself."""
     assert total(GAUSSIAN, TWO_RULES) == printed("ANFTSC")
     assert total(SPLINE, TWO_RULES) == printed("ANFBsC")
@@ -138,16 +138,16 @@ def ours(name: str) -> list[int]:
         ("HBsWC", (4 * (4 - 2), 4, 4 - 4, 0, 0)),
     ],
 )
-def test_what_is_said_about_the_differences(name: str, more: tuple[int, ...]) -> None:
+def test_operation_counts_differ_from_the_thesis_as_stated(name: str, more: tuple[int, ...]) -> None:
     assert np.subtract(printed(name), ours(name)).tolist() == list(more)
 
 
-def test_the_thesiss_splines_cost_what_an_interpolated_one_does_not_the_nearest_point() -> None:
+def test_thesiss_splines_cost_what_an_interpolated_one_does_not_the_nearest_point() -> None:
     output, _ = counts(Variant("b-spline-interpolated", "singleton", "ANFTSI"))
     assert output["additions"] == next(row for row in operations() if row.controller == "ANFBsC").additions
 
 
-def test_the_table_in_markdown_has_a_line_a_controller() -> None:
+def test_table_in_markdown_has_a_line_a_controller() -> None:
     lines = markdown(complexity())
     assert len(lines) == 2 + len(VARIANTS)
     assert lines[2].startswith("| ANFTSC | 10 / 10 / - | 6 / 6 / ")

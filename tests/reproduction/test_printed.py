@@ -9,6 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+
+from facts_damping.analysis.indices import INDICES
+from facts_damping.errors import InputError
+from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.parameters.files import shipped
 from facts_damping_reproduction import printed
 from facts_damping_reproduction.printed import (
     DIRECT,
@@ -21,11 +26,6 @@ from facts_damping_reproduction.printed import (
     inconsistent,
     operations,
 )
-
-from facts_damping.analysis.indices import INDICES
-from facts_damping.errors import InputError
-from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.parameters.files import shipped
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,7 +47,7 @@ def one(table: str, scenario: str, who: ControllerId, quantity: str, against: Co
     return found
 
 
-def test_every_cell_has_a_place_of_its_own_and_names_that_are_known() -> None:
+def test_printed_cells_have_distinct_places_and_known_names() -> None:
     found = cells()
     assert len(found) == sum(table.figures for table in TABLES.values())
     assert len({c[:8] for c in found}) == len(found)
@@ -81,7 +81,7 @@ def test_miso_columns_of_6_1_repeat_5_4() -> None:
     assert all(figures[c.scenario, c.who] == c.printed for c in repeated)
 
 
-def test_what_the_text_says_of_roughness_is_what_the_tables_give() -> None:
+def test_roughness_in_the_text_of_the_thesis_agrees_with_its_tables() -> None:
     """11.48 % of HBsWC over ANFLeWC (6.5); 99.64 and 99.61 % of ANFGuMeC and HBsWC by indirect control (5.4.2)."""
 
     def reduced(a: Cell, b: Cell) -> float:
@@ -111,7 +111,7 @@ def test_after_correction_no_pair_contradicts_itself(table: str) -> None:
     assert len(inconsistent(found)) == slips[table]
 
 
-def test_a_misprint_of_one_digit_is_found_alone() -> None:
+def test_misprint_of_one_digit_is_found_alone() -> None:
     found = [c._replace(printed=c.corrected) for c in cells()]
     assert inconsistent(found) == []
     for i, cell in enumerate(found):
@@ -174,7 +174,7 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("corrections.csv", "4.1,II", "4.9,II", "table: '4.9' given; allowed: 4.1"),
     ],
 )
-def test_a_damaged_file_is_one_line(copy: Path, file: str, old: str, new: str, said: str) -> None:
+def test_damaged_file_is_one_line(copy: Path, file: str, old: str, new: str, said: str) -> None:
     text = (copy / file).read_text()
     assert old in text
     (copy / file).write_text(text.replace(old, new, 1))
@@ -186,7 +186,7 @@ def test_a_damaged_file_is_one_line(copy: Path, file: str, old: str, new: str, s
 
 
 @pytest.mark.parametrize("content", [None, b"", b"\xff\xfe\x00", b'"open'])
-def test_a_file_that_cannot_be_read_is_one_line(copy: Path, content: bytes | None) -> None:
+def test_file_that_cannot_be_read_is_one_line(copy: Path, content: bytes | None) -> None:
     path = copy / "table_5_3.csv"
     path.unlink() if content is None else path.write_bytes(content)
     with pytest.raises(InputError, match=r"table_5_3\.csv") as error:
@@ -194,7 +194,7 @@ def test_a_file_that_cannot_be_read_is_one_line(copy: Path, content: bytes | Non
     assert "\n" not in str(error.value)
 
 
-def test_an_unknown_table_is_one_line() -> None:
+def test_unknown_table_is_one_line() -> None:
     with pytest.raises(InputError, match=r"table: '4\.3' given; allowed: 4\.1, 4\.2"):
         cells(("4.3",))
 

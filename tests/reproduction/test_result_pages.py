@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
-from facts_damping_reproduction import result_figures
-from facts_damping_reproduction.adaptation.experiment import plan
-from facts_damping_reproduction.pdci import pages
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
-from facts_damping.studies.score.card import read_set
+from facts_damping_reproduction import result_figures
+from facts_damping_reproduction.adaptation.experiment import plan
+from facts_damping_reproduction.pdci import pages
+from facts_damping_studies.score.card import read_set
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +48,7 @@ def test_tables_that_a_page_links_exist_and_have_rows(page: str) -> None:
         assert (DOCS / name).stat().st_size > 100, name
 
 
-def test_the_thesis_s_statements_hold_as_often_as_the_table_says() -> None:
+def test_thesis_s_statements_hold_as_often_as_the_table_says() -> None:
     page = text("reproduction")
     for row in rows("reproduction/agreement.csv"):
         count, said = f"{row['here']} of {row['of']}", row["statement"]
@@ -95,7 +95,7 @@ def numbers(table: str) -> list[dict[str, Any]]:
     return [{name: yaml.safe_load(value or "null") for name, value in row.items()} for row in rows(table)]
 
 
-def test_the_page_on_the_pacific_dc_intertie_follows_from_its_tables() -> None:
+def test_page_on_the_pacific_dc_intertie_follows_from_its_tables() -> None:
     tables = ("linear", "ringdown", "events", "failures", "tuned")
     made = pages.page({name: numbers(f"pdci/{name}.csv") for name in tables})
     linked = re.sub(r"\]\(([a-z]+\.(?:png|csv))\)", r"](images/pdci/\1)", made)
@@ -236,7 +236,7 @@ def test_statements_of_the_summary_are_those_of_the_tables(statements: Callable[
         assert statement in page, statement
 
 
-def test_every_number_of_the_summary_is_in_such_a_statement() -> None:
+def test_numbers_of_the_results_summary_are_in_checked_statements() -> None:
     answers = "\n".join(
         re.findall(r"^\| [^|]+\? \| ([^|]+) \|", (DOCS / "results.md").read_text(encoding="utf-8"), re.MULTILINE)
     )

@@ -2,25 +2,25 @@ import json
 from pathlib import Path
 
 import pytest
+
+from facts_damping.analysis.indices import THESIS_INDICES
+from facts_damping.analysis.summary import summarise
+from facts_damping.case.loading import load_case
+from facts_damping.output.terminal import Progress
+from facts_damping.parameters.stages import Noise
+from facts_damping.simulation import loop
 from facts_damping_reproduction import explanations
 from facts_damping_reproduction.agreement import ComparedRun, name
 from facts_damping_reproduction.printed import LLC, SCENARIOS, TABLES, ControllerId, cells
 from facts_damping_reproduction.results import FOUND
 from facts_damping_reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
-
-from facts_damping.analysis.indices import THESIS_INDICES
-from facts_damping.analysis.summary import summarise
-from facts_damping.case.loading import load_case
-from facts_damping.parameters.stages import Noise
-from facts_damping.simulation import loop
-from facts_damping.studies.sweeps import axes, sweep
-from facts_damping.studies.sweeps.batch import Base, make
-from facts_damping.terminal import Progress
+from facts_damping_studies.sweeps import axes, sweep
+from facts_damping_studies.sweeps.batch import Base, make
 
 Made = dict[ComparedRun, dict[str, float] | None]
 
 
-def test_a_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tmp_path: Path) -> None:
+def test_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tmp_path: Path) -> None:
     asked = [LLC, ControllerId("MISO", "HBsWC", "direct"), ControllerId("MIMO", "ANFTSC", "indirect")]
     rows = carry_out(nominal("two_area", asked, duration=4), "some", tmp_path, 1)
     found = figures(rows, asked)
@@ -38,7 +38,7 @@ def test_a_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tm
         assert found[ComparedRun("two_area", scenario, asked[2])] == expected
 
 
-def test_the_baselines_are_beside_every_table() -> None:
+def test_baselines_are_beside_every_table() -> None:
     for table, one in TABLES.items():
         found = whos(cells([table]), one.system)
         assert found[: len(BASELINES)] == list(BASELINES)
@@ -64,7 +64,7 @@ def test_every_controller_runs_in_every_ensemble(system: str) -> None:
 
 
 @pytest.mark.parametrize("variant", explanations.TABLE, ids=lambda variant: variant.name)
-def test_every_set_up_can_be_run_and_differs_from_that_of_the_tables(variant: explanations.Variant) -> None:
+def test_variants_of_explanations_can_be_run_and_differ_from_the_tables(variant: explanations.Variant) -> None:
     for system in variant.systems:
         asked = [who for who in whos(cells(("4.1", "4.2", "5.1", "5.3")), system) if who == LLC or who.scheme]
         base = Base({"system": system, "scenario": SCENARIOS[system]["I"]}, "here", {}, modes=False)
@@ -80,7 +80,7 @@ def test_every_set_up_can_be_run_and_differs_from_that_of_the_tables(variant: ex
             assert {who.controller for who in different} == set(explanations.INTERPOLATED)
 
 
-def test_the_set_up_of_the_tables_agrees_with_itself() -> None:
+def test_set_up_of_the_tables_agrees_with_itself() -> None:
     system, tables = "smib", cells(("4.1",))
     asked = [who for who in whos(tables, system) if who == LLC or who.scheme]
     made: Made = {
@@ -98,7 +98,7 @@ def test_the_set_up_of_the_tables_agrees_with_itself() -> None:
     assert told.rho_own < 1.0
 
 
-def test_the_way_to_the_bound() -> None:
+def test_way_to_the_bound() -> None:
     place = ("smib", "light")
     made: Made = {
         ComparedRun(*place, who): {"ITAE": value} for who, value in zip(BASELINES, (9.0, 5.0, 2.0, 1.0), strict=True)
@@ -109,7 +109,7 @@ def test_the_way_to_the_bound() -> None:
 
 
 @pytest.mark.parametrize("who", [one for found in FOUND.values() for one in found], ids=name)
-def test_what_the_search_found_is_a_run_that_anybody_can_start(who: ControllerId) -> None:
+def test_controller_found_by_the_search_is_a_shipped_run(who: ControllerId) -> None:
     case = load_case(who.controller, ["duration=1"])
     assert json.loads(json.dumps(changes(who)["devices"])) == case.run.devices
     assert [c.name for c in case.controllers] == [c["name"] for c in changes(who)["controllers"]]

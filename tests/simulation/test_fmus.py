@@ -15,7 +15,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.study import Study
 from facts_damping.simulation import loop
 from facts_damping.simulation.replay import case_of
-from facts_damping.studies.sweeps.sweep import planned
+from facts_damping_studies.sweeps.sweep import planned
 from tests.commands import assert_one_line, changes
 from tests.lead_lag_fmu import build
 
@@ -77,7 +77,7 @@ def test_other_names_are_mapped(tmp_path: Path) -> None:
         ({"compensation": "lead"}, "compensation: 'lead' given; allowed: none for mine"),
     ],
 )
-def test_what_it_lacks_is_one_line(
+def test_fields_that_do_not_fit_an_fmu_are_refused_in_one_line(
     fmus: dict[int, Path], fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     refused(["devices=[sssc, statcom]", own(str(fmus[2]), **fields)], said, capsys)
@@ -109,7 +109,7 @@ def test_files_that_are_no_fmus_are_one_line(tmp_path: Path, capsys: pytest.Capt
         ("nothing", "", "other/", "bad.fmu: cannot be loaded: "),
     ],
 )
-def test_an_fmu_that_cannot_run_here_is_one_line(
+def test_fmu_that_cannot_run_here_is_one_line(
     fmus: dict[int, Path],
     tmp_path: Path,
     old: str,
@@ -128,13 +128,13 @@ def test_an_fmu_that_cannot_run_here_is_one_line(
     refused([own(str(path))], said, capsys)
 
 
-def test_a_step_that_fails_ends_the_run_by_name(fmus: dict[int, Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_step_that_fails_ends_the_run_by_name(fmus: dict[int, Path], capsys: pytest.CaptureFixture[str]) -> None:
     sets = ["system.signals.speed.weights={G1: 1.0e9}", own(str(fmus[2]))]
     refused(sets, "controllers.0.fmu: RuntimeError: fmi2DoStep failed with status", capsys, status=1)
 
 
 @pytest.mark.parametrize("mapped", [False, True])
-def test_a_study_is_another_one_when_its_fmu_is(fmus: dict[int, Path], tmp_path: Path, mapped: bool) -> None:
+def test_study_is_another_one_when_its_fmu_is(fmus: dict[int, Path], tmp_path: Path, mapped: bool) -> None:
     fmu = tmp_path / "damper.fmu"
     controller = {"name": "mine", "fmu": {"file": str(fmu)} if mapped else str(fmu)}
     content = {"run": {"controllers": [controller], "duration": 1.0}, "sweep": [{"field": "seed", "values": [1]}]}
@@ -153,7 +153,7 @@ def test_without_fmpy_it_is_said_how_it_is_installed(
     refused([own(str(fmus[2]))], "FMPy is not installed; allowed: pip install -e '.[fmi]'", capsys)
 
 
-def test_a_recording_names_it_and_is_not_believed(fmus: dict[int, Path]) -> None:
+def test_recording_names_it_and_is_not_believed(fmus: dict[int, Path]) -> None:
     record = loop.run(load_case("two_area_large", ["duration=0.2", own(str(fmus[2]))]))
     with pytest.raises(InputError, match=r"controllers\.0\.fmu: .* given by the recording; allowed: --policy"):
         case_of(record, "a recording", None, [])

@@ -80,7 +80,7 @@ def test_delays_are_exact_and_nothing_acts_before_its_cause(up: int, down: int, 
     assert len(record.delivered) == expected * len(record.pmus)
 
 
-def test_a_millisecond_of_delay_matters() -> None:
+def test_millisecond_of_delay_matters() -> None:
     """Delays are not rounded to frames: 16 ms and 17 ms at 60 frames/s are two results, as are 3 and 4 ms."""
     results = [
         loop.run(load_case(None, [f"link.up.0.delay={ms / 1000}", "duration=5"])).machines["rotor_angle"][-1, 0]
@@ -89,7 +89,7 @@ def test_a_millisecond_of_delay_matters() -> None:
     assert len(set(results)) == 4
 
 
-def test_no_controllers_is_the_open_loop() -> None:
+def test_run_without_controllers_is_the_open_loop() -> None:
     none = loop.run(load_case(None, ["controllers=[]", "duration=3"]))
     idle = loop.run(load_case(None, ["controllers.0.parameters.gain=0", "duration=3"]))
     assert none.frames.tobytes() == idle.frames.tobytes()
@@ -153,7 +153,7 @@ def test_links_of_the_same_delays_are_as_good_as_one(scheme: str) -> None:
             assert of_link.tobytes() == one.delivered.tobytes()
 
 
-def test_an_identifier_learns_from_what_its_controllers_own_link_delivers() -> None:
+def test_identifier_learns_from_what_its_controllers_own_link_delivers() -> None:
     own = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "controllers.0.link=delay_100ms"]
     record = loop.run(load_case(None, two(*own)))
     assert set(record.delivered["link"]) == {0, 1}
@@ -169,7 +169,7 @@ PAIRS = [f"{a}+{c}" for a, c in zip(itertools.cycle(ANTECEDENTS), CONSEQUENTS, s
 @pytest.mark.parametrize("profile", ["deployed", "thesis"])
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
 @pytest.mark.parametrize("name", PAIRS)
-def test_every_antecedent_and_consequent_runs_within_its_limits(name: str, scheme: str, profile: str) -> None:
+def test_neuro_fuzzy_pair_issues_setpoints_within_its_limits(name: str, scheme: str, profile: str) -> None:
     own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"controllers.0.profile={profile}"]
     record = loop.run(load_case(None, ["scenario=large", "duration=5", *own]))
     assert np.isfinite(record.issued["value"]).all()

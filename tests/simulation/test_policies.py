@@ -21,7 +21,7 @@ from facts_damping.simulation.user_code import find
 from tests.commands import assert_one_line, changes
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 ROOT = Path(__file__).parents[2]
 LEAD_LAG = f"{ROOT / 'examples' / 'lead_lag.py'}:LeadLag"
@@ -43,7 +43,7 @@ def written(folder: Path, text: str, name: str = "mine.py") -> str:
 
 
 @pytest.mark.parametrize(("link", "frame_rate"), [("ideal", 60), ("pdci", 50), ("plc", 60), ("lossy_bursts", 50)])
-def test_the_lead_lag_as_a_class_is_the_shipped_one_bit_for_bit(link: str, frame_rate: int) -> None:
+def test_lead_lag_as_a_class_is_the_shipped_one_bit_for_bit(link: str, frame_rate: int) -> None:
     sets = [f"link={link}" if link != "lossy_bursts" else LOSSY, f"frame_rate={frame_rate}"]
     shipped = loop.run(load_case("two_area_large", ["duration=5", *sets]))
     given = run(LEAD_LAG, *sets)
@@ -71,7 +71,7 @@ NOTES = """
 """
 
 
-def test_it_is_given_what_is_delivered_when_it_arrives(tmp_path: Path) -> None:
+def test_policy_is_given_the_delivered_signals_when_they_arrive(tmp_path: Path) -> None:
     policy = written(tmp_path, NOTES)
     record = run(policy, LOSSY, "seed=4", signals=["speed", "power"])
     steps = find(policy, "policy").heard
@@ -106,7 +106,7 @@ def test_once_a_tick_it_is_called_at_the_last_arrival_with_all_that_is_new(tmp_p
         assert fresh.any()
 
 
-def test_it_knows_what_it_is_made_for(tmp_path: Path) -> None:
+def test_policy_is_given_its_signals_devices_limits_and_plant(tmp_path: Path) -> None:
     policy = written(tmp_path, NOTES)
     run(policy, "seed=4", "devices=[sssc, statcom]", signals=["w13"], parameters={"gain": 3, "taps": [1, 2], "a": "b"})
     spec, case = find(policy, "policy").made, load_case("two_area_large", [])
@@ -137,13 +137,13 @@ def test_setpoints_are_limited_like_others(tmp_path: Path) -> None:
     assert set(record.issued["value"]) == {load_case("two_area_large", []).system.device("sssc").setpoint_max}
 
 
-def test_a_file_is_read_again_when_it_is_written_anew(tmp_path: Path) -> None:
+def test_file_is_read_again_when_it_is_written_anew(tmp_path: Path) -> None:
     text = "class Mine:\n    def __init__(self, spec): pass\n    def step(self, *a): return {}\n"
     for value in (0.001, 0.002, 0.0025):
         assert set(run(written(tmp_path, text.format(value)), "duration=0.2").issued["value"]) == {value}
 
 
-def test_it_may_import_what_lies_beside_it_and_modules_of_the_folder_where_the_command_runs(
+def test_policy_may_import_modules_beside_it_and_in_the_working_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "beside_it.py").write_text("VALUE = 0.002\n")
@@ -227,20 +227,20 @@ def refused(status: int, sets: list[str], said: str, capsys: pytest.CaptureFixtu
         ({"devices": ["statcom"]}, "controllers.0.devices: 'statcom' given"),
     ],
 )
-def test_what_does_not_fit_a_class_is_one_line(
+def test_options_that_do_not_fit_a_policy_are_refused_in_one_line(
     fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sets = ["controllers=" + json.dumps([{"name": "mine", "policy": LEAD_LAG, **fields}])]
     refused(2, sets, said, capsys)
 
 
-def test_an_interruption_in_a_step_interrupts_the_run(tmp_path: Path) -> None:
+def test_interruption_in_a_step_interrupts_the_run(tmp_path: Path) -> None:
     policy = written(tmp_path, MINE.format("pass", "raise KeyboardInterrupt('enough')"))
     with pytest.raises(KeyboardInterrupt, match="enough"):
         run(policy)
 
 
-def test_who_steps_by_hand_is_told_of_the_failure_at_once(tmp_path: Path) -> None:
+def test_policy_failure_is_raised_at_once_in_a_loop_stepped_by_hand(tmp_path: Path) -> None:
     policy = written(tmp_path, MINE.format("pass", "return 0 if t_s < 0.5 else 1 / 0"))
     built = loop.build_loop(load_case("two_area_large", own(policy, "duration=2")))
     for tick in range(30):
@@ -250,7 +250,7 @@ def test_who_steps_by_hand_is_told_of_the_failure_at_once(tmp_path: Path) -> Non
     assert isinstance(failure.value.__cause__, ZeroDivisionError)
 
 
-def test_it_is_said_how_long_steps_take(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_step_times_of_a_policy_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = "import time\n" + MINE.format("pass", "time.sleep(0.002 if t_s < 1.5 else 0.0); return 0")
     policy, target = written(tmp_path, text), tmp_path / "told.json"
     asked = changes(own(policy, "duration=2"))
@@ -283,7 +283,7 @@ modes: false
 """
 
 
-def test_a_sweep_takes_the_delay_margin_of_a_class_beside_others(tmp_path: Path) -> None:
+def test_sweep_takes_the_delay_margin_of_a_class_beside_others(tmp_path: Path) -> None:
     (tmp_path / "copy.py").write_text((ROOT / "examples" / "lead_lag.py").read_text())
     study, out = tmp_path / "study.yaml", tmp_path / "out"
     study.write_text(STUDY.format(policy=f"{tmp_path / 'copy.py'}:LeadLag"))
@@ -298,7 +298,7 @@ def test_a_sweep_takes_the_delay_margin_of_a_class_beside_others(tmp_path: Path)
     assert main(sweep) == 2
 
 
-def test_a_study_of_a_class_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_study_of_a_class_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study = tmp_path / "study.yaml"
     study.write_text(STUDY.format(policy="nowhere.py:Mine"))
     assert_one_line(2, ["sweep", str(study), "--out", str(tmp_path / "out")], "nowhere.py: no such file", capsys)
@@ -341,7 +341,7 @@ CLOSES = """
         ("sys.stderr = Silent()", 0, ""),
     ],
 )
-def test_a_class_that_closes_the_streams_ends_a_command_in_a_line(
+def test_class_that_closes_the_streams_ends_a_command_in_a_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, act: str, status: int, said: str
 ) -> None:
     out, errors = StringIO(), StringIO()

@@ -14,13 +14,13 @@ from facts_damping.analysis import releases
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.signals import RunChange
+from facts_damping.record import RunChange
 from facts_damping.simulation import loop, replay
 from facts_damping.simulation.changes import rerun
 from tests.two_devices import centralised, decentralised
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping.simulation.replayed_nodes import Played
 
 NETWORKS = list(zip([*VARIANTS, "gaussian+fourier"], itertools.cycle(("direct", "indirect")), strict=False))
@@ -55,7 +55,7 @@ def played(record: Record, *sets: str) -> tuple[Record, Any, Any, Played]:
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_the_same_controllers_give_the_same_bits(name: str) -> None:
+def test_same_controllers_give_the_same_bits(name: str) -> None:
     record = recorded(*RUNS[name])
     part, issued, estimates, said = played(record)
     assert np.count_nonzero(record.issued["value"]) > 30
@@ -74,7 +74,7 @@ def test_the_same_controllers_give_the_same_bits(name: str) -> None:
         assert replay.first_learning(part, other) == other["tick"][-1]
 
 
-def test_an_entry_that_is_changed_by_one_bit_shows_where() -> None:
+def test_entry_that_is_changed_by_one_bit_shows_where() -> None:
     record = recorded(None, ["link=delay_100ms", "controllers.0.name=HBsWC"])
     changed = record.delivered.copy()
     pmu, row = record.pmus.index("G1"), 0
@@ -101,7 +101,7 @@ def test_setpoints_that_lack_or_are_too_many_are_a_difference() -> None:
     assert replay.first_difference(shorter, issued).tick == tick  # type: ignore[union-attr]
 
 
-def test_a_shadow_with_twice_the_gain_commands_twice_as_much() -> None:
+def test_shadow_with_twice_the_gain_commands_twice_as_much() -> None:
     """A lead-lag is linear, and a factor of two exact: where it is not limited, to the bit."""
     record = recorded(None, ["scenario=small", "controllers.0.parameters.gain=4"])
     part, issued, *_ = played(record, "controllers.0.parameters.gain=8")
@@ -115,7 +115,7 @@ def test_a_shadow_with_twice_the_gain_commands_twice_as_much() -> None:
     assert row["saturated_recorded"] == row["saturated_replayed"] == 0.0
 
 
-def test_a_shadow_hears_what_the_plant_answered_to_the_recorded_setpoints() -> None:
+def test_shadow_hears_what_the_plant_answered_to_the_recorded_setpoints() -> None:
     """Its identifier, given the recorded setpoints, estimates what it does beside them: here of the same controller."""
     record = recorded(None, ["controllers.0.name=ANFTSC"])
     _, issued, estimates, _ = played(record, "controllers.0.parameters.eta=0.02")
@@ -147,7 +147,7 @@ def test_saturation_duty_counts_ticks_at_the_limit() -> None:
     assert row["saturated_replayed"] > 0.5
 
 
-def test_an_uncontrolled_run_has_shadows_too() -> None:
+def test_uncontrolled_run_has_shadows_too() -> None:
     record = recorded(None, ["controllers=[]", "duration=2"])
     with pytest.raises(InputError, match="controllers: none given"):
         played(record)
@@ -158,7 +158,7 @@ def test_an_uncontrolled_run_has_shadows_too() -> None:
     assert row["rms_replayed_pu"] == row["rms_difference_pu"] > 0.0
 
 
-def test_a_gap_ends_the_replay_and_is_said() -> None:
+def test_gap_ends_the_replay_and_is_said() -> None:
     record = dataclasses.replace(recorded(None, ["controllers.0.name=ANFTSC"]), gap_tick=101)
     part, issued, estimates, _ = played(record)
     assert part.ticks.tolist() == list(range(101))
@@ -185,7 +185,7 @@ def test_devices_in_another_order_are_told_by_name() -> None:
           "controllers.1.parameters.gain=5"], "controllers: 2 links given; allowed: 1, as recorded"),
     ],
 )  # fmt: skip
-def test_what_was_not_recorded_is_refused(sets: list[str], said: str) -> None:
+def test_replay_with_an_unknown_controller_or_more_links_is_refused(sets: list[str], said: str) -> None:
     with pytest.raises(InputError, match=said):
         played(recorded(None, ["duration=1"]), *sets)
 
@@ -200,7 +200,7 @@ def test_links_count_that_have_not_delivered_yet() -> None:
     assert replay.first_difference(part, issued) is None
 
 
-def test_what_a_recording_lacks_is_said_where_nothing_can_be_replayed() -> None:
+def test_refused_replay_names_what_the_recording_lacks() -> None:
     record = dataclasses.replace(recorded(None, ["duration=1"]), notes=["run_0.mcap: cut"])
     with pytest.raises(InputError, match=r"^tick 0: its frames, .* nothing can be replayed; run_0.mcap: cut$"):
         played(dataclasses.replace(record, gap_tick=0))
@@ -208,14 +208,14 @@ def test_what_a_recording_lacks_is_said_where_nothing_can_be_replayed() -> None:
         played(dataclasses.replace(record, links=0))
 
 
-def test_a_station_that_was_not_recorded_is_refused() -> None:
+def test_station_that_was_not_recorded_is_refused() -> None:
     record = recorded(None, ["duration=1"])
     other = dataclasses.replace(record, pmus=["X1", *record.pmus[1:]])
     with pytest.raises(InputError, match="pmus: 'G1' was not recorded; there are X1, G2"):
         played(other)
 
 
-def test_a_recording_without_its_run_asks_for_it() -> None:
+def test_recording_without_its_run_asks_for_it() -> None:
     record = recorded(None, ["duration=1"])
     bare = dataclasses.replace(record, configuration={})
     with pytest.raises(InputError, match="holds no run; allowed: --run"):
@@ -271,7 +271,7 @@ def test_changes_that_nobody_can_have_made_are_passed_over(odd: dict[str, Any]) 
     assert replay.first_difference(part, replay.play(case, part)[0]) is None
 
 
-def test_a_parameter_changed_under_way_is_changed_in_the_replay() -> None:
+def test_parameter_changed_under_way_is_changed_in_the_replay() -> None:
     case = load_case(None, ["duration=3", "scenario=large"])
     change = RunChange(90, "/n", "controller", 0, "parameter", "gain", 3.0)
     record = rerun(case, [change])

@@ -12,7 +12,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES, cause_name
 from facts_damping.parameters.faults import ControllerFault
-from facts_damping.signals import RunChange
+from facts_damping.record import RunChange
 from facts_damping.simulation import loop, replay
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.loop import build_loop, record, run_loop
@@ -20,7 +20,7 @@ from facts_damping.simulation.stepping import Stepper
 from tests.two_devices import decentralised
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 TABLES = ("delivered", "issued", "supervised", "supervision", "applied", "devices", "machines", "estimates", "learning")
 ON = ["supervision=standard", "arm_at=0.5", "scenario=large", "duration=5"]
@@ -66,7 +66,7 @@ def run(*sets: str) -> Record:
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_the_same_bits_tick_by_tick_and_in_a_replay(name: str) -> None:
+def test_same_bits_tick_by_tick_and_in_a_replay(name: str) -> None:
     case, whole = load_case(None, [*ON, *RUNS[name]]), run(*ON, *RUNS[name])
     assert np.any(whole.supervised["value"] != 0.0)
     assert_same(rerun(case, []), whole)
@@ -83,7 +83,7 @@ def test_the_same_bits_tick_by_tick_and_in_a_replay(name: str) -> None:
     assert replay.first_supervised(part, played) is None
 
 
-def test_what_happens_in_these_runs() -> None:
+def test_supervised_runs_go_through_the_expected_states() -> None:
     found = {name: states(run(*ON, *RUNS[name])) for name in RUNS}
     armed = ("armed", "schedule")
     assert found["fallback by its own link"][1:] == [armed, ("fallback", "missing"), ("armed", "missing")]
@@ -103,7 +103,7 @@ def test_what_happens_in_these_runs() -> None:
     ],
     ids=str,
 )
-def test_a_run_that_is_armed_from_the_start_is_the_one_without_supervisors(sets: list[str]) -> None:
+def test_run_that_is_armed_from_the_start_is_the_one_without_supervisors(sets: list[str]) -> None:
     common = ["scenario=large", "duration=4", *sets]
     alone = loop.run(load_case(None, common))
     watched = ["supervision=standard", "supervision.arming.ramp=0", "arm_at=0", "supervision.monitors.reversals=off"]
@@ -136,7 +136,7 @@ def ask(tick: int, what: str, index: int = 0) -> RunChange:
     return RunChange(tick, "/n", "supervisor", index, what, "", None)
 
 
-def test_what_an_operator_asked_for_under_way_is_replayed() -> None:
+def test_operator_requests_under_way_are_replayed() -> None:
     case = load_case(None, ["supervision=standard", "scenario=large", "duration=5", "link=csg"])
     asked = [ask(30, "arm"), ask(120, "disarm"), ask(180, "arm"), ask(181, "reset"), ask(200, "arm")]
     found = rerun(case, asked)
@@ -177,7 +177,7 @@ KINDS = ControllerFault.model_json_schema()["properties"]["kind"]["enum"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_fault_does_what_it_is_said_to_do_while_it_lasts(kind: str) -> None:
+def test_fault_does_what_it_is_said_to_do_while_it_lasts(kind: str) -> None:
     found, sound = faulty(kind)
     limit = load_case(None, FREE).system.device("sssc").setpoint_max
     assert between(found, 0, 120).tobytes() == between(sound, 0, 120).tobytes()
@@ -215,7 +215,7 @@ def test_sizes_are_those_given() -> None:
     assert 0.0 < apart[0] < 1e-4 < apart[1]
 
 
-def test_a_dead_controller_begins_again_knowing_nothing_and_a_hung_one_goes_on() -> None:
+def test_dead_controller_begins_again_knowing_nothing_and_a_hung_one_goes_on() -> None:
     """What a network has learnt by then: nothing, or what it had when it hung."""
     for kind in ("dead", "hung"):
         fault = {"kind": kind, "start": 2.0, "duration": 0.5}

@@ -12,12 +12,12 @@ from facts_damping.analysis.response import MIRROR, OUTAGE, PULSED, WITHOUT_EVEN
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.case.supervision import unsupervised
-from facts_damping.signals import Record, RunChange
+from facts_damping.record import Record, RunChange
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.twins import mirrored, twin, twin_of, with_pulse
-from facts_damping.studies.margins.delay_margin import oscillations
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
+from facts_damping_studies.margins.delay_margin import oscillations
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
 
 SETS = ["duration=6", "supervision=null", "arm_at=null"]
 FAULT = "scenario=[{time: 2.0, kind: fault, line: line_3, location: 0.5}, {time: 2.1, kind: clear, line: line_3}]"
@@ -38,7 +38,7 @@ def test_before_the_event_run_and_mirror_cancel_to_second_order(sets: list[str],
     assert np.abs(own + mirror).max() < part * np.abs(own).max()
 
 
-def test_where_a_line_stays_out_the_twin_begins_without_it() -> None:
+def test_twin_of_a_run_with_a_line_outage_begins_without_the_line() -> None:
     """After the event both are of one plant in one noise: what was done before it swings freely, and nothing else."""
     case = load_case("two_area_deployment", ["duration=20", *SETS[1:]])
     record = loop.run(case)
@@ -77,7 +77,7 @@ def test_noise_of_pmus_alone_is_noise() -> None:
     assert not np.array_equal(record.frames, other.record.frames)
 
 
-def test_the_twin_of_a_recording_has_its_changes() -> None:
+def test_twin_of_a_recording_has_its_changes() -> None:
     case = load_case("two_area_deployment", [*SETS, "scenario=[]"])
     event = "{kind: load_step, load: load_1, change: 0.05}"
     change = RunChange(100, "/plant_sim", "plant", 0, "event", "", event)
@@ -92,13 +92,13 @@ def test_the_twin_of_a_recording_has_its_changes() -> None:
 
 
 @pytest.mark.parametrize("notes", [["cut"], []])
-def test_a_damaged_recording_and_a_node_of_one_s_own_have_none(notes: list[str]) -> None:
+def test_damaged_recording_and_a_node_of_one_s_own_have_none(notes: list[str]) -> None:
     record = loop.run(load_case("two_area_deployment", SETS))
     own = {**record.configuration, "controllers": [{**record.configuration["controllers"][0], "external": True}]}
     assert twin_of(replace(record, notes=notes) if notes else replace(record, configuration=own)) is None
 
 
-def test_the_response_to_a_pulse_that_noise_hides_is_that_without_noise() -> None:
+def test_response_to_a_pulse_that_noise_hides_is_that_without_noise() -> None:
     pulse = "{kind: mechanical_power_step, machine: G1, change"
     scenario = f"scenario=[{pulse}: -0.02, time: 2.0}}, {pulse}: 0.0, time: 2.5}}]"
     record = loop.run(load_case("two_area_deployment", [*SETS, scenario]))
@@ -114,7 +114,7 @@ def test_the_response_to_a_pulse_that_noise_hides_is_that_without_noise() -> Non
 
 @pytest.mark.parametrize("delay", [0.001, 0.15, 0.3])
 @pytest.mark.parametrize("seed", [21, 22])
-def test_the_response_is_damped_as_the_linear_loop(delay: float, seed: int) -> None:
+def test_response_is_damped_as_the_linear_loop(delay: float, seed: int) -> None:
     """`benchmarks/verdicts.py` has more delays, seeds and loops."""
     link = f"link={{up: [{{stage: network, model: constant, delay: {delay}}}], down: []}}"
     case = load_case(

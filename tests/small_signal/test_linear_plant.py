@@ -11,7 +11,7 @@ import pytest
 from facts_damping.case.loading import load_system
 from facts_damping.cli.main import main
 from facts_damping.small_signal import linear_plant
-from facts_damping.small_signal.modal_analysis import Modal, analyse
+from facts_damping.small_signal.modal_tables import Modal, analyse
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def modal(request: pytest.FixtureRequest) -> Modal:
     return analyse(load_system(name), devices)
 
 
-def test_it_answers_as_the_model_behind_washouts_does(modal: Modal) -> None:
+def test_linear_plant_has_the_response_of_the_model_behind_washouts(modal: Modal) -> None:
     plant = linear_plant.state_space(linear_plant.of(modal))
     assert (plant.input_labels, plant.output_labels) == (modal.devices, list(modal.system.signals))
     for w in (0.5, 3.9, 20.0):
@@ -42,7 +42,7 @@ def test_its_poles_are_the_modes_and_the_washouts(modal: Modal) -> None:
     assert len(plant.x_0) == len(plant.states)
 
 
-def test_a_file_has_all_of_it(tmp_path: Path) -> None:
+def test_file_has_all_of_it(tmp_path: Path) -> None:
     path = tmp_path / "plant.npz"
     assert main(["modes", "two_area", "--linear", str(path)]) == 0
     wanted = linear_plant.of(analyse(load_system("two_area"), ["sssc"]))
@@ -54,7 +54,7 @@ def test_a_file_has_all_of_it(tmp_path: Path) -> None:
     assert again.nstates == len(wanted.states)
 
 
-def test_a_file_that_cannot_be_written_is_refused_before_any_work(
+def test_file_that_cannot_be_written_is_refused_before_any_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert_one_line(2, ["modes", "two_area", "--linear", str(tmp_path / "no" / "plant.npz")], "--linear", capsys)

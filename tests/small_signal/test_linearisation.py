@@ -15,8 +15,9 @@ from facts_damping.analysis.modes.ringdown import ringdown_modes
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import CHANNELS
-from facts_damping.small_signal import modal_analysis
-from facts_damping.small_signal.linearisation import _label, modes, transfer_functions
+from facts_damping.small_signal import modal_tables
+from facts_damping.small_signal.eigenmodes import _label, modes
+from facts_damping.small_signal.linearisation import transfer_functions
 from tests.plant.running import changed, follow, frame_times, plant, shipped
 
 if TYPE_CHECKING:
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.plant.system import System
-    from facts_damping.small_signal.linearisation import Eigenmode, Residue
-    from facts_damping.small_signal.modal_analysis import Modal
+    from facts_damping.small_signal.eigenmodes import Eigenmode, Residue
+    from facts_damping.small_signal.modal_tables import Modal
 
 BOTH = ("sssc", "statcom")
 CASES: list[tuple[str, tuple[str, ...]]] = [("two_area", ("sssc",)), ("two_area", BOTH), ("smib", ("sssc",))]
@@ -34,7 +35,7 @@ CASES: list[tuple[str, tuple[str, ...]]] = [("two_area", ("sssc",)), ("two_area"
 
 @cache
 def linearised(name: str, devices: tuple[str, ...]) -> Modal:
-    return modal_analysis.analyse(shipped(name), list(devices))
+    return modal_tables.analyse(shipped(name), list(devices))
 
 
 def weights(system: System, signal: str) -> NDArray[np.float64]:
@@ -81,7 +82,7 @@ def test_ringdown_after_a_short_pulse_has_the_mode_s_frequency_and_damping(name:
 
 
 @pytest.mark.parametrize(("name", "devices"), CASES)
-def test_a_start_in_the_shape_of_a_mode_moves_as_that_mode_alone(name: str, devices: tuple[str, ...]) -> None:
+def test_start_in_the_shape_of_a_mode_moves_as_that_mode_alone(name: str, devices: tuple[str, ...]) -> None:
     """x - x0 = Re(v exp(lambda t)) in the time domain, all states of each electromechanical mode, for 3 s."""
     found = linearised(name, devices)
     values, right = np.linalg.eig(found.model.A)
@@ -127,7 +128,7 @@ def test_shapes_are_areas_against_each_other_and_machines_of_one_area(devices: t
 
 
 @pytest.mark.parametrize(("others", "label"), [(0.1, "interarea"), (-0.1, "local")])
-def test_a_mode_is_interarea_where_the_areas_hold_most_of_the_motion(others: float, label: str) -> None:
+def test_mode_is_interarea_where_the_areas_hold_most_of_the_motion(others: float, label: str) -> None:
     """G1 and G3 at 1 and -1, their neighbours at x and -x: areas hold (1 + x)^2 / (2 (1 + x^2)) at equal H."""
     system = shipped("two_area")
     system = changed(system, machines=[{**m.model_dump(), "H": 6.0} for m in system.machines])
@@ -152,14 +153,14 @@ def test_shape_is_the_motion_in_the_time_domain() -> None:
 
 def test_without_areas_swings_are_electromechanical() -> None:
     machines = [{**m.model_dump(), "area": None} for m in shipped("two_area").machines]
-    found = modal_analysis.analyse(changed(shipped("two_area"), machines=machines), ["sssc"])
+    found = modal_tables.analyse(changed(shipped("two_area"), machines=machines), ["sssc"])
     assert [mode.label for mode in found.swings] == ["electromechanical"] * 3
 
 
-def test_what_governors_make_all_machines_do_together_is_no_swing() -> None:
+def test_common_governor_mode_is_not_a_swing() -> None:
     """A mode of 0.03 Hz in which all speeds are alike."""
     governors = [{**t.model_dump(), "enabled": True} for t in shipped("two_area").governors]
-    found = modal_analysis.analyse(changed(shipped("two_area"), governors=governors), ["sssc"])
+    found = modal_tables.analyse(changed(shipped("two_area"), governors=governors), ["sssc"])
     assert [mode.label for mode in found.swings] == ["interarea", "local", "local"]
     (together,) = [mode for mode in found.modes if 0.01 < mode.frequency_hz < 0.1 and mode.damping_ratio < 0.9]
     assert together.label in ("common", "control")
@@ -246,7 +247,7 @@ def test_sign_and_lead_turn_every_residue_to_the_left() -> None:
 
 @pytest.mark.parametrize("signal", ["w13", "speed", "power"])
 @pytest.mark.parametrize("device", BOTH)
-def test_a_gain_with_the_lead_of_the_rule_damps_the_interarea_mode(device: str, signal: str) -> None:
+def test_gain_with_the_lead_of_the_rule_damps_the_interarea_mode(device: str, signal: str) -> None:
     """u = sign K H(s) y with H(j omega) = exp(j lead), two lead-lag sections: the mode goes left by |R| K."""
     found = linearised("two_area", BOTH)
     row, column = list(found.system.signals).index(signal), BOTH.index(device)
@@ -322,7 +323,7 @@ def test_sinusoidal_setpoint_gives_the_frequency_response(device: int) -> None:
     statcom = {"name": "statcom", "kind": "statcom", "bus": "B3", "setpoint_max": 0.1, "rate_max": 10, "I_max": 5}
     system = shipped("smib")
     system = changed(system, devices=[*(d.model_dump(by_alias=True) for d in system.devices), statcom])
-    found = modal_analysis.analyse(system, BOTH)
+    found = modal_tables.analyse(system, BOTH)
     hertz, hold, size = 0.75, 1 / 240, 1e-3
     at = np.arange(0, 40, hold)
     targets = [(t, size * np.sin(2 * np.pi * hertz * t), device) for t in at]

@@ -44,7 +44,7 @@ def test_riccati_and_gamma_are_those_of_python_control(sets: list[str], gain: li
     assert closed.poles().real.max() < 0.0
 
 
-def test_the_norm_that_it_promises_holds() -> None:
+def test_norm_that_it_promises_holds() -> None:
     """||[K; 1] (1 - G K)^-1 [G, 1]|| is at most gamma: what a coprime factor may be wrong by is 1 / gamma."""
     own = shaped([], [12.0], 0.1)
     law, gamma = loop_shaping.tolerant(own, 1.2)
@@ -58,7 +58,7 @@ def test_the_norm_that_it_promises_holds() -> None:
     assert 0.9 * gamma < worst <= gamma * (1.0 + 1e-6)
 
 
-def test_the_mode_is_that_of_the_plant() -> None:
+def test_mode_is_that_of_the_plant() -> None:
     """Residues at its eigenvalue, once delays are put back in."""
     case = load_case(None, [HINF, *BOTH, "system.devices.0.dead_time=0.05"])
     plant = plant_residues(case)
@@ -74,7 +74,7 @@ def test_the_mode_is_that_of_the_plant() -> None:
 
 
 @pytest.mark.parametrize("link", ["ideal", "delay_100ms", "pdci"])
-def test_it_damps_behind_a_delay_that_it_knows(link: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_hinf_controller_damps_behind_a_known_delay(link: str, capsys: pytest.CaptureFixture[str]) -> None:
     sets = ["--set", HINF, "--set", "controllers.0.parameters.gain=12", "--set", f"link={link}"]
     assert main(["simulate", "two_area_large", *sets]) == 0
     assert "damped" in capsys.readouterr().out

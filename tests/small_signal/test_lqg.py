@@ -126,7 +126,7 @@ def test_with_the_whole_plant_all_that_is_seen_and_moved_is_stable(which: str, q
 
 
 @pytest.mark.parametrize("which", ORDERS)
-def test_the_reduced_model_is_near_the_plant_and_small(which: str) -> None:
+def test_reduced_model_is_near_the_plant_and_small(which: str) -> None:
     """Answers at 0.05 to 3 Hz to setpoints and torques, within 3 % of the largest of each signal."""
     case = case_of(which)
     plant, (controller,) = plant_of(case), case.controllers
@@ -153,7 +153,7 @@ def reduced_of(case: Case) -> DesignModel:
 
 @pytest.mark.parametrize("lag", [0.0, 0.004, 0.1, 0.21])
 @pytest.mark.parametrize("which", ["two_area, both", "smib"])
-def test_the_regulator_is_riccatis_of_the_plant_with_its_delay(which: str, lag: float) -> None:
+def test_regulator_is_riccatis_of_the_plant_with_its_delay(which: str, lag: float) -> None:
     """Its prediction makes what one large Riccati equation does, with every setpoint on its way a state."""
     case = case_of(which)
     small, limits = reduced_of(case), np.array([0.1] * len(case.controllers[0].devices))
@@ -169,7 +169,7 @@ def test_the_regulator_is_riccatis_of_the_plant_with_its_delay(which: str, lag: 
 
 @pytest.mark.parametrize("lag", [0.0, 0.06])
 @pytest.mark.parametrize("which", ["two_area", "two_area, both", "smib, heavy"])
-def test_no_other_gains_cost_less(which: str, lag: float) -> None:
+def test_lqg_gains_have_the_least_cost(which: str, lag: float) -> None:
     """Mean cost of the loop with steps of torque and noise, by Lyapunov's equation."""
     case = case_of(which)
     plant, (controller,) = plant_of(case), case.controllers
@@ -246,13 +246,13 @@ def test_against_a_changed_plant_no_setpoint_is_held(which: str) -> None:
         ),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(sets: list[str], message: str) -> None:
+def test_invalid_lqg_is_refused_in_one_line(sets: list[str], message: str) -> None:
     with pytest.raises(InputError, match=message) as raised:
         build_control(load_case(None, [*LQG, *sets]))
     assert "\n" not in str(raised.value)
 
 
-def test_a_plant_that_does_not_swing_is_refused() -> None:
+def test_plant_that_does_not_swing_is_refused() -> None:
     case = case_of("smib")
     with pytest.raises(
         InputError, match=r"controllers.0.name: 'LQG' given, but the plant has no electromechanical mode; allowed: LLC"

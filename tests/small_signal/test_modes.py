@@ -8,8 +8,9 @@ import pytest
 from facts_damping.case.loading import read_system
 from facts_damping.parameters.files import shipped as names
 from facts_damping.parameters.plant.placement import place
-from facts_damping.small_signal import linearisation
-from facts_damping.small_signal.linearisation import Eigenmode, linearise, modes
+from facts_damping.small_signal import eigenmodes
+from facts_damping.small_signal.eigenmodes import Eigenmode, modes
+from facts_damping.small_signal.linearisation import linearise
 from tests.independent.reference import Model
 from tests.plant.running import changed, figures, plant, shipped
 
@@ -162,7 +163,7 @@ def test_participation_factors_sum_to_one(name: str, monkeypatch: pytest.MonkeyP
     built = plant(name)
     A = linearise(built)[0]
     listed = modes(A, built.state_names)
-    monkeypatch.setattr(linearisation, "NEGLIGIBLE", 0.0)
+    monkeypatch.setattr(eigenmodes, "NEGLIGIBLE", 0.0)
     for short, full in zip(listed, modes(A, built.state_names), strict=True):
         assert sum(full.participation.values()) == pytest.approx(1, abs=1e-12)
         assert len(full.participation) == len(built.state_names)

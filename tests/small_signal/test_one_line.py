@@ -19,7 +19,7 @@ def test_buses_stand_at_their_positions_within_a_unit_square() -> None:
     assert np.diff(np.array(list(found.values())), axis=0) == pytest.approx(np.tile([0.25, -1.0 / 6.0], (8, 1)))
 
 
-def test_a_bus_of_a_device_in_a_line_stands_in_that_line() -> None:
+def test_bus_of_a_device_in_a_line_stands_in_that_line() -> None:
     system = shipped("wscc_9")
     rows = [{**b.model_dump(), "position": [float(i), 2.0]} for i, b in enumerate(system.buses)]
     line = system.lines[0]

@@ -31,7 +31,7 @@ def test_relative_gains_do_not_depend_on_units_and_add_up_to_one(found: list[Int
         assert one.relative[0, 0] == pytest.approx(expected, rel=1e-6)
 
 
-def test_the_page_quotes_them(found: list[Interaction]) -> None:
+def test_page_quotes_them(found: list[Interaction]) -> None:
     rows = [line.split("|")[1:-1] for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
     for a, b in (("speed", "power"), ("power_rate", "voltage")):
         (row,) = [cells[1:] for cells in rows if cells[0].strip() == f"`{a}`, `{b}`"]
@@ -44,6 +44,6 @@ def test_the_page_quotes_them(found: list[Interaction]) -> None:
 
 
 @pytest.mark.parametrize("devices", [[], ["sssc"]])
-def test_one_device_has_nothing_to_interact_with(devices: list[str]) -> None:
+def test_single_device_has_no_interactions(devices: list[str]) -> None:
     system = load_system("two_area")
     assert interactions(build(system, devices, []), system, devices) == []

@@ -13,7 +13,7 @@ import types
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.storm.search import Findings, search
+from facts_damping_testing.storm.search import Findings, search
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -13,10 +13,10 @@ import pytest
 from facts_damping.case.loading import make_case
 from facts_damping.digest import digest
 from facts_damping.errors import InputError
-from facts_damping.storm import drawing, model, running, search
-from facts_damping.storm.events import KINDS, words
-from facts_damping.storm.rules import RULES, violations
-from facts_damping.storm.shrinking import fingerprint, shrink
+from facts_damping_testing.storm import drawing, model, running, search
+from facts_damping_testing.storm.events import KINDS, words
+from facts_damping_testing.storm.rules import RULES, violations
+from facts_damping_testing.storm.shrinking import fingerprint, shrink
 from tests.storm.faults import FAULTS, insert
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def assert_holds(storm: model.Storm, folder: Path) -> running.Trace:
     return trace
 
 
-def test_the_rules_hold_in_storms_of_fixed_seeds_and_of_a_random_one(tmp_path: Path) -> None:
+def test_rules_hold_in_storms_of_fixed_seeds_and_of_a_random_one(tmp_path: Path) -> None:
     first = secrets.randbelow(2**31)
     print(f"storms of the seeds {first} to {first + RANDOM - 1}")
     modes, kinds = set[str](), set[str]()
@@ -50,11 +50,11 @@ def test_the_rules_hold_in_storms_of_fixed_seeds_and_of_a_random_one(tmp_path: P
 
 
 @pytest.mark.parametrize("path", CORPUS, ids=lambda path: str(path.stem))
-def test_what_storms_have_found_stays_mended(path: Path, tmp_path: Path) -> None:
+def test_storms_of_the_corpus_break_no_rule(path: Path, tmp_path: Path) -> None:
     assert_holds(model.read(path), tmp_path / "storm")
 
 
-def test_a_storm_repeats_itself(tmp_path: Path) -> None:
+def test_storm_repeats_itself(tmp_path: Path) -> None:
     """With its messages, logs and times; the fields of a file give the same storm."""
     storm = drawing.draw(12)
     (tmp_path / "storm.yaml").write_text(storm.text())
@@ -86,7 +86,7 @@ def fault(request: pytest.FixtureRequest) -> Iterator[str]:
     take_out()
 
 
-def test_a_deliberate_fault_is_found_and_shrunk(fault: str, tmp_path: Path) -> None:
+def test_deliberate_fault_is_found_and_shrunk(fault: str, tmp_path: Path) -> None:
     number = iter(range(10**6))
 
     def broken(storm: model.Storm) -> list[tuple[str, str]]:
@@ -101,7 +101,7 @@ def test_a_deliberate_fault_is_found_and_shrunk(fault: str, tmp_path: Path) -> N
     assert len(mild.events) <= min(2, len(storm.events))
 
 
-def test_what_reaches_something_new_is_kept_and_varied() -> None:
+def test_storm_that_reaches_something_new_is_kept_and_varied() -> None:
     found, storm = search.Findings(), drawing.draw(3)
     reached = search.Result([], frozenset(["a log"]), 1.0, 1.0)
     for _ in range(2):
@@ -113,7 +113,7 @@ def test_what_reaches_something_new_is_kept_and_varied() -> None:
     assert len({one.text() for one in varied}) == len(varied)
 
 
-def test_a_search_counts_what_it_tries_until_an_interrupt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_counts_what_it_tries_until_an_interrupt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(found: search.Findings) -> None:
         if found.storms == 3:
             raise KeyboardInterrupt
@@ -126,7 +126,7 @@ def test_a_search_counts_what_it_tries_until_an_interrupt(tmp_path: Path, monkey
     assert not found.broken
 
 
-def test_each_kind_of_event_is_in_words() -> None:
+def test_storm_events_of_all_kinds_are_put_into_words() -> None:
     for kind in KINDS:
         event = model.Event(at=0.0, kind=kind, node="plant_sim", topic="pmu/frames", lasts=1.0, size=2.0, name="arm")
         assert "{" not in words(event)
@@ -144,7 +144,7 @@ def test_each_kind_of_event_is_in_words() -> None:
         ("seed: 1\nmode: fast", "mode: 'fast' given"),
     ],
 )
-def test_a_storm_that_is_none_is_refused_in_one_line(content: str, expected: str, tmp_path: Path) -> None:
+def test_storm_that_is_none_is_refused_in_one_line(content: str, expected: str, tmp_path: Path) -> None:
     path = tmp_path / "storm.yaml"
     path.write_text(content)
     with pytest.raises(InputError) as refused:
@@ -153,7 +153,7 @@ def test_a_storm_that_is_none_is_refused_in_one_line(content: str, expected: str
     assert "\n" not in str(refused.value)
 
 
-def test_every_rule_says_what_it_demands() -> None:
+def test_storm_rules_state_what_they_demand() -> None:
     assert all((rule.__doc__ or "").endswith(".") for rule in RULES.values())
 
 
@@ -162,7 +162,7 @@ def only_record(trace: running.Trace) -> running.Trace:
     return running.Trace(trace.case, trace.mode, trace.record)
 
 
-def test_the_rules_judge_a_recording_alone(tmp_path: Path) -> None:
+def test_rules_judge_a_recording_alone(tmp_path: Path) -> None:
     trace: Any = assert_holds(model.Storm(seed=1, run={"duration": 1.0}), tmp_path / "storm")
     assert violations(only_record(trace)) == []
     trace.record.devices["reference"][-1] = 10.0

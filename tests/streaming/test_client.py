@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import frame, session, stat, system_pmus
-from facts_damping.c37118.configuration import Configuration
-from facts_damping.c37118.session import Instant
-from facts_damping.parameters.streams import server as address
-from facts_damping.streaming import client as clients
-from facts_damping.streaming.client import Client, Lost
-from facts_damping.streaming.server import Server
+from facts_damping_streams.c37118 import frame, session, stat, system_pmus
+from facts_damping_streams.c37118.configuration import Configuration
+from facts_damping_streams.c37118.session import Instant
+from facts_damping_streams.parameters import server as address
+from facts_damping_streams.streaming import client as clients
+from facts_damping_streams.streaming.client import Client, Lost
+from facts_damping_streams.streaming.server import Server
 from tests.streaming.test_server import FORMATS, GRID, HERE, instant, served, until
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def test_by_datagrams_that_come_by_themselves(group: str, port: int) -> None:
     same(run(act).of(Instant))
 
 
-def test_it_comes_back_when_the_server_does(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_client_reconnects_when_the_server_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clients, "AGAIN_S", 0.05)
 
     async def act() -> Listening:
@@ -158,7 +158,7 @@ def test_it_comes_back_when_the_server_does(monkeypatch: pytest.MonkeyPatch) -> 
     assert one.client.connections == 2
 
 
-def test_a_server_that_is_silent_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_server_that_is_silent_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clients, "SILENT_S", 0.3)
     monkeypatch.setattr(clients, "ANSWER_S", 0.1)
 
@@ -176,7 +176,7 @@ def test_a_server_that_is_silent_is_lost(monkeypatch: pytest.MonkeyPatch) -> Non
     assert told.startswith("silent for")
 
 
-def test_a_configuration_that_changes_while_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_configuration_that_changes_while_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bit 10 says so for a while; then frames are others, of the same length: none is read by the old one."""
     monkeypatch.setattr(clients, "ANSWER_S", 0.05)
     before = served()
@@ -210,7 +210,7 @@ def test_a_configuration_that_changes_while_it_runs(monkeypatch: pytest.MonkeyPa
     assert one.client.receiver.refused == {}
 
 
-def test_a_server_that_knows_no_configuration_3(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_server_that_knows_no_configuration_3(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """`Pmu` of synchrophasor, which closes the connection where it is asked for configuration 3."""
     monkeypatch.setattr(clients, "AGAIN_S", 0.1)
     with subprocess.Popen([sys.executable, "-c", THEIRS, str(port)], start_new_session=True) as theirs:
@@ -231,7 +231,7 @@ def test_a_server_that_knows_no_configuration_3(port: int, monkeypatch: pytest.M
         np.testing.assert_allclose(got.data.phasors, [[11500.0, 0.25], [20000.0, -0.5]], rtol=1e-6)
 
 
-def test_what_is_of_another_stream_is_counted() -> None:
+def test_frames_of_another_stream_are_refused_and_counted() -> None:
     receiver = session.Receiver(11)
     others = session.stream(12, system_pmus.configuration(GRID, 60, 60, FORMATS))
     assert receiver.take([session.data_frame(others, instant(0)), *session.answers(others, "send_header", 5, 0)]) == []

@@ -7,11 +7,11 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
-from facts_damping.c37118 import system_pmus
 from facts_damping.cli.main import main
-from facts_damping.parameters.streams import server as address
-from facts_damping.streaming.client import Lost
-from facts_damping.streaming.listening import ServerState
+from facts_damping_streams.c37118 import system_pmus
+from facts_damping_streams.parameters import server as address
+from facts_damping_streams.streaming.client import Lost
+from facts_damping_streams.streaming.listening import ServerState
 from tests.commands import assert_one_line
 from tests.streaming.test_server import GRID, HERE, instant, run, served, until
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
     import pytest
 
-    from facts_damping.streaming.server import Server
+    from facts_damping_streams.streaming.server import Server
 
 SERVER = "tcp://pdc:4712/11"
 
 
-def test_what_is_not_there_is_said() -> None:
+def test_server_without_a_configuration_is_shown_with_the_cause() -> None:
     one = ServerState(address(SERVER))
     assert str(one) == f"{SERVER}: no configuration: no answer; is the IDCODE right?"
     one.take(Lost("refused"))
@@ -34,7 +34,7 @@ def test_what_is_not_there_is_said() -> None:
     assert one.result() == {"server": SERVER, "rate": None, "frames": 0, "refused": {}, "lost": "refused", "pmus": []}
 
 
-def test_a_configuration_and_the_newest_values() -> None:
+def test_configuration_and_the_newest_values() -> None:
     one = ServerState(address(SERVER))
     one.take(served().configuration)
     assert {row[-1] for row in one.rows()} == {"-"}
@@ -52,7 +52,7 @@ def test_a_configuration_and_the_newest_values() -> None:
     assert set(told) == {"STAT", "FREQ", "DFREQ", "V1", "V1 angle", "I1", "I1 angle", *system_pmus.ANALOGS}
 
 
-def test_the_command_shows_what_a_server_sends(tmp_path: Path) -> None:
+def test_command_shows_what_a_server_sends(tmp_path: Path) -> None:
     async def act(server: Server) -> bytes:
         where = f"tcp://{HERE}:{server.ports[0]}/11"
         options = ["--seconds", "2", "--json", str(tmp_path / "heard.json")]
@@ -70,7 +70,7 @@ def test_the_command_shows_what_a_server_sends(tmp_path: Path) -> None:
     assert (told["frames"], told["lost"]) == (1, None)
 
 
-def test_a_server_that_is_silent_is_one_line(port: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_server_that_is_silent_is_one_line(port: int, capsys: pytest.CaptureFixture[str]) -> None:
     where = f"tcp://{HERE}:{port}/11"
     assert main(["pmu-listen", where, "--seconds", "0.2"]) == 1
     assert f"{where}: no configuration: " in capsys.readouterr().err

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import data, mapping, session, stat
-from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
-from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER, Record
+from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER
 from facts_damping.simulation import loop
-from facts_damping.streaming import recorded, serving
-from facts_damping.streaming.pdc import Pdc, grid_pmus
-from facts_damping.streaming.serving import Serving
+from facts_damping_streams.c37118 import data, mapping, session, stat
+from facts_damping_streams.c37118.session import Instant, Receiver
+from facts_damping_streams.streaming import recorded, serving
+from facts_damping_streams.streaming.pdc import Pdc, grid_pmus
+from facts_damping_streams.streaming.serving import Serving
+
+if TYPE_CHECKING:
+    from facts_damping.record import Record
 
 EPOCH = 1_700_000_000
 NAME = "two_area_large"
@@ -78,7 +83,7 @@ def test_behind_a_link_frames_are_aligned_again() -> None:
     assert gone > 0
 
 
-def test_a_clock_that_is_off_by_more_than_half_a_frame_costs_no_frame() -> None:
+def test_clock_that_is_off_by_more_than_half_a_frame_costs_no_frame() -> None:
     """Of two PMUs; the stamp is that of a frame all the same."""
     case = load_case("lead_lag_smib", ["duration=2", "measurement.pmus.G1={clock: {offset: 0.01}}", "controllers=[]"])
     found = [one for _, one in recorded.instants(loop.run(case), Pdc(case, EPOCH))]
@@ -87,7 +92,7 @@ def test_a_clock_that_is_off_by_more_than_half_a_frame_costs_no_frame() -> None:
 
 
 @pytest.mark.parametrize("formats", ["none", "polar", "float_phasors", "polar,float_phasors", None])
-def test_who_is_absent_is_absent_in_any_format(formats: str | None) -> None:
+def test_absent_pmu_is_absent_in_every_format(formats: str | None) -> None:
     case = load_case(NAME, [])
     (server,) = serving.servers(case, Serving("", 0, [], 1, formats, each=False), lambda: (0, 0))
     row = np.zeros(1, DELIVERY)
@@ -103,7 +108,7 @@ def test_who_is_absent_is_absent_in_any_format(formats: str | None) -> None:
     assert np.isnan(values[0]).all()
 
 
-def test_what_comes_too_late_is_left_out_and_counted() -> None:
+def test_late_measurement_is_left_out_and_counted() -> None:
     case = load_case(NAME, [])
     pdc = Pdc(case, EPOCH, 0.1)
 
@@ -152,7 +157,7 @@ def test_bad_data_are_data_errors_not_absences() -> None:
 
 
 @pytest.mark.parametrize(("each", "names"), [(False, 1), (True, 5)])
-def test_one_stream_or_one_a_station(each: bool, names: int) -> None:
+def test_servers_have_one_stream_or_one_for_each_station(each: bool, names: int) -> None:
     made = serving.servers(load_case(NAME, []), Serving("", 0, [], 40, None, each=each), lambda: (0, 0))
     assert [one.stream.idcode for one in made] == list(range(40, 40 + names))
     assert sum(len(one.stream.configuration.pmus) for one in made) == 5

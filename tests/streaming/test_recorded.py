@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import frame, system_pmus
-from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
 from facts_damping.nodes.launching import graph
-from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
-from facts_damping.streaming import recorded
-from facts_damping.streaming.pdc import Pdc, grid_pmus
+from facts_damping_streams.c37118 import frame, system_pmus
+from facts_damping_streams.c37118.session import Instant, Receiver
+from facts_damping_streams.streaming import recorded
+from facts_damping_streams.streaming.pdc import Pdc, grid_pmus
+from facts_damping_testing.loopback.opening import opened
 from tests.commands import assert_one_line
 from tests.nodes.graphs import LOADED_S, quiet
 
@@ -63,7 +63,7 @@ def serve(recording: Path, *options: str) -> subprocess.Popen[str]:
     return subprocess.Popen(told, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def test_a_client_gets_what_was_recorded(recording: Path, port: int) -> None:
+def test_client_gets_what_was_recorded(recording: Path, port: int) -> None:
     record = load(recording)
     seen = grid_pmus(load_case("two_area_small", []))
     with serve(recording, "--port", str(port), "--json", "-") as server:
@@ -84,7 +84,7 @@ def test_a_client_gets_what_was_recorded(recording: Path, port: int) -> None:
     assert (row["frames"], row["clients"], row["dropped"], row["refused"]) == (60, 1, 0, {})
 
 
-def test_each_station_alone(recording: Path, port: int) -> None:
+def test_recording_is_served_with_a_stream_for_each_station(recording: Path, port: int) -> None:
     record = load(recording)
     with serve(recording, "--port", str(port), "--each", "--idcode", "40", "--format", "none") as server:
         found, _ = listen(port + 4, 44, 30)
@@ -96,7 +96,7 @@ def test_each_station_alone(recording: Path, port: int) -> None:
     assert np.abs(told / volts - record.frames[:30, 4, system_pmus.MAGNITUDE]).max() < 2.0 / 30000
 
 
-def test_what_has_not_been_measured_is_absent_and_stamps_are_those_of_the_instants() -> None:
+def test_instants_without_measurements_are_absent_from_the_stream() -> None:
     """PMUs of class M: the first frames are not there; later ones describe the instant six frames ago."""
     case = load_case("two_area_small", ["duration=1", "measurement=m_class", "controllers=[]"])
     record = loop.run(case)

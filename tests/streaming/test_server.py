@@ -17,12 +17,12 @@ import pytest
 collections.Sequence = collections.abc.Sequence  # type: ignore[attr-defined]
 from synchrophasor.pdc import Pdc  # noqa: E402 (it names what Python 3.9 still had)
 
-from facts_damping.c37118 import configuration, frame, session, system_pmus  # noqa: E402
-from facts_damping.c37118.session import Instant, Receiver  # noqa: E402
-from facts_damping.c37118.system_pmus import Pmu  # noqa: E402
 from facts_damping.errors import RunError  # noqa: E402
 from facts_damping.signals import CHANNELS  # noqa: E402
-from facts_damping.streaming.server import Server  # noqa: E402
+from facts_damping_streams.c37118 import configuration, frame, session, system_pmus  # noqa: E402
+from facts_damping_streams.c37118.session import Instant, Receiver  # noqa: E402
+from facts_damping_streams.c37118.system_pmus import Pmu  # noqa: E402
+from facts_damping_streams.streaming.server import Server  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -118,7 +118,7 @@ def test_data_ends_where_it_is_turned_off() -> None:
     assert found == session.data_frame(served(), instant(0))
 
 
-def test_a_slow_client_is_dropped_and_counted() -> None:
+def test_slow_client_is_dropped_and_counted() -> None:
     """One that reads nothing; another reads all the time."""
     wide = session.stream(11, system_pmus.configuration(GRID * 100, 60, 60, FORMATS))
     values = np.ones((len(GRID) * 100, len(CHANNELS)))
@@ -189,7 +189,7 @@ def test_datagrams_are_answered_and_turned_on() -> None:
     assert (server.counts.clients, sum(server.counts.refused.values())) == (1, 1)
 
 
-def test_who_turns_data_off_by_datagram_is_forgotten_and_there_are_not_too_many() -> None:
+def test_udp_clients_are_limited_and_forgotten_when_they_turn_data_off() -> None:
     server = Server(served(), lambda: (1000, 0))
     for i in range(300):
         server.received(frame.command(11, "turn_on", 5), (HERE, 1000 + i))
@@ -199,7 +199,7 @@ def test_who_turns_data_off_by_datagram_is_forgotten_and_there_are_not_too_many(
     assert server.listening == 255
 
 
-def test_a_client_that_asks_and_does_not_read_is_dropped() -> None:
+def test_client_that_asks_and_does_not_read_is_dropped() -> None:
     async def act(server: Server) -> None:
         _, writer = await client(server)
         asked = frame.command(11, "send_configuration_3", 5) * 100
@@ -239,7 +239,7 @@ def test_fixed_receivers_get_configuration_and_data(group: str | None) -> None:
     assert [type(one) for one in found] == [configuration.Configuration, Instant, Instant]
 
 
-def test_a_port_that_is_taken_is_said() -> None:
+def test_port_that_is_taken_is_said() -> None:
     with socket.socket() as taken:
         taken.bind((HERE, 0))
         taken.listen()

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import frame, session, system_pmus
-from facts_damping.c37118.configuration import FORMATS, Configuration
-from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
-from facts_damping.parameters.streams import Streams
 from facts_damping.signals import CHANNELS
-from facts_damping.streaming.client import Lost
-from facts_damping.streaming.pdc import grid_pmus
-from facts_damping.streaming.server import Server
-from facts_damping.streaming.sources import Sources
-from facts_damping.streaming.stream_clock import JUMP_S
+from facts_damping_streams.c37118 import frame, session, system_pmus
+from facts_damping_streams.c37118.configuration import FORMATS, Configuration
+from facts_damping_streams.c37118.session import Instant, Receiver
+from facts_damping_streams.parameters import Streams
+from facts_damping_streams.streaming.client import Lost
+from facts_damping_streams.streaming.pdc import grid_pmus
+from facts_damping_streams.streaming.server import Server
+from facts_damping_streams.streaming.sources import Sources
+from facts_damping_streams.streaming.stream_clock import JUMP_S
 
 CASE = load_case("two_area_large", [])
 GRID = grid_pmus(CASE)  # G1 to G4, TIE
@@ -66,7 +66,7 @@ def test_stations_of_several_servers_are_one_frame() -> None:
     assert found.flaws() == ["absent: G1, G2, G3, G4", "in no stream: TIE"]
 
 
-def test_a_server_that_is_lost_is_told_once_and_is_back_with_its_configuration() -> None:
+def test_server_that_is_lost_is_told_once_and_is_back_with_its_configuration() -> None:
     found = sources(SOUTH)
     assert found.take(0, 0.0, Lost("refused")) == f"{SOUTH}: refused"
     assert found.take(0, 1.0, Lost("refused")) == ""
@@ -79,7 +79,7 @@ def test_a_server_that_is_lost_is_told_once_and_is_back_with_its_configuration()
     assert found.take(0, 4.0, stream([0]).configuration) == f"{SOUTH}: is back"
 
 
-def test_a_server_that_is_lost_is_not_waited_for() -> None:
+def test_server_that_is_lost_is_not_waited_for() -> None:
     found = sources(SOUTH, NORTH)
     found.take(0, 0.0, stream([0]).configuration)
     found.take(1, 0.0, stream([1]).configuration)
@@ -98,7 +98,7 @@ def test_stations_that_are_not_there_or_there_twice_are_said() -> None:
     assert f"{NORTH}: PMU G2: in this stream and in {SOUTH}; allowed: each PMU in one" in message
 
 
-def test_a_time_that_cannot_be_relied_on_is_unsynchronised() -> None:
+def test_time_that_cannot_be_relied_on_is_unsynchronised() -> None:
     found = sources(SOUTH)
     found.take(0, 0.0, stream([0]).configuration)
     found.take(0, 0.0, instant([0], 0)._replace(quality=0x2F))
@@ -113,7 +113,7 @@ def test_a_time_that_cannot_be_relied_on_is_unsynchronised() -> None:
         (stream([0], nominal=50), "FNOM: 50 Hz given by G1; allowed: 60 Hz, the system's"),
     ],
 )
-def test_a_configuration_that_does_not_fit_takes_its_stations_away(other: session.Stream, message: str) -> None:
+def test_configuration_that_does_not_fit_takes_its_stations_away(other: session.Stream, message: str) -> None:
     found = sources(SOUTH)
     found.take(0, 0.0, stream([0]).configuration)
     wrong = [found.wrong]

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.signals import CHANNELS
-from facts_damping.streaming.stream_clock import AlignedFrame, Alignment, Following, PmuReport
+from facts_damping_streams.streaming.stream_clock import AlignedFrame, Alignment, Following, PmuReport
 
 if TYPE_CHECKING:
-    from facts_damping.streaming.stream_clock import Tick
+    from facts_damping_streams.streaming.stream_clock import Tick
 
 RATE, WAIT = 60, 0.2
 ONE, SOUND, HERE = np.array([0]), np.zeros(1, np.int64), np.zeros(1, bool)
@@ -39,7 +39,7 @@ def test_instants_come_in_their_order_once_all_have_spoken(order: list[tuple[int
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 20)), max_size=60), st.integers(0, 4))
-def test_nothing_is_lost_without_a_count(said: list[tuple[int, int]], waits: int) -> None:
+def test_time_alignment_gives_or_counts_every_entry(said: list[tuple[int, int]], waits: int) -> None:
     """Each entry is in what is given, or counted as late."""
     alignment, given_entries, put, newest = Alignment(4), 0, set(), 0
     for s, k in said:
@@ -78,7 +78,7 @@ def test_while_nothing_comes_ticks_go_on_empty_and_then_with_the_stream() -> Non
     assert empty == list(range(60, 180))
 
 
-def test_a_pause_of_the_source_moves_its_stamps() -> None:
+def test_pause_of_the_source_moves_its_stamps() -> None:
     """It stops for 4 s and then goes on where it stopped: ticks do not wait, stamps are taken for those of now."""
     following, numbers = Following(1, RATE, WAIT), list[int]()
     for n in range(120 * 12):
@@ -92,7 +92,7 @@ def test_a_pause_of_the_source_moves_its_stamps() -> None:
     assert 60 <= following.alignment.late <= 70  # those of a second, until that is known
 
 
-def test_what_comes_in_a_burst_after_a_stall_is_late_and_moves_nothing() -> None:
+def test_burst_after_a_stall_is_late_and_does_not_move_the_clock() -> None:
     """A connection stands still for 3 s; then all comes at once, and after that in time."""
     following, numbers = Following(1, RATE, WAIT), list[tuple[int, float]]()
     for n in range(120 * 8):
@@ -127,7 +127,7 @@ def test_instants_before_the_first_one_are_late_and_shift_no_tick() -> None:
     assert following.alignment.late == 100
 
 
-def test_a_stream_that_is_alone_out_of_time_moves_nothing() -> None:
+def test_stream_that_is_alone_out_of_time_moves_nothing() -> None:
     following = Following(2, RATE, WAIT)
     for k in range(200):
         following.put(k, PmuReport(ONE, rows(1, 0.0), SOUND, HERE), k / RATE)
@@ -137,7 +137,7 @@ def test_a_stream_that_is_alone_out_of_time_moves_nothing() -> None:
     assert following.alignment.late > 150
 
 
-def test_a_station_that_says_that_it_is_absent_is_not_waited_for() -> None:
+def test_station_that_says_that_it_is_absent_is_not_waited_for() -> None:
     following = Following(2, RATE, WAIT)
     following.put(7, PmuReport(np.arange(2), rows(2, 1.0), np.zeros(2, np.int64), np.array([False, True])), 0.0)
     (tick,) = following.take(0.0)

@@ -11,9 +11,9 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.output.terminal import Progress
 from facts_damping.simulation import loop
-from facts_damping.studies.sweeps import sweep
-from facts_damping.terminal import Progress
+from facts_damping_studies.sweeps import sweep
 from tests.commands import assert_one_line
 
 PAGE = Path(__file__).parents[2] / "docs" / "controllers.md"
@@ -41,13 +41,13 @@ def of(rows: Rows, architecture: str, scenario: str) -> Rows:
     return [row for row in rows if place(row) == (architecture, scenario)]
 
 
-def test_every_controller_is_there_in_every_architecture_on_every_scenario() -> None:
+def test_study_of_architectures_has_all_controllers_on_all_scenarios() -> None:
     points = sweep.plan("architectures", []).points
     assert len(points) == 3 * 4 * (1 + 2 * 11)
     assert len({(*place(point.columns), point.columns["kind"]) for point in points}) == len(points)
 
 
-def test_the_page_has_the_medians_and_counts_of_the_networks(rows: Rows) -> None:
+def test_page_has_the_medians_and_counts_of_the_networks(rows: Rows) -> None:
     """The table of docs/controllers.md, to the digits that it has: of the networks that are converged."""
     assert not [row["error"] for row in rows if row["error"]]
     lines = [line.split("|")[1:-1] for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
@@ -86,7 +86,7 @@ def test_lead_lags_side_by_side_are_the_centralised_one() -> None:
     assert both[0].frames.tobytes() == both[1].frames.tobytes()
 
 
-def test_a_study_that_asks_for_tables_leaves_a_page_and_a_picture(
+def test_study_that_asks_for_tables_leaves_a_page_and_a_picture(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     study = tmp_path / "own.yaml"
@@ -127,7 +127,7 @@ def test_tables_of_columns_that_are_not_there_are_refused_before_any_run(
 
 
 @pytest.mark.parametrize("text", ["controllers.*.name=HBsWC", "controllers.*.parameters.gain=12"])
-def test_a_star_is_every_entry_of_a_list(text: str) -> None:
+def test_star_is_every_entry_of_a_list(text: str) -> None:
     given = "controllers=[{name: LLC, devices: [sssc]}, {name: LLC, devices: [statcom]}]"
     case = load_case(None, ["devices=[sssc, statcom]", given, text, "scenario=[]"])
     field, value = text.split(".", 2)[2].split("=")
@@ -144,12 +144,12 @@ def test_a_star_is_every_entry_of_a_list(text: str) -> None:
         ["link=delay_100ms", "controllers.*.name=HBsWC", "controllers.*.link.up.*.delay=0.07"],
     ],
 )
-def test_a_star_below_a_name_is_every_entry_of_what_it_names(sets: list[str]) -> None:
+def test_star_below_a_name_is_every_entry_of_what_it_names(sets: list[str]) -> None:
     case = load_case(None, sets)
     assert [stage.model_dump()["delay"] for stage in case.links[case.used_links[0]].up] == [0.07, 0.07]
 
 
-def test_a_star_where_nothing_is_a_list_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_star_where_nothing_is_a_list_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert_one_line(
         2,
         ["simulate", "--set", "controllers=[]", "--set", "controllers.*.name=LLC"],

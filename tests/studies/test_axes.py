@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from facts_damping.errors import InputError
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.study import Axis, Margin, Study
-from facts_damping.parameters.validation import check
-from facts_damping.studies.margins import margins
-from facts_damping.studies.sweeps import axes
+from facts_damping_studies.margins import margins
+from facts_damping_studies.sweeps import axes
 
 
 def points(*sweep: dict[str, Any], seed: int = 0) -> list[axes.Point]:
@@ -27,7 +27,7 @@ def values(spec: dict[str, Any]) -> list[Any]:
     return [point.columns["duration"] for point in points({"field": "duration", **spec})]
 
 
-def test_no_axis_is_one_run() -> None:
+def test_study_without_axes_is_one_run() -> None:
     assert points() == [axes.Point({}, {})]
 
 
@@ -43,7 +43,7 @@ def test_zipped_axes_go_side_by_side_within_a_grid() -> None:
     assert [tuple(p.changes.values()) for p in found] == [(1, 3, 5), (1, 3, 6), (2, 4, 5), (2, 4, 6)]
 
 
-def test_a_value_goes_into_several_fields_by_factors() -> None:
+def test_value_goes_into_several_fields_by_factors() -> None:
     (point,) = points({"name": "total", "fields": {"up": 0.25, "down": 0.75}, "values": [0.1]})
     assert point == axes.Point({"total": 0.1}, {"up": 0.025, "down": 0.075})
 
@@ -146,7 +146,7 @@ def test_bisection_brackets_the_edge(edge: float, coarse: int, tolerance: float)
     assert tried <= margins.max_runs(spec)
 
 
-def test_a_run_that_holds_again_is_noticed_and_the_first_edge_is_the_margin() -> None:
+def test_run_that_holds_again_is_noticed_and_the_first_edge_is_the_margin() -> None:
     (low, high, again), _ = search(lambda value: 0.33 <= value < 0.55 or value >= 0.87, margin())
     assert low is not None
     assert high is not None
@@ -158,7 +158,7 @@ def test_a_run_that_holds_again_is_noticed_and_the_first_edge_is_the_margin() ->
 
 
 @given(edges=st.lists(st.floats(0.02, 0.98), min_size=1, max_size=4, unique=True).map(sorted))
-def test_the_set_that_holds_has_all_edges_that_the_grid_tells_apart(edges: list[float]) -> None:
+def test_set_that_holds_has_all_edges_that_the_grid_tells_apart(edges: list[float]) -> None:
     spec = margin(coarse=41)
     assume(all(high - low > 0.06 for low, high in pairwise([0.0, *edges, 1.0])))
     tried: dict[float, bool | None] = {}
@@ -173,7 +173,7 @@ def test_the_set_that_holds_has_all_edges_that_the_grid_tells_apart(edges: list[
     assert ends == pytest.approx(expected, abs=spec.tolerance)
 
 
-def test_the_set_over_seeds_is_that_of_half_of_them() -> None:
+def test_set_over_seeds_is_that_of_half_of_them() -> None:
     searches = [{i / 10: i / 10 > edge for i in range(11)} for edge in (0.3, 0.5, 0.7)]
     assert margins.holding(searches) == [[0.0, pytest.approx(0.55)]]
     assert margins.holding([{0.0: True, 1.0: True}]) == []
@@ -190,7 +190,7 @@ def test_margins_beyond_what_was_run_are_none() -> None:
     assert (told["margin_s"], told["low_s"], told["high_s"], told["beyond"]) == (None, None, 0.0, "low")
 
 
-def test_what_holds_is_the_share_of_the_coarse_grid_over_all_searches() -> None:
+def test_share_that_holds_is_of_the_coarse_grid_over_all_searches() -> None:
     spec = margin(coarse=5)  # 0, 0.25, 0.5, 0.75, 1; values of the bisection do not count
     one = {0.0: False, 0.25: False, 0.375: False, 0.5: True, 0.75: False, 1.0: True}
     assert margins.held(spec, [one]) == pytest.approx(3 / 5)
@@ -210,7 +210,7 @@ def test_values_that_could_not_be_run_do_not_stop_the_search() -> None:
     assert (told["margin_s"], told["low_s"], told["high_s"]) == (None, None, None)
 
 
-def test_the_median_over_seeds_lies_in_its_interval_which_holds_it_as_often_as_it_says() -> None:
+def test_median_over_seeds_lies_in_its_interval_which_holds_it_as_often_as_it_says() -> None:
     random, inside = np.random.default_rng(1), 0
     for seed in range(200):
         edges = random.normal(0.3, 0.05, 20)
@@ -266,7 +266,7 @@ def test_kinds_come_in_turn_with_what_is_theirs_and_what_all_have() -> None:
     assert len({one.columns["seed"] for one in found}) == len(found)
 
 
-def test_a_hypercube_is_one_over_the_draws_of_a_kind() -> None:
+def test_hypercube_is_one_over_the_draws_of_a_kind() -> None:
     axis = {"name": "event", "draws": {**DRAWS, "number": 30}}
     lasting = sorted(one.columns["lasts"] for one in points(axis) if one.columns["event"] == "fault")
     assert [int((value - 1.0) * 10) for value in lasting] == list(range(10))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from facts_damping.case.loading import load_case
-from facts_damping.studies.sweeps.batch import identity
+from facts_damping_studies.sweeps.batch import identity
 
 
-def test_a_fallback_is_not_what_is_studied() -> None:
+def test_fallback_is_not_what_is_studied() -> None:
     own = ["controllers.0.name=HBsWC", "controllers.0.scheme=direct", "supervision=standard"]
     reserve = "controllers.+={name: ANFTSC, scheme: indirect, fallback_of: 0, signals: [power]}"
     alone, with_reserve = (identity(load_case("two_area_large", [*own, *more])) for more in ([], [reserve]))

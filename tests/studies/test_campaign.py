@@ -11,12 +11,12 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError
-from facts_damping.parameters.campaign import Campaign
+from facts_damping.output.terminal import Progress
 from facts_damping.parameters.files import shipped
 from facts_damping.simulation import loop
-from facts_damping.studies.campaigns import campaign, campaign_pages, invariants
-from facts_damping.studies.campaigns.faults import FAULTS, ONLY_REAL
-from facts_damping.terminal import Progress
+from facts_damping_studies.campaigns import campaign, campaign_tables, invariants
+from facts_damping_studies.campaigns.faults import FAULTS, ONLY_REAL
+from facts_damping_studies.campaigns.parameters import Campaign
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def test_shipped_campaigns_can_be_drawn_from(name: str) -> None:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_every_fault_makes_a_run(fault: str, small: Path) -> None:
+def test_campaign_fault_makes_a_run(fault: str, small: Path) -> None:
     """Drawn a few times: what it changes can be run, and is not nothing, but where it is only done to real graphs."""
     small.write_text(SMALL + f"faults: {{{fault}: 1}}\n" + ("healthy: 1.0\n" if fault == "none" else ""))
     made = campaign.plan(str(small))
@@ -78,7 +78,7 @@ def test_every_fault_makes_a_run(fault: str, small: Path) -> None:
         assert (case.document() == sound.document()) == (fault in ("none", *ONLY_REAL))
 
 
-def test_a_draw_is_its_number_s_whatever_was_drawn_before(small: Path) -> None:
+def test_draw_is_its_number_s_whatever_was_drawn_before(small: Path) -> None:
     made = campaign.plan(str(small))
     first = [campaign.draw(made, number) for number in range(6)]
     assert [campaign.draw(made, number) for number in reversed(range(6))] == first[::-1]
@@ -87,7 +87,7 @@ def test_a_draw_is_its_number_s_whatever_was_drawn_before(small: Path) -> None:
     assert [campaign.draw(other, number) for number in range(6)] != first
 
 
-def test_a_draw_that_fails_is_a_run_file_that_runs_again_bit_for_bit(
+def test_draw_that_fails_is_a_run_file_that_runs_again_bit_for_bit(
     small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(invariants.ALONE, "within_limits", invariants.Rule("", lambda *_: -1.0))
@@ -101,12 +101,12 @@ def test_a_draw_that_fails_is_a_run_file_that_runs_again_bit_for_bit(
             assert getattr(again, name).tobytes() == getattr(once, name).tobytes()
 
 
-def test_an_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = carried_out(small, tmp_path / "out", draws=3)
     asked: list[int] = []
     one_draw = campaign.one_draw
 
-    def noted(made: campaign.Plan, number: int) -> tuple[str, dict[str, Any]]:
+    def noted(made: campaign.CampaignPlan, number: int) -> tuple[str, dict[str, Any]]:
         asked.append(number)
         return one_draw(made, number)
 
@@ -129,25 +129,25 @@ def test_harmful_trips_are_counted_of_all_healthy_draws() -> None:
     harmful = [drawn_row(**off, ITAE=1.06), drawn_row(**off, ITAE=None)]
     others = [drawn_row(**off, ITAE=0.9), drawn_row(**off, ITAE=1.04), drawn_row(ITAE=2.0), drawn_row(armed_s=None)]
     rows = [*harmful, *others, drawn_row(**off, ITAE=9.0, fault="wrong_sign")]
-    of_all = campaign_pages.healthy_table(rows).rows[0]
+    of_all = campaign_tables.healthy_table(rows).rows[0]
     assert of_all[:4] == ["smib", "all", "6", "1"]
     assert [(cell.number, cell.percent) for cell in of_all[4:]] == [(4, 66.67), (2, 33.33), (1, 16.67)]
 
 
-def test_a_wrong_sign_that_was_never_found_is_missed() -> None:
+def test_wrong_sign_that_was_never_found_is_missed() -> None:
     long = [drawn_row(fault="wrong_sign", detected_s=found) for found in (2.0, None)]
     beside = [drawn_row(fault="wrong_sign", lasts="0.1"), drawn_row(fault="wrong_sign", armed_s=None), drawn_row()]
-    *_, row = campaign_pages.missed_table([*long, *beside]).markdown()
+    *_, row = campaign_tables.missed_table([*long, *beside]).markdown()
     assert "| 2 | 1: 50.00 % (9.45 to 90.55) | 0 |" in row
 
 
-def test_a_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, told = tmp_path / "out", tmp_path / "told.json"
     given = ["campaign", str(small), "--set", "seed=1", "--out", str(folder), "--jobs", "1", "--json", str(told)]
     assert main(given) == 0
     text, rows = (folder / "page.md").read_text(), json.loads(told.read_text())["draws"]
     assert "{{" not in text
-    assert all(words in text for name, words in campaign_pages.WORDS.items() if name in invariants.INVARIANTS)
+    assert all(words in text for name, words in campaign_tables.WORDS.items() if name in invariants.INVARIANTS)
     assert len(rows) == 6
     assert "6 cases with" in capsys.readouterr().out
     assert (folder / "draws.parquet").is_file()
@@ -174,7 +174,7 @@ def test_a_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: py
         (("{controllers.0.name: HBsWC}", "{controllers.0.nam: HBsWC}"), "controllers.0.nam"),
     ],
 )
-def test_what_is_wrong_with_a_campaign_is_one_line(
+def test_invalid_campaign_is_refused_in_one_line(
     small: Path, change: tuple[str, str], named: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     small.write_text(SMALL.replace(*change))

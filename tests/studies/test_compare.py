@@ -11,10 +11,10 @@ from facts_damping.case.controllers import tuned
 from facts_damping.cli.main import main
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError
+from facts_damping.output.terminal import Progress
 from facts_damping.parameters.files import shipped
-from facts_damping.studies.sweeps import sweep
-from facts_damping.studies.sweeps.batch import make
-from facts_damping.terminal import Progress
+from facts_damping_studies.sweeps import sweep
+from facts_damping_studies.sweeps.batch import make
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -44,12 +44,12 @@ Rows = list[dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
-def plans() -> list[sweep.Plan]:
+def plans() -> list[sweep.SweepPlan]:
     return [sweep.plan("comparison", [f"system={system}"]) for system in ("two_area", "smib")]
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory: pytest.TempPathFactory, plans: list[sweep.Plan]) -> Rows:
+def rows(tmp_path_factory: pytest.TempPathFactory, plans: list[sweep.SweepPlan]) -> Rows:
     """Of networks every third in each scenario, each in some; all findings; all others in all scenarios."""
     found = []
     for plan in plans:
@@ -75,7 +75,7 @@ def place(row: dict[str, Any]) -> tuple[str, str, str, str]:
     return row["system"], row["scenario"], row["controller"], row["scheme"]
 
 
-def test_all_controllers_are_there_in_both_schemes_on_all_scenarios(plans: list[sweep.Plan]) -> None:
+def test_comparison_has_all_controllers_and_schemes_on_all_scenarios(plans: list[sweep.SweepPlan]) -> None:
     networks = [name for name, row in CONTROLLERS.items() if row.network is not None]
     assert len(networks) == 11
     points = [point.columns for plan in plans for point in plan.points]
@@ -94,18 +94,18 @@ def test_none_leaves_its_limits(rows: Rows) -> None:
         assert row["max_injected_voltage_pu"] <= 0.1 * (1 + 1e-9), place(row)
 
 
-def test_every_adaptive_controller_damps_every_scenario_but_the_findings(rows: Rows) -> None:
+def test_adaptive_controllers_damp_all_scenarios_except_for_the_findings(rows: Rows) -> None:
     assert {place(row): row["verdict"] for row in rows if row["scheme"] and not row["damped"]} == NOT_DAMPED
 
 
-def test_the_lqg_damps_every_scenario_and_has_less_of_the_squares_than_lead_lags(rows: Rows) -> None:
+def test_lqg_damps_every_scenario_and_has_less_of_the_squares_than_lead_lags(rows: Rows) -> None:
     for system, scenario in {(row["system"], row["scenario"]) for row in rows}:
         own = {r["controller"]: r for r in rows if (r["system"], r["scenario"]) == (system, scenario)}
         assert own["LQG"]["damped"]
         assert own["LQG"]["ISE"] < own["LLC"]["ISE"]
 
 
-def test_every_adaptive_controller_beats_no_control_but_the_findings(rows: Rows) -> None:
+def test_adaptive_controllers_beat_no_control_except_for_the_findings(rows: Rows) -> None:
     worse = set()
     for system, scenario in CALM:
         own = [row for row in rows if (row["system"], row["scenario"]) == (system, scenario)]
@@ -132,7 +132,7 @@ def test_in_another_profile_all_are_what_was_chosen_there() -> None:
         assert {name: own[name] for name in known[key]} == known[key]
 
 
-def test_each_takes_as_many_signals_as_it_can_and_the_tuned_lead_lag_is_there_where_it_is_tuned() -> None:
+def test_comparison_gives_controllers_the_signals_that_they_can_take() -> None:
     plan = sweep.plan("comparison", ["controllers.0.signals=[speed, power]"], ["scenario=small"])
     found = {point.columns["kind"]: make(plan.base, point.changes).controllers for point in plan.points}
     assert [c.signals for c in found["LLC"]] == [["speed"]]
@@ -162,7 +162,7 @@ def test_bad_axes_are_one_line(tmp_path: Path, axes: str, sets: list[str], only:
 
 
 @pytest.mark.parametrize("name", [name for name in shipped("studies") if name.startswith("ensemble_")])
-def test_every_ensemble_may_have_another_profile(name: str) -> None:
+def test_ensemble_takes_the_deployment_profile(name: str) -> None:
     plan = sweep.plan(name, ["profile=deployment"])
     case = make(plan.base, plan.points[0].changes)
     assert case.measurement.filter == "p_class"
@@ -170,7 +170,7 @@ def test_every_ensemble_may_have_another_profile(name: str) -> None:
     assert case.model.loads != case.system.loads  # the draws are of the plant alone
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Some of its points; their rows are those of the whole."""
     asked = ["sweep", "comparison", "--set", "system=smib", "--only", "kind=none,LLC*", "--set", "duration=1"]
     assert main([*asked, "--jobs", "1", "--out", str(tmp_path / "a")]) == 0

@@ -18,12 +18,12 @@ from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel
 from facts_damping.small_signal.zero_order_hold import halvings
-from facts_damping.studies.margins import delay_margin_runs
-from facts_damping.studies.margins.criteria import CRITERIA
-from facts_damping.studies.margins.delay_margin import Margin, first_limit, intervals, margin
-from facts_damping.studies.margins.delay_margin_pages import document, draw, margin_text
-from facts_damping.studies.margins.delay_margin_runs import HORIZONS, bears, beside, holding, pulse_margin, pulsed
-from facts_damping.studies.margins.linear_closed_loop import (
+from facts_damping_studies.margins import delay_margin_runs
+from facts_damping_studies.margins.criteria import CRITERIA
+from facts_damping_studies.margins.delay_margin import Margin, first_limit, intervals, margin
+from facts_damping_studies.margins.delay_margin_pages import document, margin_text, plot
+from facts_damping_studies.margins.delay_margin_runs import HORIZONS, bears, beside, holding, pulse_margin, pulsed
+from facts_damping_studies.margins.linear_closed_loop import (
     DelayedLoop,
     Discrete,
     approximate,
@@ -225,7 +225,7 @@ def test_limits_of_a_curve() -> None:
     assert first_limit([], 1.0) == 0.0
 
 
-def test_a_small_pulse_of_the_nonlinear_loop_has_the_linear_margin() -> None:
+def test_small_pulse_of_the_nonlinear_loop_has_the_linear_margin() -> None:
     """0.01 % of a load for half a second; the envelope of 40 s grows or dies: within 3 ms, where 10 are allowed."""
     one = found("speed")
     assert pulse_margin(one.case, limit(one)) == pytest.approx(limit(one), abs=3e-3)
@@ -355,7 +355,7 @@ def test_bad_input_is_one_line(inside: Callable[..., tuple[int, str, str]], argu
     assert named in err
 
 
-def test_a_fast_controller_swings_by_itself_with_delays_of_whole_frames() -> None:
+def test_fast_controller_swings_by_itself_with_delays_of_whole_frames() -> None:
     """LLC-tuned at 60 frames/s: without delay its setpoint alternates from frame to frame, as the nonlinear run shows.
 
     With 1 ms it does not.
@@ -376,7 +376,7 @@ def test_a_fast_controller_swings_by_itself_with_delays_of_whole_frames() -> Non
 
 
 @pytest.mark.parametrize("name", ["LLC", "LLC-tuned"])
-def test_the_power_of_its_own_line_drives_the_setpoint_from_limit_to_limit(name: str) -> None:
+def test_power_of_its_own_line_drives_the_setpoint_from_limit_to_limit(name: str) -> None:
     """`power_rate` jumps with the SSSC's setpoint: never stable; and a run reaches both limits from round-off alone."""
     case = load_case(None, [f"controllers.0.name={name}", "controllers.0.signals=[power_rate]"])
     one = margin(case, 0.1, None, nothing)
@@ -389,23 +389,23 @@ def test_the_power_of_its_own_line_drives_the_setpoint_from_limit_to_limit(name:
 
 
 @pytest.mark.parametrize("gain", [0.0, 1e-3])
-def test_a_loop_that_is_not_stable_without_delay_has_no_margin(gain: float, tmp_path: Path) -> None:
+def test_loop_that_is_not_stable_without_delay_has_no_margin(gain: float, tmp_path: Path) -> None:
     one = margin(load_case(None, [f"controllers.0.parameters.gain={gain}"]), 0.1, None, nothing)
     assert (one.margin, one.stable) == (0.0, [])
     assert document(one, None)["margin_s"] == 0.0
     assert any("0 ms: there a mode of 0.6" in line for line in margin_text(one, None))
-    assert draw(one, None, tmp_path / "margin.png").is_file()
+    assert plot(one, None, tmp_path / "margin.png").is_file()
 
 
-def test_a_loop_that_bears_every_delay_looked_at_says_so(tmp_path: Path) -> None:
+def test_loop_that_bears_every_delay_looked_at_says_so(tmp_path: Path) -> None:
     one = margin(load_case(None, []), 0.1, 6, nothing)
     assert (one.margin, one.stable, one.critical) == (None, [(0.0, 0.1)], None)
     assert document(one, None)["margin_s"] is None
     assert any("beyond 100 ms" in line for line in margin_text(one, None))
-    assert draw(one, None, tmp_path / "margin.png").is_file()
+    assert plot(one, None, tmp_path / "margin.png").is_file()
 
 
-def test_a_linear_law_of_ones_own_has_the_margin_of_the_shipped_one() -> None:
+def test_linear_law_of_ones_own_has_the_margin_of_the_shipped_one() -> None:
     """The thesis's lead-lag as a discrete law, by SciPy's bilinear transform."""
     case = load_case(None, ["controllers.0=" + json.dumps({"name": "my_damper", "linear": bilinear()})])
     own = margin(case, LONGEST, 6, nothing)

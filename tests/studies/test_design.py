@@ -15,11 +15,11 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.build import build
 from facts_damping.simulation import loop
-from facts_damping.small_signal import linearisation, places
-from facts_damping.studies.design import design, design_pages, lead_lag
-from facts_damping.studies.margins import delay_margin
-from facts_damping.studies.search import scoring
-from facts_damping.studies.sweeps import enumerated_axes
+from facts_damping.small_signal import linearisation
+from facts_damping_studies.design import design, design_pages, lead_lag, places
+from facts_damping_studies.margins import delay_margin
+from facts_damping_studies.search import scoring
+from facts_damping_studies.sweeps import enumerated_axes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -42,7 +42,7 @@ def found() -> design.Design:
     ratio=st.floats(-0.05, 0.2),
     delay=st.floats(0.0, 0.5),
 )
-def test_a_lead_lag_turns_the_residue_to_the_left(angle: float, hertz: float, ratio: float, delay: float) -> None:
+def test_lead_lag_turns_the_residue_to_the_left(angle: float, hertz: float, ratio: float, delay: float) -> None:
     """Phase by phase: residue, two sections, washout, delay and half a frame, sign; at the eigenvalue."""
     w = 2.0 * np.pi * hertz
     s = complex(-ratio * w, w * np.sqrt(1.0 - ratio**2))
@@ -79,7 +79,7 @@ def test_residues_are_how_eigenvalues_move(at: str) -> None:
             assert abs(slope - seen.residue[mode, row]) < 2e-4 * abs(slope) + 1e-7, name
 
 
-def test_every_line_and_bus_is_a_place_once() -> None:
+def test_places_of_devices_have_every_line_and_bus_once() -> None:
     system = read_system(SYSTEM)
     found = places.places(system)
     taken = [(p.device.kind, p.at) for p in found]
@@ -107,7 +107,7 @@ def test_new_devices_of_each_kind_have_places(kind: str) -> None:
     assert np.isfinite(list(strengths.values())).all()
 
 
-def test_a_design_of_exciter_inputs_alone_has_scenarios() -> None:
+def test_design_of_exciter_inputs_alone_has_scenarios() -> None:
     """No line and no bus is a candidate: faults at the grid's own."""
     task = design.Task("kundur_12_6_thyristor", [], 0.05, 0.1, kinds=["exciter_input"])
     found = design.design(task, 1, quiet)
@@ -115,12 +115,12 @@ def test_a_design_of_exciter_inputs_alone_has_scenarios() -> None:
     assert found.tried[found.chosen.tried].place.device.kind == "exciter_input"
 
 
-def test_an_unknown_kind_is_refused() -> None:
+def test_unknown_kind_is_refused() -> None:
     with pytest.raises(InputError, match="--kinds: 'upfc' given"):
         design.design(design.Task(SYSTEM, [], 0.1, 0.1, kinds=["upfc"]), 1, quiet)
 
 
-def test_the_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> None:
+def test_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> None:
     """By the margin's own study at the delay that was given, and by a simulation of a small step of a load."""
     assert found.tuned.reached
     run = {**found.run, "system": found.content, "scenario": []}
@@ -139,7 +139,7 @@ def test_the_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> No
     assert slow["damping_ratio"] == pytest.approx(0.1, abs=0.015)
 
 
-def test_what_other_modes_gain_is_what_the_closed_loop_shows() -> None:
+def test_predicted_damping_of_other_modes_agrees_with_the_closed_loop() -> None:
     """A pair that takes damping from another mode is told, and passed over where there is another one."""
     task = design.Task(SYSTEM, [], 0.1, 0.1, place="B10", signal="w13")
     found = design.design(task, 1, quiet)
@@ -157,7 +157,7 @@ def test_what_other_modes_gain_is_what_the_closed_loop_shows() -> None:
     assert any(one.conflicts() for one in free.pairs)
 
 
-def test_the_files_run(found: design.Design, tmp_path: Path) -> None:
+def test_files_run(found: design.Design, tmp_path: Path) -> None:
     """The run as written is the loop that was designed, and its scenarios keep the grid together."""
     written = design_pages.write(found, tmp_path)
     assert [path.name for path in written][-2:] == ["run.yaml", "training_cases.yaml"]
@@ -173,7 +173,7 @@ def test_the_files_run(found: design.Design, tmp_path: Path) -> None:
     assert case.scenario.name in found.scenarios
     result = summarise(loop.run(case))
     assert result["verdict"] == "damped"
-    assert design_pages.draw(found, tmp_path / "places.png").stat().st_size > 10_000
+    assert design_pages.plot(found, tmp_path / "places.png").stat().st_size > 10_000
     text = "\n".join(design_pages.text(found))
     assert "damping ratio: 0.1" in text
     assert design_pages.document(found)["reached"] is True
@@ -189,12 +189,12 @@ def test_the_files_run(found: design.Design, tmp_path: Path) -> None:
         ({"signal": "w99"}, "--signal: 'w99' given; allowed: "),
     ],
 )
-def test_what_cannot_be_designed_is_said(changes: dict[str, Any], said: str) -> None:
+def test_impossible_design_is_refused(changes: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         design.design(design.Task(SYSTEM, [], 0.1, 0.1)._replace(**changes), 1, quiet)
 
 
-def test_a_place_that_is_asked_for_is_taken_and_all_are_ranked(tmp_path: Path) -> None:
+def test_place_that_is_asked_for_is_taken_and_all_are_ranked(tmp_path: Path) -> None:
     """A line's own device stays in service in the scenarios; what an earlier design wrote goes."""
     (tmp_path / "line_out.yaml").write_text("of an earlier design")
     task = design.Task(SYSTEM, [], 0.05, 0.1, place="line_1", signal="w13")
@@ -209,7 +209,7 @@ def test_a_place_that_is_asked_for_is_taken_and_all_are_ranked(tmp_path: Path) -
     assert load_case(str(tmp_path / "run.yaml")).system.device("damper").place == "B7-line_1.damper"
 
 
-def test_one_machine_s_speed_is_a_signal_beside_an_infinite_bus() -> None:
+def test_speed_of_a_machine_at_an_infinite_bus_is_a_signal() -> None:
     """Where no machine swings against it, and the system names no speed itself."""
     sets = ["signals={}", "measures={}"]
     own = read_system("smib", sets)

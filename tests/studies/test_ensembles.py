@@ -13,8 +13,8 @@ from facts_damping.parameters.files import shipped
 from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_plant
-from facts_damping.studies.sweeps import sweep
-from facts_damping.studies.sweeps.batch import make, one_run
+from facts_damping_studies.sweeps import sweep
+from facts_damping_studies.sweeps.batch import make, one_run
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
@@ -37,7 +37,7 @@ def drawn(name: str) -> tuple[list[dict[str, Any]], list[Case]]:
 
 
 @pytest.mark.parametrize("name", ENSEMBLES)
-def test_every_draw_starts_from_an_equilibrium_of_its_own(name: str) -> None:
+def test_ensemble_draws_start_from_distinct_equilibria(name: str) -> None:
     """Also the limits of all controls admit it: the plant can be built. No two draws are alike in anything.
 
     Built are the draws with the least and the largest value of anything, and some others.
@@ -57,7 +57,7 @@ def test_every_draw_starts_from_an_equilibrium_of_its_own(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ENSEMBLES)
-def test_an_ensemble_holds_the_scenario_that_it_is_named_after(name: str) -> None:
+def test_ensemble_holds_the_scenario_that_it_is_named_after(name: str) -> None:
     """Each number of its events and each dispatched power lies within what is drawn; the kinds are the same."""
     system, _, scenario = name.removeprefix("ensemble_").rpartition("_")
     own, (_, cases) = load_case(None, [f"system={system}", f"scenario={scenario}"]), drawn(name)
@@ -92,7 +92,7 @@ def test_noise_is_behind_any_link(name: str, link: str) -> None:
         assert case.run.seed == point.columns["seed"]
 
 
-def test_a_row_names_the_link_that_noise_was_put_behind() -> None:
+def test_row_names_the_link_that_noise_was_put_behind() -> None:
     plan = sweep.plan("ensemble_two_area_small", ["link=pdci_100ms", "duration=2"])
     row = one_run(plan.base, sweep._tasks(plan, {})[0])[1]
     assert (row["link"], row["scenario"], row["controller"], row["error"]) == ("pdci_100ms", "small", "LLC", None)

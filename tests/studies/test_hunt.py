@@ -12,10 +12,10 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
-from facts_damping.studies.campaigns import campaign, hunt, hunt_pages, invariants
-from facts_damping.studies.campaigns.faults import FAULTS, ONLY_REAL, Numbers
-from facts_damping.studies.campaigns.proposals import proposal, spread, turns
-from facts_damping.studies.campaigns.shrink import shrunk
+from facts_damping_studies.campaigns import campaign, hunt, hunt_pages, invariants
+from facts_damping_studies.campaigns.faults import FAULTS, ONLY_REAL, Numbers
+from facts_damping_studies.campaigns.proposals import proposal, spread, turns
+from facts_damping_studies.campaigns.shrink import shrunk
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.studies.campaigns.campaign import Choice
+    from facts_damping_studies.campaigns.campaign import Choice
 
 TURNED = """\
 description: a wrong sign or nothing on two_area
@@ -71,7 +71,7 @@ def hunted(seed: int, cases: int) -> NDArray[np.float64]:
     return points
 
 
-def test_a_hunt_comes_twice_as_near_to_the_worst_as_as_many_random_points() -> None:
+def test_hunt_comes_twice_as_near_to_the_worst_as_as_many_random_points() -> None:
     found, drawn = [], []
     for seed in range(6):
         points = hunted(seed, 300)
@@ -116,7 +116,7 @@ def of_choice(choice: Choice, sizes: list[float]) -> float:
     return 0.5 - min(sizes[0], 0.4) - min(lasts, 0.5) / 2.5 - 0.05 * ("link" in choice.chosen)
 
 
-def test_what_is_shrunk_violates_still_and_no_worse() -> None:
+def test_shrunk_case_still_violates_and_no_worse() -> None:
     choice = campaign.Choice("two_area", {"controller": "LLC", "link": "pdci"}, "gain", 3.217, None, 7)
     (milder, sizes), margin = shrunk(choice, [0.9], of_choice)
     assert of_choice(choice, [0.9]) <= margin == of_choice(milder, sizes) < 0.0
@@ -125,7 +125,7 @@ def test_what_is_shrunk_violates_still_and_no_worse() -> None:
 
 
 @pytest.mark.parametrize("fault", [name for name in FAULTS if name not in ONLY_REAL])
-def test_every_fault_has_a_form_of_the_mildest_size(turned: Path, fault: str) -> None:
+def test_campaign_fault_of_the_mildest_size_makes_a_case(turned: Path, fault: str) -> None:
     """Also where the mildest of its stages takes more numbers than the one that was found."""
     made, mild = campaign.plan(str(turned)), FAULTS[fault].mild
     choice = campaign.Choice("two_area", {}, fault, 1.0, 0.5, None)._asdict()
@@ -141,7 +141,7 @@ def told(arguments: list[str], folder: Path) -> dict[str, Any]:
     return found
 
 
-def test_a_hunt_writes_a_page_and_run_files_that_violate_and_goes_on(turned: Path, tmp_path: Path) -> None:
+def test_hunt_writes_a_page_and_run_files_that_violate_and_goes_on(turned: Path, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     found = told([str(turned), "--hunt", "0.001"], folder)
     assert found["cases"] % 14 == 0 < found["cases"]
@@ -159,7 +159,7 @@ def test_a_hunt_writes_a_page_and_run_files_that_violate_and_goes_on(turned: Pat
     assert told([str(turned), "--hunt", "0.001"], folder) == found  # nothing is left to do
 
 
-def test_what_was_found_is_kept_after_an_interrupt(
+def test_hunt_keeps_its_cases_after_an_interrupt(
     turned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     evaluate, asked = hunt.evaluate, iter(range(10))

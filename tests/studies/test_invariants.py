@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import ARMED, FALLBACK, TRIPPED
 from facts_damping.simulation import loop
-from facts_damping.studies.campaigns import invariants
-from facts_damping.studies.campaigns.invariants import HARM, SETTLED_S, TOLERANCE, itae
+from facts_damping_studies.campaigns import invariants
+from facts_damping_studies.campaigns.invariants import HARM, SETTLED_S, TOLERANCE, itae
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 LIMIT = 0.1  # p.u., of the SSSC
 # Values at the edge of what is allowed, one step of a number beyond, and far away.
@@ -66,7 +66,7 @@ def says(case: Case, record: Record) -> dict[str, bool]:
     }
 
 
-def test_all_holds_for_a_controller_that_is_tripped_in_time() -> None:
+def test_invariants_hold_for_a_controller_that_is_tripped_in_time() -> None:
     case, record = sound()
     assert trip_tick(record) is not None
     found = invariants.alone(case, record)
@@ -87,7 +87,7 @@ edits = st.tuples(
 @example([("state", 239, 0.0)])
 @example([("cut", 60, 0.0), ("reference", 90, 0.01)])
 @given(st.lists(edits, min_size=1, max_size=3))
-def test_a_margin_is_below_zero_where_what_must_hold_does_not(changes: list[tuple[str, int, float]]) -> None:
+def test_margin_is_below_zero_where_what_must_hold_does_not(changes: list[tuple[str, int, float]]) -> None:
     case, record = sound()
     told, passed, devices = (np.copy(part) for part in (record.supervision, record.supervised, record.devices))
     applied = record.applied

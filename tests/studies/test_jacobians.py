@@ -14,8 +14,8 @@ from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_plant
 from facts_damping.small_signal.residues import residues
-from facts_damping.studies.sweeps import sweep
-from facts_damping.studies.sweeps.true_jacobian import Respondent, compared, follow
+from facts_damping_studies.sweeps import sweep
+from facts_damping_studies.sweeps.true_jacobian import Respondent, compared, follow
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ BOTH = "devices=[sssc, statcom]"
 
 
 @pytest.mark.parametrize("frames", [1, 10])
-def test_the_true_jacobian_at_the_start_is_the_linear_plants(frames: int) -> None:
+def test_true_jacobian_at_the_start_is_the_linear_plants(frames: int) -> None:
     """The nonlinear plant, moved and followed, against the matrix exponential; behind washouts."""
     names, devices = ["speed", "power", "voltage", "angle"], ["sssc", "statcom"]
     own = [BOTH, f"controllers.0.devices={devices}", f"controllers.0.signals={names}", "duration=1"]
@@ -48,7 +48,7 @@ def test_figures_of_an_identifier_that_knows_are_those_of_one_that_knows() -> No
     assert np.all(wrong["error"] > 1.5)
 
 
-def test_the_study_has_a_row_and_a_picture_of_each_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_study_has_a_row_and_a_picture_of_each_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     asked = ["sweep", "jacobians", "--only", "scenario=small", "--only", "network=ANFTSC", "--set", "duration=3"]
     assert main([*asked, "--jobs", "1", "--out", str(tmp_path), "--json", str(tmp_path / "told.json")]) == 0
     assert (tmp_path / "jacobian_small_ANFTSC.png").is_file()
@@ -64,7 +64,7 @@ def test_the_study_has_a_row_and_a_picture_of_each_run(tmp_path: Path, capsys: p
     assert "right_sign.speed/sssc" in capsys.readouterr().out
 
 
-def test_a_jacobian_without_an_identifier_is_refused_before_any_run(tmp_path: Path) -> None:
+def test_jacobian_without_an_identifier_is_refused_before_any_run(tmp_path: Path) -> None:
     study = tmp_path / "own.yaml"
     study.write_text("run: two_area_small\nsweep: [{field: seed, values: [1]}]\njacobian: 10\n")
     with pytest.raises(InputError, match="jacobian: LLC given, which has no identifier"):

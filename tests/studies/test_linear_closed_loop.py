@@ -20,7 +20,7 @@ from facts_damping.signals import NANOSECONDS, to_ns
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel, weights_of
 from facts_damping.small_signal.zero_order_hold import halvings
-from facts_damping.studies.margins.linear_closed_loop import (
+from facts_damping_studies.margins.linear_closed_loop import (
     DelayedLoop,
     Discrete,
     approximate,
@@ -170,7 +170,7 @@ def test_controllers_are_the_bilinear_transform_of_their_transfer_function(
         assert found[0, 0] == pytest.approx(expected, rel=1e-6)
 
 
-def test_what_was_probed_is_not_changed() -> None:
+def test_linearised_loop_is_the_same_when_built_twice() -> None:
     """The same model twice, and a run after it with the bits of one before."""
     case = case_of("speed")
     first, second = delayed_loop(case), delayed_loop(case)
@@ -187,7 +187,7 @@ def integrator(gain: float, rate: int) -> DelayedLoop:
 
 @some
 @given(gain=st.floats(0.1, 100), delay_ns=st.integers(0, 300_000_000), rate=st.sampled_from([10, 60, 120]))
-def test_an_integrator_has_its_polynomial(gain: float, delay_ns: int, rate: int) -> None:
+def test_integrator_has_its_polynomial(gain: float, delay_ns: int, rate: int) -> None:
     """z^(n+1) (z - 1) + K (T - p) z + K p = 0 for a delay of n frames and a part p (Astrom, Wittenmark, 2.3)."""
     frames, rest = divmod(delay_ns * rate, 10**9)
     period, part = 1 / rate, rest / 1e9 / rate
@@ -351,7 +351,7 @@ def test_links_keep_how_much_longer_they_are() -> None:
         (["link.down.0.delay=0.1", "link.down.0.start=1"], "link: .* given; allowed: the same delay for all"),
     ],
 )
-def test_what_has_no_linear_margin_is_refused(sets: list[str], named: str) -> None:
+def test_case_without_a_linear_margin_is_refused(sets: list[str], named: str) -> None:
     with pytest.raises(InputError, match=named):
         delayed_loop(load_case(None, sets))
 

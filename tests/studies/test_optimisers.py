@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.studies.search.optimisers import METHODS, Found
+from facts_damping_studies.search.optimisers import METHODS, Found
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,7 +46,7 @@ def search(method: str, seed: int, generations: int) -> tuple[Bowl, Found]:
 
 @every_method
 @pytest.mark.parametrize("seed", range(3))
-def test_the_least_is_found(method: str, seed: int) -> None:
+def test_least_is_found(method: str, seed: int) -> None:
     bowl, found = search(method, seed, 120)
     np.testing.assert_allclose(found.best, bowl.minimum, atol=1e-3)
 
@@ -54,7 +54,7 @@ def test_the_least_is_found(method: str, seed: int) -> None:
 @every_method
 @settings(deadline=None, max_examples=30)
 @given(seed=st.integers(0, 2**31), generations=st.integers(1, 8))
-def test_what_is_asked_is_the_budget_within_the_cube_and_its_best_is_handed_on(
+def test_optimiser_spends_its_budget_in_the_cube_and_hands_on_its_best(
     method: str, seed: int, generations: int
 ) -> None:
     bowl, found = search(method, seed, generations)
@@ -68,7 +68,7 @@ def test_what_is_asked_is_the_budget_within_the_cube_and_its_best_is_handed_on(
 
 
 @every_method
-def test_a_search_is_one_of_its_seed_whatever_was_drawn_before(method: str) -> None:
+def test_search_is_one_of_its_seed_whatever_was_drawn_before(method: str) -> None:
     first, _ = search(method, 1, 5)
     np.random.standard_normal(7)  # noqa: NPY002 (the global generator, which a library might draw from)
     again, _ = search(method, 1, 5)
@@ -78,7 +78,7 @@ def test_a_search_is_one_of_its_seed_whatever_was_drawn_before(method: str) -> N
 
 
 @every_method
-def test_where_all_points_are_one_the_search_goes_on_from_it(method: str) -> None:
+def test_optimiser_goes_on_from_identical_start_points(method: str) -> None:
     bowl = Bowl(3)
     found = METHODS[method](bowl, np.full((POINTS, SIZE), 0.5), 3, np.random.default_rng(3))
     assert bowl(found.best) <= bowl(np.full(SIZE, 0.5))

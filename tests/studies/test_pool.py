@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from facts_damping.studies.sweeps.pool import run_all
+from facts_damping_studies.sweeps.pool import run_all
 
 _kept: list[bytes] = []
 
@@ -16,6 +16,6 @@ def growing(number: int) -> int:
     return number
 
 
-def test_a_worker_whose_memory_grows_is_replaced_and_nothing_is_lost() -> None:
+def test_worker_whose_memory_grows_is_replaced_and_nothing_is_lost() -> None:
     """The library warns of it in a thread: as an error, as here, the warning must not end the thread."""
     assert run_all(growing, range(8), 2, lambda _done, _all: None) == list(range(8))

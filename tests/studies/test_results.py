@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from facts_damping.studies.sweeps.margin_plots import draw_margins
-from facts_damping.studies.sweeps.results import margin_table
+from facts_damping_studies.sweeps.margin_plots import plot_margins
+from facts_damping_studies.sweeps.results import margin_table
 
 
 def margin(criterion: str, scenario: str, link: str, controller: str, at: float, **more: Any) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def test_scenarios_stand_side_by_side_unless_another_column_does() -> None:
     ]
 
 
-def test_who_bears_most_is_first_and_what_is_missing_or_holds_again_is_seen() -> None:
+def test_margin_table_begins_with_the_largest_and_marks_open_margins() -> None:
     rows = [
         margin("unstable", "small", "fibre", "A", 0.2, monotonic=False, holds_again=[0.6, 0.7], holds=0.3),
         margin("unstable", "small", "plc", "A", 0.1),
@@ -63,9 +63,9 @@ def test_who_bears_most_is_first_and_what_is_missing_or_holds_again_is_seen() ->
     assert second == "| A | 0.200 [0.19, 0.21] * 30 % | 0.100 [0.09, 0.11] |"
 
 
-def test_the_picture_has_a_panel_for_each_place_and_a_diamond_also_where_it_fails_at_once() -> None:
+def test_picture_has_a_panel_for_each_place_and_a_diamond_also_where_it_fails_at_once() -> None:
     at_once = margin("not_damped", "large", "plc", "C", 0.0, margin_s=None, low_s=None, high_s=0.0, beyond="low")
-    figure = draw_margins([*MARGINS, margin("unstable", "large", "plc", "C", 0.2), at_once], "link")
+    figure = plot_margins([*MARGINS, margin("unstable", "large", "plc", "C", 0.2), at_once], "link")
     titles = [axes.get_title() for axes in figure.axes]
     assert titles == [f"{s}, {link}, horizon 20 s" for s in ("small", "large") for link in ("fibre", "plc")]
     diamonds = [line for line in figure.axes[-1].lines if line.get_marker() == "D"]

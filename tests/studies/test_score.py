@@ -11,11 +11,11 @@ import pytest
 
 import facts_damping as fd
 from facts_damping.cli.main import main
-from facts_damping.studies.score import card
-from facts_damping.studies.score.card import LOST, case_of, estimate, logs, ranking, read_set
-from facts_damping.studies.score.measure import Measured, measure
-from facts_damping.studies.score.pages import ranking_table, write_ranking
-from facts_damping.studies.score.worst import worst
+from facts_damping_studies.score import card
+from facts_damping_studies.score.card import LOST, case_of, estimate, logs, ranking, read_set
+from facts_damping_studies.score.measure import Measured, measure
+from facts_damping_studies.score.pages import ranking_table, write_ranking
+from facts_damping_studies.score.worst import worst
 from tests.commands import assert_one_line
 from tests.two_devices import ACTUATORS
 
@@ -50,18 +50,18 @@ def cases() -> str:
 
 
 @pytest.mark.parametrize(("name", "digest"), FROZEN.items())
-def test_a_version_of_a_set_never_changes(name: str, digest: str) -> None:
+def test_version_of_a_set_never_changes(name: str, digest: str) -> None:
     assert read_set(name).digest == digest
 
 
 @pytest.mark.parametrize("name", FROZEN)
-def test_every_case_of_a_set_can_be_made(name: str) -> None:
+def test_cases_of_a_score_set_can_be_made(name: str) -> None:
     found = read_set(name)
     kinds = {found.content.cases[i].kind for i in range(len(found.content.cases)) if case_of(found, (), i).ticks}
     assert kinds == set(found.content.kinds)
 
 
-def test_a_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cases: str, tmp_path: Path) -> None:
+def test_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cases: str, tmp_path: Path) -> None:
     nothing, wrong, right = (fd.score(one, cases, ["LLC"], jobs=1) for one in (Nothing, WrongSign, "LLC"))
     assert nothing.value == pytest.approx(0.0, abs=0.1)
     assert wrong.value < right.value
@@ -76,7 +76,7 @@ def test_a_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(c
     assert [line.split(",")[0] for line in table.read_text().splitlines()[1:]] == ['"LLC"', f'"{rows[2]}"']
 
 
-def test_the_card_is_the_same_on_any_number_of_cores_and_from_the_command(
+def test_card_is_the_same_on_any_number_of_cores_and_from_the_command(
     cases: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one = fd.score("LLC-tuned", cases, hunt=4, jobs=1)
@@ -111,7 +111,7 @@ def test_devices_that_a_set_adds_are_commanded(cases: str) -> None:
 
 
 @pytest.mark.parametrize("given", ["LLLC", "missing.py:Damper", "two_area_free"])
-def test_what_is_no_controller_is_refused_before_any_run(given: str, cases: str) -> None:
+def test_score_of_an_unknown_controller_is_refused_before_any_run(given: str, cases: str) -> None:
     with pytest.raises(fd.InputError, match="allowed"):
         fd.score(given, cases)
 
@@ -144,7 +144,7 @@ def test_lost_synchronism_counts_as_ten_times_and_as_nothing_where_both_lose_it(
     np.testing.assert_allclose(found, [np.log(2.0), LOST, -LOST, 0.0])
 
 
-def test_the_mean_is_over_kinds_and_its_interval_holds_the_truth() -> None:
+def test_mean_is_over_kinds_and_its_interval_holds_the_truth() -> None:
     """Two kinds of unlike size count alike; of 200 draws about 95 % of the intervals hold the mean of the source."""
     random, kinds = np.random.default_rng(3), ["a"] * 30 + ["b"] * 10
     held = 0

@@ -17,21 +17,21 @@ import pytest
 
 from facts_damping.analysis.indices import INDICES
 from facts_damping.case.loading import load_case, load_system
-from facts_damping.cli.commands import parser
 from facts_damping.cli.main import main
+from facts_damping.cli.parser import parser
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.parameters import files
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.run import Controller, Tuned
-from facts_damping.parameters.validation import check
-from facts_damping.studies.search import scoring
-from facts_damping.studies.search import search as study
-from facts_damping.studies.search.optimisers import METHODS, Found
-from facts_damping.studies.search.scoring import LOST, REFERENCE, Figures, Score, draws, score
-from facts_damping.studies.search.search import CHOICES, GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
-from facts_damping.studies.search.structures import Choice, Structure, started, structures
+from facts_damping_studies.search import scoring
+from facts_damping_studies.search import search as study
+from facts_damping_studies.search.optimisers import METHODS, Found
+from facts_damping_studies.search.scoring import LOST, REFERENCE, Figures, Score, draws, score
+from facts_damping_studies.search.search import CHOICES, GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
+from facts_damping_studies.search.structures import Choice, Structure, started, structures
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.control.table import Value
-    from facts_damping.studies.search.scoring import Draw
-    from facts_damping.studies.sweeps.enumerated_axes import Scheme
+    from facts_damping.control.parameter_tables import Value
+    from facts_damping_studies.search.scoring import Draw
+    from facts_damping_studies.sweeps.enumerated_axes import Scheme
 
 TINY = ["smib", "gaussian+sam", "--budget", "1", "--seed", "4", "--jobs", "1"]
 BEST = sorted(name for name in shipped("runs") if name.startswith(("best_", "lead_lag_", "search_")))
@@ -105,7 +105,7 @@ def test_without_control_all_is_worse(nominal: list[Draw]) -> None:
 
 
 @pytest.mark.usefixtures("each_run_once")
-def test_a_score_is_the_worst_index_and_the_price_of_what_effort_is_more(nominal: list[Draw]) -> None:
+def test_score_is_the_worst_index_and_the_price_of_what_effort_is_more(nominal: list[Draw]) -> None:
     weak = Controller(name="LLC", parameters={"gain": 1.0})
     strong = Controller(name="LLC", parameters={"gain": 1000.0})
     for controller, dearer in ((weak, False), (strong, True)):
@@ -161,7 +161,7 @@ def test_by_medians_the_largest_of_any_index_in_any_group_counts() -> None:
     assert (found.ratios, found.undamped) == (every.ratios, every.undamped)
 
 
-def test_a_lost_run_counts_more_than_any_other_and_the_earlier_the_more(nominal: list[Draw]) -> None:
+def test_lost_run_counts_more_than_any_other_and_the_earlier_the_more(nominal: list[Draw]) -> None:
     found = [
         score(Controller(name="LLC", parameters={"gain": gain}), draws("two_area", None, 1)).value
         for gain in (-20.0, -50.0)
@@ -172,7 +172,7 @@ def test_a_lost_run_counts_more_than_any_other_and_the_earlier_the_more(nominal:
 # What is searched
 
 
-def test_every_pair_is_there_in_both_schemes_with_all_devices() -> None:
+def test_structures_of_a_search_have_all_pairs_schemes_and_devices() -> None:
     found = structures(load_system("two_area"), [], [])
     assert len(found) == len(set(found)) == 2 * (1 + 2 * len(ANTECEDENTS) * len(CONSEQUENTS))
     assert {one.devices for one in found} == {("sssc",), ("sssc", "statcom")}
@@ -195,7 +195,7 @@ def test_networks_of_one_scheme_alone_are_searched_beside_llc_tuned(scheme: Sche
         ("b-spline+fourier", "indirect", ("sssc", "statcom")),
     ],
 )
-def test_what_is_chosen_is_within_what_parameters_may_be(name: str, scheme: Scheme, devices: tuple[str, ...]) -> None:
+def test_chosen_parameters_are_within_their_allowed_ranges(name: str, scheme: Scheme, devices: tuple[str, ...]) -> None:
     choice, random = Choice(Structure(name, scheme, devices), "two_area", CHOICES["free"]), np.random.default_rng(1)
     row, seen = kind(name), set()
     for at in [np.zeros(choice.size), np.ones(choice.size), *random.random((30, choice.size))]:
@@ -224,7 +224,7 @@ def test_parameters_have_the_place_that_they_came_from(name: str, scheme: Scheme
 
 @pytest.mark.usefixtures("each_run_once")
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
-def test_a_start_from_tuned_parameters_has_the_tuned_controller_among_its_points(scheme: Scheme) -> None:
+def test_start_from_tuned_parameters_has_the_tuned_controller_among_its_points(scheme: Scheme) -> None:
     tuned = Controller.model_validate({"name": "ANFBsC", "scheme": scheme})
     same = Structure("b-spline+singleton", scheme, ("sssc",))
     choice, one = Choice(same, "smib"), draws("smib", None, 1)
@@ -235,7 +235,7 @@ def test_a_start_from_tuned_parameters_has_the_tuned_controller_among_its_points
 
 
 @pytest.mark.parametrize("name", BEST)
-def test_a_start_from_a_run_is_its_controller_guards_included(name: str) -> None:
+def test_start_from_a_run_is_its_controller_guards_included(name: str) -> None:
     case = load_case(name)
     own = case.run.controllers[0]
     choice = Choice(Structure(own.name, own.scheme, tuple(own.devices)), case.system.name)
@@ -244,13 +244,13 @@ def test_a_start_from_a_run_is_its_controller_guards_included(name: str) -> None
     assert_close(again, own.parameters)
 
 
-def test_a_lead_lag_of_both_devices_may_be_started_from() -> None:
+def test_lead_lag_of_both_devices_may_be_started_from() -> None:
     """It takes fewer signals than the networks beside it."""
     every = structures(load_system("two_area"), [], ["sssc", "statcom"])
     assert [one.name for one in every if started("lead_lag_two_area", "two_area", one)] == ["LLC-tuned"]
 
 
-def test_the_other_first_points_are_about_those_of_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_first_points_are_about_those_of_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[NDArray[np.float64]] = []
 
     def recorded(_objective: object, population: NDArray[np.float64], *_: object) -> Found:
@@ -274,7 +274,7 @@ def test_the_other_first_points_are_about_those_of_the_start(monkeypatch: pytest
 # The procedure
 
 
-def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """Scores of each rung from a hash of the structure: who is where follows by sorting."""
     asked: list[tuple[int, int, int]] = []  # rung, draws, generations
 
@@ -311,7 +311,7 @@ def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.M
     assert sorted(set(asked)) == [(0, 1, 3), (1, 2, 6), (2, 4, 10)]
 
 
-def test_where_all_are_kept_each_has_the_same_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_that_keeps_all_gives_each_structure_the_same_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = Counter[tuple[Any, ...]]()
 
     def climb(_task: SearchTask, rung: Rung, entry: Entry) -> Entry:
@@ -341,7 +341,7 @@ def test_in_another_profile_signals_are_its_and_the_reference_may_be_no_control(
 
 
 @pytest.mark.usefixtures("few_points")
-def test_what_all_came_to_is_a_file_that_runs_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tuned_file_of_a_search_is_taken_by_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "tuned.yaml"
     given = ["two_area", "Hinf", "--profile", "deployment", "--against", "none", "--devices", "sssc", "--keep-all"]
     monkeypatch.setattr(study, "RUNGS", 1)
@@ -356,7 +356,7 @@ def test_what_all_came_to_is_a_file_that_runs_take(tmp_path: Path, monkeypatch: 
         assert {name: own.parameters[name] for name in row.parameters} == row.parameters
 
 
-def test_the_same_seed_gives_the_same_in_any_process_and_another_another(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_same_seed_gives_the_same_in_any_process_and_another_another(monkeypatch: pytest.MonkeyPatch) -> None:
     def short(*asked: Any) -> list[Draw]:
         return [draw._replace(content=draw.content | {"duration": 3.0}) for draw in draws(*asked)]
 
@@ -377,7 +377,7 @@ def test_the_same_seed_gives_the_same_in_any_process_and_another_another(monkeyp
 
 
 @pytest.mark.usefixtures("few_points")
-def test_a_rung_goes_on_from_the_population_of_the_one_before(nominal: list[Draw]) -> None:
+def test_rung_goes_on_from_the_population_of_the_one_before(nominal: list[Draw]) -> None:
     """On the same draws nothing is lost: the best is at least as good."""
     task, entry = SearchTask("smib", None, (), 1, 4), Entry(Structure("LLC-tuned", None, ("sssc",)))
     first = study.climb(task, Rung(0, nominal[:1], 1), entry)
@@ -387,7 +387,7 @@ def test_a_rung_goes_on_from_the_population_of_the_one_before(nominal: list[Draw
 
 
 @pytest.mark.usefixtures("few_points")
-def test_no_scenario_but_training_is_read_and_the_written_run_runs(
+def test_search_reads_the_training_scenario_alone_and_writes_a_valid_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     read, plain = list[Path](), files.read_yaml
@@ -419,7 +419,7 @@ def test_no_scenario_but_training_is_read_and_the_written_run_runs(
     assert main(["simulate", str(out), "--set", "duration=2"]) == 0
 
 
-def test_every_method_can_be_asked_for() -> None:
+def test_search_command_accepts_every_method() -> None:
     assert [parser().parse_args(["search", "smib", "--method", name]).method for name in METHODS] == list(METHODS)
 
 

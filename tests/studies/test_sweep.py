@@ -21,16 +21,16 @@ import pytest
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.output.terminal import Progress
 from facts_damping.parameters import files
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
-from facts_damping.studies.margins.criteria import fails
-from facts_damping.studies.sweeps import axes, batch, sweep
-from facts_damping.studies.sweeps.batch import RunRequest, make, names, one_run
-from facts_damping.studies.sweeps.journal import Journal
-from facts_damping.studies.sweeps.results import cell
-from facts_damping.terminal import Progress
+from facts_damping_studies.margins.criteria import fails
+from facts_damping_studies.sweeps import axes, batch, sweep
+from facts_damping_studies.sweeps.batch import RunRequest, make, names, one_run
+from facts_damping_studies.sweeps.journal import Journal
+from facts_damping_studies.sweeps.results import cell
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def swept(tmp_path: Path, path: Path | str, *more: str) -> dict[str, Any]:
     return dict(json.loads(target.read_text()))
 
 
-def test_every_row_has_the_figures_that_simulate_gives(tmp_path: Path) -> None:
+def test_sweep_rows_have_the_figures_that_simulate_gives(tmp_path: Path) -> None:
     """All six, although they share a plant."""
     rows = swept(tmp_path, study(tmp_path))["rows"]
     assert [(row["delay"], row["controllers.0.parameters.gain"]) for row in rows] == [
@@ -79,7 +79,7 @@ def test_every_row_has_the_figures_that_simulate_gives(tmp_path: Path) -> None:
         assert (row["link"], row["seed"], row["horizon_s"]) == ("ideal", 0, 4)
 
 
-def test_the_folder_explains_itself(tmp_path: Path) -> None:
+def test_folder_explains_itself(tmp_path: Path) -> None:
     path = study(tmp_path)
     rows = swept(tmp_path, path)["rows"]
     out = tmp_path / "out"
@@ -136,7 +136,7 @@ sweep:
     ]
 
 
-def test_a_system_that_changes_between_two_sweeps_of_a_process_is_built_anew(tmp_path: Path) -> None:
+def test_system_that_changes_between_two_sweeps_of_a_process_is_built_anew(tmp_path: Path) -> None:
     system, found = files.read_table(files.find("systems", "two_area")), {}
     path = study(tmp_path, f"run: {{system: {tmp_path / 'grid.yaml'}, duration: 3}}\n")
     for factor in (1.0, 1.5):
@@ -158,7 +158,7 @@ def test_saturation_duty_is_the_share_of_frames_at_the_limit(tmp_path: Path) -> 
     assert 0.1 < row["saturation_duty"] < 1
 
 
-def test_every_picture_is_drawn_where_the_table_has_something_for_it(tmp_path: Path) -> None:
+def test_sweep_draws_every_picture_that_its_table_has_data_for(tmp_path: Path) -> None:
     """Two controllers with links of their own, so latencies vary; two numbers; seeds."""
     text = """
 run: two_area_decentralised
@@ -185,7 +185,7 @@ sweep:
         assert fraction["failed"] == sum(not row[figure] for row in own)
 
 
-def test_a_run_that_fails_is_a_row(tmp_path: Path) -> None:
+def test_run_that_fails_is_a_row(tmp_path: Path) -> None:
     """A gain out of range, a device that is not there: lines of `error`; the others are run."""
     text = """
 run: two_area_small
@@ -264,7 +264,7 @@ def test_seeds_make_one_margin_and_shares(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("tolerance", [0.02, 1e-6])
-def test_a_margin_is_converged_if_its_ends_do_the_same_with_half_the_step(
+def test_margin_is_converged_if_its_ends_do_the_same_with_half_the_step(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], tolerance: float
 ) -> None:
     """The step moves an edge by far less than 20 ms, and by more than a microsecond."""
@@ -281,7 +281,7 @@ def test_a_margin_is_converged_if_its_ends_do_the_same_with_half_the_step(
     assert ("] ~" in capsys.readouterr().out) is not one["converged"]
 
 
-def test_a_share_counts_the_runs_that_do_otherwise_with_half_the_step(tmp_path: Path) -> None:
+def test_share_counts_the_runs_that_do_otherwise_with_half_the_step(tmp_path: Path) -> None:
     text = """
 run: two_area_small
 set:
@@ -364,7 +364,7 @@ main(sys.argv[1:])
 """
 
 
-def test_a_sweep_that_is_killed_leaves_no_process_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
+def test_sweep_that_is_killed_leaves_no_process_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
     path, out = study(tmp_path, MANY), tmp_path / "out"
     command = [sys.executable, "-c", WAITING, "sweep", str(path), "--jobs", "2", "--out", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as child:
@@ -378,7 +378,7 @@ def test_a_sweep_that_is_killed_leaves_no_process_and_goes_on_where_it_stopped(t
     goes_on(path, out)
 
 
-def test_an_interrupted_sweep_leaves_no_process_and_goes_on_where_it_stopped(
+def test_interrupted_sweep_leaves_no_process_and_goes_on_where_it_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Ctrl-C, which strikes the command alone: its processes are its own to end."""
@@ -418,7 +418,7 @@ class Deadly:
 """
 
 
-def test_a_process_that_is_killed_ends_the_sweep_with_one_line(
+def test_process_that_is_killed_ends_the_sweep_with_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The last run kills it; the others stay, and are not run again."""
@@ -462,7 +462,7 @@ def gone(pids: list[int]) -> None:
                 time.sleep(0.05)
 
 
-def test_a_torn_or_damaged_line_costs_its_run_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_torn_or_damaged_line_costs_its_run_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Also one that still is JSON: a digit that has changed."""
     path, out = study(tmp_path), tmp_path / "out"
     swept(tmp_path, path)
@@ -481,7 +481,7 @@ def test_a_torn_or_damaged_line_costs_its_run_only(tmp_path: Path, capsys: pytes
     )  # a changed, a torn one
 
 
-def test_a_finished_sweep_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finished_sweep_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = study(tmp_path)
     first = swept(tmp_path, path)
     monkeypatch.setattr(loop, "finish", None)
@@ -525,7 +525,7 @@ def test_two_sweeps_cannot_write_the_same_folder(tmp_path: Path, capsys: pytest.
 # Where it runs
 
 
-def test_a_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
+def test_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
     from distributed import LocalCluster  # noqa: PLC0415 (a second to load)
 
     path = study(tmp_path)
@@ -536,10 +536,10 @@ def test_a_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
     assert table(tmp_path / "dask") == table(tmp_path / "here")
 
 
-def test_no_scheduler_is_one_line(
+def test_scheduler_that_does_not_answer_is_told_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("facts_damping.studies.sweeps.pool.CONNECT_S", 0.5)
+    monkeypatch.setattr("facts_damping_studies.sweeps.pool.CONNECT_S", 0.5)
     out = str(tmp_path / "out")
     assert_one_line(
         2,
@@ -643,7 +643,7 @@ def test_shipped_studies_can_be_planned(name: str) -> None:
     assert plan.points
 
 
-def test_the_example(tmp_path: Path) -> None:
+def test_example(tmp_path: Path) -> None:
     found = swept(tmp_path, "example")
     assert len(found["rows"]) == 16
     assert all(row["error"] is None for row in found["rows"])
@@ -651,7 +651,7 @@ def test_the_example(tmp_path: Path) -> None:
     assert {row["scheme"] for row in found["rows"]} == {None, "direct"}
 
 
-def test_a_report_has_the_runs_of_a_study_side_by_side_named_by_what_differs(tmp_path: Path) -> None:
+def test_report_has_the_runs_of_a_study_side_by_side_named_by_what_differs(tmp_path: Path) -> None:
     """Whose figures are those of the rows."""
     page = tmp_path / "out" / "report.html"
     chosen = ["--only", "delay=0.1", "--report", str(page)]
@@ -679,7 +679,7 @@ def test_a_report_has_the_runs_of_a_study_side_by_side_named_by_what_differs(tmp
         (ONE, "nowhere/report.html", "nowhere/report.html: cannot be written; allowed: a file in an existing folder"),
     ],
 )
-def test_a_report_that_cannot_be_is_refused_before_anything_runs(
+def test_report_that_cannot_be_is_refused_before_anything_runs(
     tmp_path: Path, text: str, page: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
@@ -693,7 +693,7 @@ Place = tuple[tuple[str, str], ...]  # columns that tell a margin apart, with wh
 BRACKET = re.compile(r"[\d.]+ \[([\d.]+), ([\d.]+)\]|> ([\d.]+)|< ([\d.]+)")
 
 
-def listed_margins(table: str, plan: sweep.Plan) -> Iterator[tuple[str, Place, str]]:
+def listed_margins(table: str, plan: sweep.SweepPlan) -> Iterator[tuple[str, Place, str]]:
     """Criterion, what tells a margin apart, and its bracket, of a table in the docs, as `sweep` writes it."""
     assert plan.study.margin is not None
     named = ("controller", "scheme", "scenario", "architecture", "gain", plan.study.margin.across)
@@ -757,7 +757,7 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
     assert [one for one in expected if fails(one[1], rows[one[0]]) is not one[2]] == []
 
 
-def test_the_study_of_delay_margins_asks_for_every_controller_and_scenario() -> None:
+def test_study_of_delay_margins_asks_for_every_controller_and_scenario() -> None:
     plan = sweep.plan("delay_margin", [])
     assert len(plan.points) == 3 * (2 + 2 * 11)
     assert len({json.dumps(point.changes, sort_keys=True) for point in plan.points}) == len(plan.points)

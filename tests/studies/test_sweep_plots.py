@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from facts_damping.studies.sweeps.column_names import axis_label, value_label
-from facts_damping.studies.sweeps.sweep_plots import LOST_RUNS, draw_curves, settings
+from facts_damping_studies.sweeps.column_names import axis_label, value_label
+from facts_damping_studies.sweeps.sweep_plots import LOST_RUNS, plot_curves, settings
 
 
 def row(delay: float, jitter: float, seed: int, itae: float | None) -> dict[str, Any]:
@@ -22,9 +22,9 @@ ROWS = [row(delay, jitter, seed, None if delay * seed > 0.5 else 1.0 + delay + j
         for delay in (0.0, 0.1, 0.2, 0.3) for jitter in (0.0, 0.05, 0.1) for seed in (1, 2, 3)]  # fmt: skip
 
 
-def test_a_curve_is_one_setting_and_lost_runs_are_the_worst() -> None:
+def test_curve_is_one_setting_and_lost_runs_are_the_worst() -> None:
     """At 0.2 s one of three runs is lost, at 0.3 s two: an open circle, then a gap; survivors alone have no median."""
-    figure = draw_curves(ROWS, "delay_s", ["delay_s", "jitter_s", "seed"], ["delay_s", "jitter_s"])
+    figure = plot_curves(ROWS, "delay_s", ["delay_s", "jitter_s", "seed"], ["delay_s", "jitter_s"])
     assert figure is not None
     panels = figure.axes
     assert [panel.get_title() for panel in panels] == [

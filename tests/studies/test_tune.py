@@ -12,20 +12,20 @@ from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import make_case
 from facts_damping.cli.main import main
 from facts_damping.control.table import CONTROLLERS, kind
+from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import read_table, shipped
 from facts_damping.parameters.run import Tuned, TunedController
-from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
-from facts_damping.studies.search import tune
-from facts_damping.studies.search.tune import LOST, Job, Trainer, TuningTask, objective, rows, search
+from facts_damping_studies.search import tune
+from facts_damping_studies.search.tune import LOST, Job, Trainer, TuningTask, objective, rows, search
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from facts_damping.control.table import Value
+    from facts_damping.control.parameter_tables import Value
 
 SYSTEMS = ("two_area", "smib")
 EVENT = {"time": 1.0, "kind": "load_step", "load": "load_A", "change": 0.2}
@@ -63,7 +63,7 @@ def test_every_controller_is_tuned_by_the_same_command(system: str) -> None:
 
 
 @pytest.mark.parametrize(("system", "row"), ROWS, ids=[f"{s}-{r.name}-{r.scheme}" for s, r in ROWS])
-def test_what_was_chosen_reaches_in_training_what_its_row_says(system: str, row: TunedController) -> None:
+def test_tuned_parameters_reach_their_stated_objective_in_training(system: str, row: TunedController) -> None:
     """All runs about a point stay in synchronism, and what its row says is as good as one, or between two of them.
 
     Most points need one run. Where a loop is hardly stable the last bit decides how long it swings: 0.24 to 0.48 within
@@ -83,7 +83,7 @@ def test_what_was_chosen_reaches_in_training_what_its_row_says(system: str, row:
 @pytest.mark.parametrize(
     ("name", "scheme"), [("LLC-tuned", None), ("LQG", None), ("HBsWC", "direct"), ("ANFTSC", "indirect")]
 )
-def test_the_space_is_within_what_parameters_may_be(name: str, scheme: Any) -> None:
+def test_space_is_within_what_parameters_may_be(name: str, scheme: Any) -> None:
     row, random = kind(name), np.random.default_rng(1)
     trainer = Trainer(Job(task("two_area"), name, scheme))
     size = len(trainer.space.ranges)
@@ -93,7 +93,7 @@ def test_the_space_is_within_what_parameters_may_be(name: str, scheme: Any) -> N
             assert value in p.choices if p.choices else p.low <= float(str(value)) <= p.high, key
 
 
-def test_a_search_is_reproducible_and_no_worse_than_its_first_points(
+def test_search_is_reproducible_and_no_worse_than_its_first_points(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tune, "POPULATION", 8)
@@ -111,13 +111,13 @@ def test_a_search_is_reproducible_and_no_worse_than_its_first_points(
     assert search(job._replace(task=job.task._replace(seed=4))) != found
 
 
-def test_a_lost_run_counts_more_than_any_that_stays() -> None:
+def test_lost_run_counts_more_than_any_that_stays() -> None:
     trainer = Trainer(Job(task("two_area"), "LLC-tuned", None))
     lost = objective(trainer.with_parameters({"gain": -50.0}), trainer.residues)
     assert 900.0 < lost < 1000.0
 
 
-def test_the_command_writes_a_file_that_runs_read(
+def test_command_writes_a_file_that_runs_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tune, "POPULATION", 6)
@@ -129,7 +129,7 @@ def test_the_command_writes_a_file_that_runs_read(
     assert f"parameters: {out}" in capsys.readouterr().out
 
 
-def test_a_system_of_the_users_own_is_tuned_on_a_scenario_of_their_own(tmp_path: Path) -> None:
+def test_system_of_the_users_own_is_tuned_on_a_scenario_of_their_own(tmp_path: Path) -> None:
     """With the sign of the gain that damps there: here the residue is near 0 degrees."""
     content = read_table(shipped("systems")["wscc_9"])
     content["devices"] = [{"name": "own", "kind": "sssc", "line": "line_5_7"}]

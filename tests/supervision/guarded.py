@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.control.inputs import Wiring
 from facts_damping.monitor_table import COMMANDS, MONITORS, STATES, cause_name
 from facts_damping.parameters.plant.pmus import Signal
 from facts_damping.parameters.run import Controller
@@ -57,7 +58,9 @@ class Guarded:
         known = EIGENVALUE if mode else 0j
         watched = Watched(0, 1, 0, arm_at, known, [RESIDUE] * len(self.devices))
         supervision = Supervision.model_validate(given)
-        self.made, self.state = supervisors([watched], rows, supervision, SIGNALS, ["A"], LIMITS, RATE, NOMINAL)
+        limits = {name: (limit, 1.0) for name, limit in LIMITS.items()}
+        wiring = Wiring(SIGNALS, ["A"], limits, RATE, NOMINAL)
+        self.made, self.state = supervisors([watched], rows, supervision, wiring)
         self.row, self.tick = self.state.rows[0], 0
         self.row["finite"] = 1
         self.truth = np.zeros(len(LIMITS), DEVICE_TRUTH)

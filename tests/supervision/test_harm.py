@@ -11,7 +11,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import MONITORS, STATES
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import plant_residues
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop, link_delays, sampled
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, link_delays, sampled
 
 HARM = list(MONITORS).index("harm")
 SYSTEMS = {"two_area": ["scenario=small"], "smib": ["system=smib", "scenario=nominal"]}
@@ -66,7 +66,7 @@ def test_delay_alone_turns_help_into_harm() -> None:
     assert seen("two_area", 8.0, 0.2, 0.25) > 0.03
 
 
-def test_a_controller_that_harms_in_shadow_is_not_armed() -> None:
+def test_controller_that_harms_in_shadow_is_not_armed() -> None:
     for gain, state in ((15.0, "armed"), (-15.0, "shadow")):
         sets = ["supervision=standard", "arm_at=6", "duration=6.1", f"controllers.0.parameters.gain={gain}"]
         report = loop.run(load_case(None, sets)).supervision[-1]

@@ -14,7 +14,7 @@ from facts_damping.monitor_table import MONITORS, STATES, cause_name
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 AT = 3.0  # s, when things go wrong: 2 s after an event, while the grid swings
 
@@ -143,7 +143,7 @@ def test_every_monitor_has_a_trial() -> None:
 
 
 @pytest.mark.parametrize("name", MONITORS)
-def test_what_is_a_monitor_s_to_see_it_sees_first(name: str) -> None:
+def test_monitor_acts_first_on_its_own_fault(name: str) -> None:
     trial = TRIALS[name]
     found = seen(*trial.wrong)
     assert name in found.acted
@@ -159,7 +159,7 @@ def test_what_is_a_monitor_s_to_see_it_sees_first(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MONITORS)
-def test_what_is_not_a_monitor_s_to_see_it_lets_pass(name: str) -> None:
+def test_monitor_does_not_act_on_what_it_lets_pass(name: str) -> None:
     found = seen(*TRIALS[name].sound)
     assert name not in found.acted
     assert len(found.record.time_ns) == 540
@@ -172,7 +172,7 @@ SOUND = [
 
 @pytest.mark.parametrize("sets", SOUND, ids=str)
 @pytest.mark.parametrize("scenario", ["small", "large", "multiple"])
-def test_nothing_acts_in_a_sound_run(scenario: str, sets: list[str]) -> None:
+def test_monitors_do_not_act_in_a_sound_run(scenario: str, sets: list[str]) -> None:
     found = seen(f"scenario={scenario}", *sets)
     assert found.acted == {}
     assert [state for _, state, _ in found.states] == ["armed"]
@@ -195,7 +195,7 @@ def test_frames_that_arrive_together_are_compared_one_by_one() -> None:
             assert one == pytest.approx(other, rel=0.05)
 
 
-def test_a_station_that_was_lost_for_long_is_no_island() -> None:
+def test_station_that_was_lost_for_long_is_no_island() -> None:
     """While it is lost, and once it is back, with the grid off its frequency: its turns are counted anew."""
     others = [f"supervision.monitors.{name}=off" for name in MONITORS if name not in ("misaligned", "islanding")]
     lost = link("up", {**LOST, "channels": ["G1"], "duration": 5.0})
@@ -213,7 +213,7 @@ def test_a_station_that_was_lost_for_long_is_no_island() -> None:
     assert np.nanmax(angle) < 45.0
 
 
-def test_a_fallback_takes_over_from_a_controller_whose_data_are_bad() -> None:
+def test_fallback_takes_over_from_a_controller_whose_data_are_bad() -> None:
     """Of the monitors of data; those of the controller and the grid trip with a fallback as without one."""
     for name, trial in TRIALS.items():
         if name == "local" or MONITORS[name].follows == "warn" or any("controllers" in text for text in trial.wrong):
@@ -223,7 +223,7 @@ def test_a_fallback_takes_over_from_a_controller_whose_data_are_bad() -> None:
         assert at == pytest.approx(seen(*trial.wrong).states[1][0], abs=1e-9)
 
 
-def test_an_oscillation_that_grows_by_itself_is_no_reason_not_to_damp_it() -> None:
+def test_oscillation_that_grows_by_itself_is_no_reason_not_to_damp_it() -> None:
     """In shadow nothing acts: the plant, which is unstable by itself, is armed, and it grows no more."""
     found = seen(LARGE, "arm_at=8", "duration=14")
     assert [state for _, state, _ in found.states] == ["shadow", "armed"]

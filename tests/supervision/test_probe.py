@@ -17,9 +17,9 @@ from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES, cause_name
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import plant_residues
-from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from facts_damping.supervision.model import UNKNOWNS
 from facts_damping.supervision.probe import fit
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 
 QUIET = ["supervision=probed", "scenario=[]", "arm_at=13.2", "duration=13.5"]
 SMIB = [*QUIET, "system=smib", "arm_at=7.5", "duration=8"]
@@ -47,7 +47,7 @@ def omega(*sets: str) -> float:
 
 @pytest.mark.parametrize("system", LATEST)
 @pytest.mark.parametrize("sets", [[], ["link=delay_100ms"], ["link=csg"]], ids=str)
-def test_a_plant_that_is_as_known_answers_as_known(system: str, sets: list[str]) -> None:
+def test_plant_that_is_as_known_answers_as_known(system: str, sets: list[str]) -> None:
     """Delays of the link are known: those of the way up by time stamps, those of the way down by its model."""
     report, state, refused = probed(*LATEST[system], *sets)
     assert report["probe_gain"] == pytest.approx(1.0, abs=0.03)
@@ -65,7 +65,7 @@ def test_filters_of_pmus_are_known() -> None:
 
 @pytest.mark.parametrize("system", LATEST)
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 5.0, -1.0])
-def test_what_the_way_down_multiplies_by_is_the_gain(system: str, factor: float) -> None:
+def test_probe_finds_the_gain_of_the_downlink(system: str, factor: float) -> None:
     report, state, refused = probed(*LATEST[system], down(model="scale", factor=factor))
     found = report["probe_gain"] * np.exp(1j * report["probe_phase"])
     assert abs(found - factor) < 0.04 * abs(factor)
@@ -75,7 +75,7 @@ def test_what_the_way_down_multiplies_by_is_the_gain(system: str, factor: float)
 
 @pytest.mark.parametrize("system", LATEST)
 @pytest.mark.parametrize("delay", [0.05, 0.1, 0.25])
-def test_a_delay_that_is_not_known_turns_the_phase(system: str, delay: float) -> None:
+def test_delay_that_is_not_known_turns_the_phase(system: str, delay: float) -> None:
     """By omega tau, with a tenth for what the other modes answer; beyond the tolerance arming is refused.
 
     Also where the phase is within it, and control would take damping away.
@@ -128,14 +128,14 @@ def test_while_a_device_is_probed_the_other_rests() -> None:
         assert 0.15 * limits[d] < largest <= 0.2 * limits[d]  # two tones of a tenth
 
 
-def test_a_probe_is_over_when_it_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_probe_is_over_when_it_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
     """Armed at the time that a refusal names, and not a tick before."""
     monkeypatch.setattr("facts_damping.simulation.build._check_probes", lambda *_: None)
     found = [probed(*QUIET, f"arm_at={at}") for at in (13.167, 13.15)]
     assert [(state, refused) for _, state, refused in found] == [("armed", ""), ("shadow", "no probe")]
 
 
-def test_what_a_probe_says_of_damping_is_what_the_controller_adds() -> None:
+def test_probe_reports_the_damping_that_the_controller_adds() -> None:
     """Added damping and margin of phase: of a lead-lag controller about a tenth of 1/s; the other way round, less."""
     good, _, _ = probed(*QUIET)
     turned, _, _ = probed(*QUIET, down(model="scale", factor=-1))
@@ -146,7 +146,7 @@ def test_what_a_probe_says_of_damping_is_what_the_controller_adds() -> None:
 
 
 @pytest.mark.parametrize(("sets", "gain"), [(QUIET, 5.0), (SMIB, -2.0)])
-def test_the_margin_of_gain_is_that_of_the_linear_loop(sets: list[str], gain: float) -> None:
+def test_margin_of_gain_is_that_of_the_linear_loop(sets: list[str], gain: float) -> None:
     """A mode that grows needs a part of the gain, one that fades bears some of the wrong sign."""
     report, *_ = probed(*sets, f"controllers.0.parameters.gain={gain}")
     turning = omega(*sets)
@@ -160,7 +160,7 @@ def test_the_margin_of_gain_is_that_of_the_linear_loop(sets: list[str], gain: fl
 
 
 @given(seed=st.integers(0, 2**32 - 1), first=st.sampled_from([0, 2]), alike=st.booleans())
-def test_the_fit_is_that_of_least_squares(seed: int, first: int, alike: bool) -> None:
+def test_fit_is_that_of_least_squares(seed: int, first: int, alike: bool) -> None:
     """Of any columns; also where one says what another says already."""
     random = np.random.default_rng(seed)
     columns = random.standard_normal((40, UNKNOWNS)) * 10.0 ** random.uniform(-3, 3, UNKNOWNS)

@@ -173,7 +173,7 @@ def test_whatever_it_is_told_its_setpoints_stay_within_authority_and_ramps(
         change()
 
 
-def test_a_ramp_has_its_share_of_what_is_allowed_however_much_is_asked_for() -> None:
+def test_ramp_has_its_share_of_what_is_allowed_however_much_is_asked_for() -> None:
     """From 0 to all that a controller may have in the ramp's time, also where it asks for more."""
     for asked in (0.3, 1e300):
         guarded = Guarded({"monitors": watching(), "authority": {"fraction": 0.5}, "arming": {"ramp": 1.0}})
@@ -194,7 +194,7 @@ def test_armed_and_ramped_setpoints_are_the_controller_s_to_the_bit(said: list[f
 
 
 @pytest.mark.parametrize(("energy", "devices"), [(0.5, 2), (6.0, 1)])
-def test_no_minute_has_more_energy_than_is_allowed(energy: float, devices: int) -> None:
+def test_supervised_setpoints_keep_within_the_energy_of_a_minute(energy: float, devices: int) -> None:
     """Of a controller that asks for all there is, now and then for some of it, and rests at times."""
     given = {"monitors": watching(), "arming": {"ramp": 0.0}, "authority": {"energy": energy}}
     guarded, random = Guarded(given, list(LIMITS)[:devices]), np.random.default_rng(0)
@@ -210,7 +210,7 @@ def test_no_minute_has_more_energy_than_is_allowed(energy: float, devices: int) 
 
 @settings(max_examples=40)
 @given(script=scripts(), seed=st.integers(0, 2**32 - 1))
-def test_what_a_tripped_or_disarmed_controller_says_never_acts(script: list[Tick], seed: int) -> None:
+def test_setpoints_of_a_tripped_or_disarmed_controller_never_act(script: list[Tick], seed: int) -> None:
     """Two runs alike but for what a controller says while it may not act: the same setpoints."""
     supervision = shuffled({"non_finite": "warn"}, {})
     one, other = Guarded(supervision), Guarded(supervision)
@@ -224,7 +224,7 @@ def test_what_a_tripped_or_disarmed_controller_says_never_acts(script: list[Tick
 
 @settings(max_examples=40)
 @given(script=scripts(wild=False))
-def test_a_trip_is_left_by_an_operator_alone_and_by_way_of_shadow(script: list[Tick]) -> None:
+def test_trip_is_left_by_an_operator_alone_and_by_way_of_shadow(script: list[Tick]) -> None:
     guarded = Guarded(shuffled({}, {}), arm_at=0.05)
     before = "shadow"
     for t in script:
@@ -236,7 +236,7 @@ def test_a_trip_is_left_by_an_operator_alone_and_by_way_of_shadow(script: list[T
         before = after
 
 
-def test_both_ways_of_the_fallback_are_bumpless() -> None:
+def test_transfer_to_the_fallback_and_back_is_bumpless() -> None:
     """From the controller to the fallback in its ramp, and back, in steps of a ramp's tick."""
     guarded = Guarded(
         {"monitors": watching(missing="fall_back"), "arming": {"ramp": 0.0, "fall_back_ramp": 0.5, "recovery": 1.0}}

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.cli.main import main
-from facts_damping.validation import report
-from facts_damping.validation.table import Row, ValidationTable, as_csv, compare, furthest, summary, within
+from facts_damping_validation import report
+from facts_damping_validation.table import Row, ValidationTable, as_csv, compare, furthest, summary, within
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -31,7 +31,9 @@ def fixed(page: Path) -> tuple[list[str], list[list[str]]]:
     ]
 
 
-def test_all_rows_pass_and_the_page_in_docs_is_up_to_date(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_validation_rows_pass_and_the_page_in_docs_is_up_to_date(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     page, figures = tmp_path / "validation.md", tmp_path / "validation.json"
     assert main(["validate", "--out", str(page), "--json", str(figures)]) == 0, capsys.readouterr().err
     tables = json.loads(figures.read_text())
@@ -41,7 +43,7 @@ def test_all_rows_pass_and_the_page_in_docs_is_up_to_date(tmp_path: Path, capsys
     assert fixed(page) == fixed(PAGE)
 
 
-def test_a_row_that_fails_is_named_and_ends_with_1(
+def test_row_that_fails_is_named_and_ends_with_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = [compare("mass of the earth", "kg", 6.0, 5.97, 0.01), within("a curve", "m", [0.1, -0.3], 0.5)]
@@ -59,11 +61,11 @@ def test_a_row_that_fails_is_named_and_ends_with_1(
     ]
 
 
-def test_an_unknown_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert_one_line(2, ["validate", "nonsense"], "TABLE: 'nonsense' given; allowed: power-flow-two-area", capsys)
 
 
-def test_what_is_no_number_fails() -> None:
+def test_validation_row_without_a_number_fails() -> None:
     assert not Row("x", "1", "", "", float("nan"), 1.0).passed
     assert not within("x", "1", [0.0, float("nan")], 1.0).passed
 

@@ -14,10 +14,10 @@ from facts_damping.cli.main import main
 from facts_damping.input_files import share_folder
 from facts_damping.monitor_table import MONITORS
 from facts_damping.nodes.launching import graph
-from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording import RecordingWriter, load
 from facts_damping.recording.scan import scan
-from facts_damping.views import layouts
+from facts_damping_testing.loopback.opening import opened
+from facts_damping_views.layouts import layouts
 from tests.nodes.graphs import LOADED_S, assert_same, quiet
 from tests.views.bags import (
     Bag,
@@ -68,7 +68,7 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return Recorded(folder, read(folder), texts["foxglove.json"], texts["plotjuggler.xml"])
 
 
-def test_every_path_leads_to_what_its_panel_can_show(recorded: Recorded) -> None:
+def test_foxglove_paths_lead_to_what_their_panels_can_show(recorded: Recorded) -> None:
     assert len(list(foxglove_paths(recorded.foxglove))) > 40
     assert foxglove_faults(recorded.foxglove, recorded.bag) == []
 
@@ -97,7 +97,7 @@ MUTATIONS = [
 
 @pytest.mark.parametrize(("good", "bad"), MUTATIONS)
 @pytest.mark.parametrize("recorded", ["two_area_small"], indirect=True, scope="module")
-def test_a_wrong_path_is_found(recorded: Recorded, good: str, bad: str) -> None:
+def test_wrong_path_is_found(recorded: Recorded, good: str, bad: str) -> None:
     texts = {"foxglove": recorded.foxglove, "plotjuggler": recorded.plotjuggler}
     changed = {tool: text.replace(good, bad) for tool, text in texts.items() if good in text}
     assert changed
@@ -163,7 +163,7 @@ def test_labels_of_tables_row_by_row(recorded: Recorded) -> None:
         assert len(given) == len(getattr(message, field))
 
 
-def test_all_topics_but_setpoints_are_shown(recorded: Recorded) -> None:
+def test_foxglove_layout_shows_all_topics_but_setpoints(recorded: Recorded) -> None:
     """What was asked for and what is in force are in the states: setpoints as such beside a supervisor's alone.
 
     Nor is shown what is told in words.
@@ -223,7 +223,7 @@ def test_command_makes_layouts_of_a_recording_and_a_copy_by_simulated_time(recor
 
 
 @pytest.mark.parametrize("recorded", ["two_area_large"], indirect=True, scope="module")
-def test_a_supervisor_has_its_state_its_setpoints_and_all_that_it_watches(recorded: Recorded) -> None:
+def test_supervisor_has_its_state_its_setpoints_and_all_that_it_watches(recorded: Recorded) -> None:
     here, place = "/area_1/supervisor_0_LLC/state", '/setpoints[:]{device=="sssc"}.value_pu'
     paths = {path: label for _, path, label in foxglove_paths(recorded.foxglove)}
     assert {f"{here}.{field}" for field in ("state", "cause", "refused", "fraction")} <= set(paths)

@@ -12,7 +12,7 @@ from facts_damping.signals import SPEED_BAND
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 WINDOW = 5.0  # s, time over which an envelope is taken
 BAND = 0.05  # of the largest deviation: smaller signals have settled, smaller amplitudes are negligible

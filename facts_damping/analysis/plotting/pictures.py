@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.analysis.indices import Regions
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SLIGHT, ROUND = 1e-6, 1e-7  # relative, absolute: smaller changes of a curve are round-off
 MANY, LARGEST = 12, 7  # curves of a kind in one axes; of more, those with the largest change, or the means of areas

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from facts_damping.analysis.plotting.pictures import PICTURES, Curve, Panel, Picture, shown, title_of
 from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.errors import InputError, check_known
+from facts_damping.output.picture_files import save_picture
 from facts_damping.signals import NANOSECONDS
-from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.analysis.indices import Regions
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 WIDTH, PANEL_HEIGHT, MARGIN = 9.0, 2.3, 1.3  # inch
 DPI = 150
@@ -165,12 +165,12 @@ def _near(panel: Panel) -> bool:
     return maximum > NEAR * max(map(abs, panel.limits), default=0.0)
 
 
-def _name_regions(axes: Axes, found: Regions | None) -> None:
+def _name_regions(axes: Axes, regions: Regions | None) -> None:
     """Write the names of the three regions of figure 4.4 beside the curve, where there is room."""
-    if found is None:
+    if regions is None:
         return
     low, high = axes.get_xlim()
-    ends = (low, found.cliff_from_s, found.cliff_to_s, high)
+    ends = (low, regions.cliff_from_s, regions.cliff_to_s, high)
     for (name, height), left, right in zip(REGIONS.items(), ends, ends[1:], strict=False):
         if right - left > NARROW * (high - low):
             middle, where = (left + right) / 2, axes.get_xaxis_transform()

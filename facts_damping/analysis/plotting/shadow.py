@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
-from facts_damping import terminal
 from facts_damping.analysis.plotting.plots import COLOURS, DPI, MARGIN, PANEL_HEIGHT, WIDTH
+from facts_damping.output import picture_files, tables
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +29,7 @@ LINES = {
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Text table of the figures of each device (`replay.beside`), one column per device."""
     cells = [[text, *("-" if row[key] is None else f"{row[key]:.4g}" for row in rows)] for key, text in LINES.items()]
-    return "\n".join(terminal.table(["", *(row["device"] for row in rows)], cells, rule=False))
+    return "\n".join(tables.table(["", *(row["device"] for row in rows)], cells, rule=False))
 
 
 def plot(
@@ -57,4 +57,4 @@ def plot(
     grid[-1].set_xlabel("t [s]")
     handles, names = grid[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper right", ncols=2, fontsize="small", frameon=False)
-    return terminal.save_picture(figure, path, dpi=DPI)
+    return picture_files.save_picture(figure, path, dpi=DPI)

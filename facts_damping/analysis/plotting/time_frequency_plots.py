@@ -12,7 +12,7 @@ from facts_damping.analysis.measures import recorded
 from facts_damping.analysis.plotting.plots import COLOURS, DPI, mark_events
 from facts_damping.analysis.time_frequency import BAND, LAG, TIME, analyse
 from facts_damping.errors import InputError
-from facts_damping.terminal import save_picture
+from facts_damping.output.picture_files import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.analysis.time_frequency import Analysed, Distribution
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
 
 SIZE = (10.0, 7.5)  # inch
 MAP = "RdBu_r"  # white is zero, blue is negative (interference)
@@ -57,7 +57,7 @@ def distribution_figures(
             if analysed.filled:
                 notes.append(f"{title}: {name}: {analysed.filled} ticks are missing and were filled by straight lines")
             figure = Figure(figsize=SIZE, layout="constrained")
-            draw_distribution(figure, analysed, unit, settings.band, modes, record)
+            plot_distribution(figure, analysed, unit, settings.band, modes, record)
             heading = _heading(name, title, settings)
             figure.suptitle(heading, fontsize="medium", fontweight="bold", x=0.01, ha="left")
             figures[f"spwvd_{name}" + (f"_{number}" if len(records) > 1 else "")] = figure
@@ -77,7 +77,7 @@ def _heading(name: str, title: str, settings: Settings) -> str:
     return f"{kind} of {name}, {title}; {', '.join(windows)}"
 
 
-def draw_distribution(
+def plot_distribution(
     figure: FigureBase,
     analysed: Analysed,
     unit: str,
@@ -134,11 +134,16 @@ class _Scale:
         self.unit = unit if exponent == 0 else f"$10^{{{exponent}}}$ {unit}"
 
 
-def _colour(figure: FigureBase, axes: Axes, side: Axes, made: Distribution, density: _Scale) -> None:
+def _colour(figure: FigureBase, axes: Axes, side: Axes, distribution: Distribution, density: _Scale) -> None:
     """Draw the distribution in colours, and a colour bar limited to the range of the values."""
-    half_t, half_f = (made.time_s[1] - made.time_s[0]) / 2, made.frequency_hz[1] / 2
-    extent = (made.time_s[0] - half_t, made.time_s[-1] + half_t, -half_f, made.frequency_hz[-1] + half_f)
-    values = made.values.T / density.factor
+    half_t, half_f = (distribution.time_s[1] - distribution.time_s[0]) / 2, distribution.frequency_hz[1] / 2
+    extent = (
+        distribution.time_s[0] - half_t,
+        distribution.time_s[-1] + half_t,
+        -half_f,
+        distribution.frequency_hz[-1] + half_f,
+    )
+    values = distribution.values.T / density.factor
     largest = float(np.abs(values).max()) or 1.0
     image = axes.imshow(values, cmap=MAP, vmin=-largest, vmax=largest, origin="lower", aspect="auto", extent=extent)
     bar = figure.colorbar(image, ax=side, location="right", pad=0.1)

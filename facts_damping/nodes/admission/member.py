@@ -11,6 +11,7 @@ from facts_damping.case.names import label
 from facts_damping.nodes import clock
 from facts_damping.nodes.admission.joining import Joining
 from facts_damping.nodes.admission.message_filter import MessageFilter
+from facts_damping.nodes.admission.publishers import Reading
 from facts_damping.nodes.base.qos import LOGGED, PUBLISHER_QOS
 from facts_damping.nodes.base.spinner import Spinner
 from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, graph_prefix
@@ -84,7 +85,7 @@ class Member:
     def subscribe_frames(self, topic: str, use: Callable[[int, NDArray[Any]], None]) -> None:
         """Subscribe to the frames of a topic; `use(tick, rows)`."""
         read = FramesMessage(self._case, self.seal(topic)).read
-        self.message_filter.subscribe(PmuDataFrame, f"{self.graph}{topic}", use, read, leads=True)
+        self.message_filter.subscribe(PmuDataFrame, f"{self.graph}{topic}", use, Reading(read), leads=True)
 
     def subscribe_setpoints(
         self,
@@ -96,7 +97,7 @@ class Member:
     ) -> None:
         """Subscribe to setpoints: `use(tick, rows)`; `sender`, `of`: see SetpointsMessage; `newest`: MessageFilter."""
         read = SetpointsMessage(self._case, sender, of, self.seal(topic)).read
-        self.message_filter.subscribe(DeviceSetpoints, f"{self.graph}{topic}", use, read, newest)
+        self.message_filter.subscribe(DeviceSetpoints, f"{self.graph}{topic}", use, Reading(read, newest))
 
     def spin(self) -> Spinner:
         """Make the node's spinner. Call this after the last subscription and service is created."""

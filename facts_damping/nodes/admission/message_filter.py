@@ -16,7 +16,7 @@ from facts_damping_msgs.msg import RunState
 from facts_damping.case.names import controller_addresses
 from facts_damping.control.table import kind_of
 from facts_damping.nodes import clock
-from facts_damping.nodes.admission.publishers import SILENT_S, Publishers, TopicState
+from facts_damping.nodes.admission.publishers import BYTES, SILENT_S, Publishers, Reading, TopicState
 from facts_damping.nodes.admission.refusals import Refusals
 from facts_damping.nodes.base.discovery import pause_briefly, wait_for_peers
 from facts_damping.nodes.base.log import NodeLog
@@ -85,10 +85,7 @@ class MessageFilter:
         kind: type[Any],
         topic: str,
         use: Callable[..., None],
-        read: Callable[[bytes], tuple[Any, ...]] | None = None,
-        newest: Callable[[], int] | None = None,
-        begins: Callable[[bytes], bool] | None = None,
-        check: Callable[[bytes], Any] | None = None,
+        reading: Reading = BYTES,
         common: bool = False,
         plant: bool = False,
         leads: bool = False,
@@ -96,15 +93,10 @@ class MessageFilter:
     ) -> None:
         """Subscribe to a topic. `common`: all nodes of the graph may publish there; `plant`: admit only the plant.
 
-        `read` decodes a message into its tick (absent on common topics) and further values, or raises `Refused`; `use`
-        is called with these. Without `read`, `use` gets the bytes and the middleware's message information.
-        `newest`: returns the newest tick allowed. `begins`: tells whether a message is the first of a run; its
-        publisher is then this graph's. `check`: returns the tick first, or raises `Refused` for a message that is
-        not signed by this graph, where `read` does not. `leads`: the topic's ticks are the run's.
+        `use` is called with what `reading` gives, or with the bytes and the middleware's message information.
+        `leads`: the topic's ticks are the run's.
         """
-        state = TopicState(
-            self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads, check=check
-        )
+        state = TopicState(self.node.resolve_topic_name(topic), reading, use, common, plant, leads)
         self.senders.topics.append(state)
         callback: Any = partial(self.take, state)  # returns whether the message was admitted, for the spinner
         self._subscriptions.append(self.node.create_subscription(kind, topic, callback, qos, raw=True))
@@ -116,7 +108,7 @@ class MessageFilter:
         """
         self.senders.know_plant(topic)
         name, qos = f"{self._graph}{RUN_STATE}", LATCHED_SUBSCRIBER_QOS
-        self.subscribe(RunState, name, self.on_run, run_state, common=True, plant=True, qos=qos)
+        self.subscribe(RunState, name, self.on_run, Reading(run_state), common=True, plant=True, qos=qos)
 
     def on_run(self, state: int, in_synchronism: bool, reason: str) -> None:
         """Log why the run has ended. Reports of a pause only show that the plant is alive."""
@@ -213,13 +205,13 @@ class MessageFilter:
         epoch = stamps.epoch_ns()
         try:
             self.senders.admit(state, data, publisher)
-            if state.check is not None:
-                self._check_newer(state, state.check(data)[0], publisher)
+            if state.reading.check is not None:
+                self._check_newer(state, state.reading.check(data)[0], publisher)
             self._count(state, publisher, information["publication_sequence_number"])
             if self.senders.another_plant(state, publisher):
                 raise BeginAgain
-            message: tuple[Any, ...] = (data, information) if state.read is None else state.read(data)
-            if state.read is not None and not state.common:
+            message: tuple[Any, ...] = (data, information) if state.reading.read is None else state.reading.read(data)
+            if state.reading.read is not None and not state.common:
                 self._check_tick(state, message[0], publisher)
         except Refused as refused:
             stamps.restore(epoch)  # a refused message must not set the epoch
@@ -258,8 +250,8 @@ class MessageFilter:
             raise BeginAgain
         late = int((1.0 + clock.monotonic() - state.at) * self._rate) if self._options.paced else 0
         latest = self._last if state.tick < 0 and self._options.late else state.tick + 1 + late
-        if state.newest is not None:
-            latest = min(latest, state.newest())
+        if state.reading.newest is not None:
+            latest = min(latest, state.reading.newest())
         if not state.tick < tick <= latest:
             raise Refused("tick")
         state.tick = tick

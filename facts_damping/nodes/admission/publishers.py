@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.nodes import clock
 from facts_damping.nodes.admission.refusals import node_name
@@ -23,19 +23,34 @@ KNOW_S = 0.01  # minimum wall time between two queries of the publishers
 SILENT_S = 1.0  # wall time without a message after which a node of the same name may replace a node
 
 
+class Reading(NamedTuple):
+    """How messages of a topic are read.
+
+    `read` decodes a message into its tick (absent on common topics) and further values, or raises `Refused`; None: its
+    bytes are used. `newest`: returns the newest tick allowed. `begins`: tells whether a message is the first of a run;
+    its publisher is then this graph's. `check`: returns the tick first, or raises `Refused` for a message that is not
+    signed by this graph, where `read` does not.
+    """
+
+    read: Callable[[bytes], tuple[Any, ...]] | None = None
+    newest: Callable[[], int] | None = None
+    begins: Callable[[bytes], bool] | None = None
+    check: Callable[[bytes], Any] | None = None
+
+
+BYTES = Reading()
+
+
 @dataclass
 class TopicState:
     """A subscribed topic and what has come on it; the arguments are those of MessageFilter.subscribe."""
 
     topic: str
-    read: Callable[[bytes], tuple[Any, ...]] | None
-    newest: Callable[[], int] | None
+    reading: Reading
     use: Callable[..., None]
-    begins: Callable[[bytes], bool] | None
     common: bool
     plant: bool = False  # only the plant's messages are admitted, though all nodes may publish
     leads: bool = False  # frames: a new publisher with an earlier tick begins another run
-    check: Callable[[bytes], Any] | None = None
     silent: bool = False  # not subscribed to: only its publisher is known
     publisher: bytes | None = None  # identity (GID) of its publisher in this graph, once known
     sequences: dict[bytes, int] = field(default_factory=dict)  # sequence number of the newest message, by publisher
@@ -64,7 +79,7 @@ class Publishers:
         name = self._node.resolve_topic_name(f"{self._graph}{topic}")
         self.plant = next((state for state in self.topics if state.topic == name), None)
         if self.plant is None:
-            self.plant = TopicState(name, None, None, lambda: None, None, common=False, silent=True)
+            self.plant = TopicState(name, BYTES, lambda: None, common=False, silent=True)
             self.topics.append(self.plant)
 
     def is_plant(self, publisher: bytes) -> bool:
@@ -86,7 +101,7 @@ class Publishers:
             return
         self._checked_at = clock.monotonic()
         for state in self.topics:
-            if state.publisher is None and state.begins is None and not state.common:
+            if state.publisher is None and state.reading.begins is None and not state.common:
                 present = self.of(state.topic)
                 if len(present) == 1:
                     state.publisher = present[0]
@@ -122,7 +137,7 @@ class Publishers:
         """
         if state.publisher is None:
             self.know()
-        if state.publisher is None and (state.begins is None or state.begins(data)):
+        if state.publisher is None and (state.reading.begins is None or state.reading.begins(data)):
             state.publisher = publisher
         if publisher != state.publisher and publisher[:NODE] not in self._succeeding(state):
             raise Refused("publisher")

@@ -9,6 +9,7 @@ from facts_damping_msgs.msg import RefusedCount, RefusedMessages
 from rclpy.serialization import serialize_message
 
 from facts_damping.nodes import clock
+from facts_damping.nodes.base import lines
 from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.topics import REFUSALS
@@ -67,7 +68,7 @@ class Refusals:
             counts[topic, cause, self._source(topic, publisher)] += count
         for (topic, cause, source), count in counts.items():
             if count != self._reported[topic, cause, source]:
-                self._log.line(f"refused {count} {cause} {topic} {source}")
+                self._log.line(lines.refused_line(count, cause, topic, source))
                 if (topic, cause, source) not in self._reported:  # log only the first; the total is logged at the end
                     self._log.warning(f"refused a message on {topic} from {source}: {cause}")
         if last:

@@ -118,13 +118,13 @@ def _participant(end: TopicEndpointInfo) -> bytes:
     return bytes(end.endpoint_gid)[:NODE]
 
 
-def _readers(node: Node, publisher: Publisher[Any], own: set[bytes], options: Options) -> int:
+def _readers(node: Node, publisher: Publisher[Any], participants: set[bytes], options: Options) -> int:
     """Number of a publisher's readers that are peers, plus one live view and one `ros2 bag` if these are awaited.
 
     A live view is recognised by best-effort QoS. The publisher's own count of matched readers is the upper limit.
     """
     readers = node.get_subscriptions_info_by_topic(publisher.topic_name)
-    peers = sum(_participant(reader) in own for reader in readers)
+    peers = sum(_participant(reader) in participants for reader in readers)
     views = any(reader.qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT for reader in readers)
     bags = any(reader.node_name.startswith(BAG) for reader in readers)
     expected_listeners = int(options.view and views) + int(options.recorder and bags)

@@ -14,6 +14,7 @@ from facts_damping.compiling.kernels import ENTRY_POINTS
 from facts_damping.compiling.store import address, prepare, ship
 from facts_damping.errors import FactsDampingError, InputError, one_line, traced
 from facts_damping.escaping import escaped
+from facts_damping.extensions import given
 
 ROOMS = ("facts_damping.simulation.loop", "facts_damping.nodes.transport.packing")  # modules that import all kernels
 
@@ -43,7 +44,7 @@ def load() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["--ship"]:
-        for module in (*ROOMS, "facts_damping.environment.many"):
+        for module in (*ROOMS, *(row.value for row in given("kernels").values())):
             importlib.import_module(module)
         ship(ENTRY_POINTS.values())
     else:

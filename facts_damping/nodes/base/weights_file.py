@@ -10,9 +10,9 @@ from facts_damping.case.controllers import with_weights
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import clock
 from facts_damping.nodes.base.parameters import declare, descriptor
+from facts_damping.output.writing import write_whole
 from facts_damping.parameters.files import check_writable
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable

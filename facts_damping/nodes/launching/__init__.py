@@ -1,1 +1,1 @@
-"""Graphs as processes: start, supervision, fault injection, end."""
+"""Graphs as processes: start, watch, end."""

@@ -23,8 +23,15 @@ from typing import TYPE_CHECKING
 
 from setproctitle import setproctitle
 
-from facts_damping.interruption import INTERRUPTIONS, at_leave, blocked, ensure_tracker, interruptions_held
-from facts_damping.terminal import script_apart
+from facts_damping.interruption import (
+    INTERRUPTIONS,
+    at_leave,
+    blocked,
+    ensure_tracker,
+    interruptions_held,
+    script_apart,
+)
+from facts_damping.nodes.executables import module_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -66,15 +73,13 @@ def _end() -> None:
             os.waitpid(pid, 0)
 
 
-def start(
-    module: str, arguments: Sequence[str], environment: Mapping[str, str], output: str, errors: str
-) -> BaseProcess:
-    """Start a node, given by its module in `facts_damping.nodes`, as a process in a session of its own.
+def start(node: str, arguments: Sequence[str], environment: Mapping[str, str], output: str, errors: str) -> BaseProcess:
+    """Start a node, given by its name, as a process in a session of its own.
 
     `output`, `errors`: existing files for standard output and error.
     """
     load()
-    passed = (module, list(arguments), dict(environment), output, errors)
+    passed = (node, list(arguments), dict(environment), output, errors)
     process = multiprocessing.get_context("forkserver").Process(target=_run_node, args=passed, daemon=True)
     with _starting, script_apart(), interruptions_held():  # an interrupted start would print a traceback
         process.start()
@@ -87,9 +92,10 @@ def _end_with(asked: BaseProcess) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _run_node(module: str, arguments: list[str], environment: dict[str, str], output: str, errors: str) -> None:
+def _run_node(node: str, arguments: list[str], environment: dict[str, str], output: str, errors: str) -> None:
     """Turn this fork into a node and run it."""
-    setproctitle(" ".join([f"facts_damping.nodes.{module}", *arguments]))  # uses memory of the old environment
+    module = module_of(node)
+    setproctitle(" ".join([module, *arguments]))  # uses memory of the old environment
     os.setsid()
     Thread(target=_end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
     os.environ.clear()
@@ -101,8 +107,8 @@ def _run_node(module: str, arguments: list[str], environment: dict[str, str], ou
             os._exit(1)
         os.dup2(file, stream)
         os.close(file)
-    sys.argv = [module, *arguments]
-    node = importlib.import_module(f"facts_damping.nodes.{module}")
+    sys.argv = [node, *arguments]
+    main = importlib.import_module(module).main
     importlib.import_module("facts_damping.nodes.base.spinner").stop_by_signals()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)
-    node.main()
+    main()

@@ -23,7 +23,7 @@ from facts_damping.nodes.base.warmup import load
 from facts_damping.nodes.launching import forked
 from facts_damping.recording.schemas import schema_text, type_hash
 
-for node in ("c37118_client", "controller", "identifier", "plant_sim", "replay_source", "supervisor", "wan_link"):
+for node in ("controller", "identifier", "plant_sim", "replay_source", "supervisor", "wan_link"):
     importlib.import_module(f"facts_damping.nodes.{node}")
 
 PARAMETER_SERVICES = (

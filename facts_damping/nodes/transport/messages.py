@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.control.bank import BankState
     from facts_damping.control.identifier_model import IdentifierState
-    from facts_damping.signals import GridEvent
+    from facts_damping.record import GridEvent
 
 
 M = TypeVar("M", bound=Any)  # a message
 
 # Number fields of a SupervisorState, and the field of SUPERVISION for each.
-NUMBERS = {
+SUPERVISOR_NUMBERS = {
     "fraction": "fraction",
     "probe_gain": "probe_gain",
     "probe_phase_rad": "probe_phase",
@@ -171,7 +171,7 @@ class SupervisorStateMessage:
         t, values, others, ticks = self._templates[key]
         t.write_head(start_ns, tick)
         t.write(values, row["values"])
-        t.write(others, [row[name] for name in NUMBERS.values()])
+        t.write(others, [row[name] for name in SUPERVISOR_NUMBERS.values()])
         t.write(ticks, latest)
         return t.data()
 
@@ -183,7 +183,7 @@ class SupervisorStateMessage:
         message.latest, message.latest_ticks = self._latest, [-1] * len(self._latest)
         t = Template(message)
         ticks = t.index(f"latest_ticks.{i}" for i in range(len(self._latest)))
-        return t, t.index(f"values.{i}" for i in range(len(MONITORS))), t.index(NUMBERS), ticks
+        return t, t.index(f"values.{i}" for i in range(len(MONITORS))), t.index(SUPERVISOR_NUMBERS), ticks
 
 
 class Estimate(NamedTuple):

@@ -1,8 +1,8 @@
 """Compiled conversion between rows of an array and the entries of a message (plain CDR, little-endian).
 
-A row consists of words of eight bytes (DELIVERY, SETPOINT). A `Plan` lists the fields of a message in order as steps:
-kind of field, column of the row, table of names. A message consists of a head, entries, and a signature (its length
-and its bytes).
+A row consists of words of eight bytes (DELIVERY, SETPOINT). A `PackingPlan` lists the fields of a message in order as
+steps: kind of field, column of the row, table of names. A message consists of a head, entries, and a signature (its
+length and its bytes).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ START, TICK, SENDER, FRESH, ENTRIES, SIGNATURE, BEGIN, LATEST, NOTHING = range(9
 PADDING = 7 + 3  # most bytes of padding: to a multiple of eight, and of four
 
 
-class Plan(Struct):
+class PackingPlan(Struct):
     """Layout of the messages of one type."""
 
     head: Int2  # (steps, 3): step, column, table
@@ -60,7 +60,7 @@ def size_of(step: int) -> int:
 
 
 @inlined
-def put(plan: Plan, steps: Int2, stream: Stream, row: Int1, begin: int, epoch_ns: int) -> int:
+def put(plan: PackingPlan, steps: Int2, stream: Stream, row: Int1, begin: int, epoch_ns: int) -> int:
     """Write a row from `begin` on. Returns the position after it."""
     at = begin
     for s in range(steps.shape[0]):
@@ -99,7 +99,7 @@ def put(plan: Plan, steps: Int2, stream: Stream, row: Int1, begin: int, epoch_ns
 
 
 @entry_point
-def write(plan: Plan, stream: Stream, head: Int1, rows: Int2, epoch_ns: int) -> int:
+def write(plan: PackingPlan, stream: Stream, head: Int1, rows: Int2, epoch_ns: int) -> int:
     """Write a message up to and including the length of its signature. Returns where the signature begins.
 
     `epoch_ns` is added to times.
@@ -119,7 +119,7 @@ def write(plan: Plan, stream: Stream, head: Int1, rows: Int2, epoch_ns: int) -> 
 
 
 @inlined
-def same(plan: Plan, table: int, name: int, stream: Stream, at: int, length: int) -> bool:
+def same(plan: PackingPlan, table: int, name: int, stream: Stream, at: int, length: int) -> bool:
     """Whether a string of the stream equals a name of a table."""
     if plan.lengths[table, name] != length:
         return False
@@ -130,7 +130,7 @@ def same(plan: Plan, table: int, name: int, stream: Stream, at: int, length: int
 
 
 @inlined
-def found(plan: Plan, table: int, stream: Stream, at: int, length: int) -> int:
+def found(plan: PackingPlan, table: int, stream: Stream, at: int, length: int) -> int:
     """Index of a string of the stream in a table of names; -1: none."""
     for name in range(plan.lengths.shape[1]):
         if same(plan, table, name, stream, at, length):
@@ -139,7 +139,7 @@ def found(plan: Plan, table: int, stream: Stream, at: int, length: int) -> int:
 
 
 @inlined
-def get(plan: Plan, steps: Int2, stream: Stream, size: int, row: Int1, begin: int, epoch_ns: int) -> int:
+def get(plan: PackingPlan, steps: Int2, stream: Stream, size: int, row: Int1, begin: int, epoch_ns: int) -> int:
     """Read a row from `begin` on, of a stream of `size` bytes. Returns the position after it, or an error code."""
     at, label, label_step = begin, 0, -1
     for s in range(steps.shape[0]):
@@ -178,7 +178,7 @@ def get(plan: Plan, steps: Int2, stream: Stream, size: int, row: Int1, begin: in
 
 
 @entry_point
-def read(plan: Plan, stream: Stream, size: int, head: Int1, rows: Int2, epoch_ns: int) -> int:
+def read(plan: PackingPlan, stream: Stream, size: int, head: Int1, rows: Int2, epoch_ns: int) -> int:
     """Read a message of `size` bytes into `head` and `rows`. Returns the number of entries, or an error code.
 
     `head[BEGIN]` is where the signature begins; `head[LATEST]` the latest time in the entries, at least 0. Their first
@@ -206,16 +206,16 @@ def read(plan: Plan, stream: Stream, size: int, head: Int1, rows: Int2, epoch_ns
 
 
 @entry_point
-def take(data: Bytes, kept: Bytes, shape: Int1, names: Bytes) -> bool:
-    """Copy the first `len(kept)` bytes of `data` to `kept` if the bytes at `shape` equal `names`; return whether so.
+def take(data: Bytes, content: Bytes, shape: Int1, names: Bytes) -> bool:
+    """Copy the first `len(kept)` bytes of `data` to `content` if the bytes at `shape` equal `names`; return whether so.
 
     Padding may follow (rclpy leaves room for the alignment of an empty sequence's numbers).
     """
-    if not kept.shape[0] <= data.shape[0] <= kept.shape[0] + PADDING:
+    if not content.shape[0] <= data.shape[0] <= content.shape[0] + PADDING:
         return False
     for i in range(shape.shape[0]):
         if data[shape[i]] != names[i]:
             return False
-    for i in range(kept.shape[0]):
-        kept[i] = data[i]
+    for i in range(content.shape[0]):
+        content[i] = data[i]
     return True

@@ -52,7 +52,9 @@ class TableMessage:
         table = np.array([[text.ljust(longest, b"\0") for text in row + [b""] * (many - len(row))] for row in texts])
         lengths = np.array([[len(text) for text in row] + [0] * (many - len(row)) for row in texts], np.int64)
         octets = np.frombuffer(table.tobytes(), np.uint8).reshape(*lengths.shape, longest).copy()
-        self._plan = packing.Plan(np.array(head, np.int64), np.array(entry, np.int64), octets, lengths, frame_rate)
+        self._plan = packing.PackingPlan(
+            np.array(head, np.int64), np.array(entry, np.int64), octets, lengths, frame_rate
+        )
         self._entry = LONGEST_ENTRY + longest * len(entry)
         self._head = np.zeros(packing.NOTHING + 1, np.int64)
         self._make_room(4 * self._entry)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
-from facts_damping.parameters.plant.blocks import MODELS, SHORTEST, quantity_of
+from facts_damping.parameters.plant.block_models import MODELS, quantity_of
+from facts_damping.parameters.plant.blocks import SHORTEST
 
 # What each machine model needs beside P, V, H, D and Ra.
 NEEDED = {
@@ -232,9 +233,9 @@ if TYPE_CHECKING:
     Governor = Hygov
 else:
 
-    def _one_of(role: str, usual: str, *own: type) -> Any:
+    def _one_of(role: str, usual: str, *models: type) -> Any:
         """A control by its model; one that names none is the usual one."""
-        choices = (*own, *(made for name, made in BLOCK_CONTROLS.items() if MODELS[name].role == role))
+        choices = (*models, *(made for name, made in BLOCK_CONTROLS.items() if MODELS[name].role == role))
 
         def named(content: Any) -> Any:
             return {"model": usual, **content} if isinstance(content, dict) else content

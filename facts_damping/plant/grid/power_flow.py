@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.errors import InputError
+from facts_damping.numerics.phasors import magnitudes, over, polar, times
 from facts_damping.parameters.plant.devices import Parallel, Transmission
-from facts_damping.phasors import magnitudes, over, polar, times
 from facts_damping.plant.converters.devices import consumed_power, losses_of
 from facts_damping.plant.grid import load as loads
 from facts_damping.plant.grid import network
@@ -152,22 +152,8 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
         magnitude[index[source.bus]] = source.V
     turned = {index[source.bus] for source in fixed}
     kept = {index[source.bus] for source in held}
-    free_angle = np.array([i for i in range(len(names)) if i not in turned], int)
-    with np.errstate(all="ignore"):  # the mismatch shows divergence
-        free_magnitude = np.array([i for i in range(len(names)) if i not in kept], int)
-        for flow in (0.0, 1.0):  # if it does not converge from angles without a flow, from those of a linear power flow
-            active = flow * _balanced((scheduled - demand(system, names, magnitude)[0]).real)
-            start = magnitude.copy(), _initial_angles(matrix, angle, free_angle, active)
-            voltage, residual = _newton(
-                matrix, scheduled, lambda m: demand(system, names, m), start, free_angle, free_magnitude
-            )
-            if residual < TOLERANCE:
-                break
-    if not residual < TOLERANCE:
-        raise InputError(
-            f"system {system.name}: power flow does not converge: mismatch {residual:.3g} p.u. after "
-            f"{MAX_ITERATIONS} iterations; allowed: {TOLERANCE:g}"
-        )
+    free = tuple(np.array([i for i in range(len(names)) if i not in known], int) for known in (turned, kept))
+    voltage, residual = _converged(system, names, matrix, scheduled, (magnitude, angle), free)
     drawn = demand(system, names, magnitudes(voltage))[0] + of_devices
     net = times(voltage, np.conj(_currents(matrix, voltage))) + drawn
     here: dict[int, list[Any]] = {}
@@ -184,6 +170,34 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
         first, second = d.ends
         currents[d.name] = float(magnitudes(voltage[index[first]] - voltage[index[second]])) / abs(series[d.name])
     return PowerFlow(names, voltage, injection, generation, currents, residual)
+
+
+def _converged(
+    system: System,
+    names: list[str],
+    matrix: Triplets,
+    scheduled: Complex1,
+    start: tuple[Float1, Float1],
+    free: tuple[Int1, ...],
+) -> tuple[Complex1, float]:
+    """Voltages of all buses, p.u., and the largest mismatch, p.u.
+
+    `start`: magnitudes and angles where they are held, and to begin with; `free`: buses whose angle is sought, and
+    those whose magnitude is. If Newton's method does not converge from angles without a flow, it begins with those of a
+    linear power flow. Raises `InputError` if it does not converge then.
+    """
+    magnitude, angle = start
+    with np.errstate(all="ignore"):  # the mismatch shows divergence
+        for flow in (0.0, 1.0):
+            active = flow * _balanced((scheduled - demand(system, names, magnitude)[0]).real)
+            begin = magnitude.copy(), _initial_angles(matrix, angle, free[0], active)
+            voltage, residual = _newton(matrix, scheduled, lambda m: demand(system, names, m), begin, *free)
+            if residual < TOLERANCE:
+                return voltage, residual
+    raise InputError(
+        f"system {system.name}: power flow does not converge: mismatch {residual:.3g} p.u. after "
+        f"{MAX_ITERATIONS} iterations; allowed: {TOLERANCE:g}"
+    )
 
 
 def _currents(matrix: Triplets, voltage: Complex1) -> Complex1:

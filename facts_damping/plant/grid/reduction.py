@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import InputError
-from facts_damping.matrices import parts
-from facts_damping.phasors import over, times
+from facts_damping.numerics.matrices import parts
+from facts_damping.numerics.phasors import over, times
 from facts_damping.plant.grid import network
 from facts_damping.plant.grid.sparse import ComplexEntries, Triplets, factors, filled, solve_network, summed
 from facts_damping.plant.grid.sparse_network import SparseNetwork, own_responses

@@ -17,7 +17,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2, Int1, Int2, Struct
-from facts_damping.matrices import size_of_pivot, solve
+from facts_damping.numerics.matrices import size_of_pivot, solve
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -125,14 +125,14 @@ def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
     return substitute(factors(a, complex if np.result_type(a.dtype, b, float) == np.complex128 else float), b)
 
 
-def substitute(found: Factors, b: NDArray[Any]) -> NDArray[Any]:
+def substitute(factors: Factors, b: NDArray[Any]) -> NDArray[Any]:
     """Solve L U x = b for a vector or matrix b, in the numbers of the factors."""
-    kind, n = found.lower.value.dtype, len(found.order)
+    kind, n = factors.lower.value.dtype, len(factors.order)
     x = np.zeros((n, b.size // n if n else 0), kind)
-    x[found.place] = b.reshape(x.shape)
-    (_substitute_complex if kind == np.complex128 else _substitute_real)(found.lower, found.upper, x)
+    x[factors.place] = b.reshape(x.shape)
+    (_substitute_complex if kind == np.complex128 else _substitute_real)(factors.lower, factors.upper, x)
     solution = np.zeros_like(x)
-    solution[found.order] = x
+    solution[factors.order] = x
     return solution.reshape(b.shape)
 
 

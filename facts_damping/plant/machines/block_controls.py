@@ -10,8 +10,9 @@ import numpy as np
 
 from facts_damping.elementary import rect
 from facts_damping.errors import InputError
-from facts_damping.matrices import least_squares
-from facts_damping.parameters.plant.blocks import INPUTS, MODELS, Block
+from facts_damping.numerics.matrices import least_squares
+from facts_damping.parameters.plant.block_models import INPUTS, MODELS
+from facts_damping.parameters.plant.blocks import Block
 from facts_damping.plant.machines import blocks as kernel
 
 if TYPE_CHECKING:
@@ -200,19 +201,21 @@ class Rest(NamedTuple):
     violations: list[LimitViolation]
 
 
-def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float | None, reference: str | None) -> Rest:
+def at_rest(
+    control: Control, data: Any, sensed: Mapping[str, float], gives: float | None, reference: str | None
+) -> Rest:
     """States and the value of the signal `reference` for which a control's output is `gives` at steady state.
 
     It is solved by Newton's method without limits. Raises `InputError` if there is no steady state.
     """
-    s = np.zeros(len(kernel.SENSED) + len(made.rows))
+    s = np.zeros(len(kernel.SENSED) + len(control.rows))
     for name, value in {"one": 1.0, **sensed}.items():
         s[kernel.SENSED.index(name)] = value
-    free = made.rows.copy()
+    free = control.rows.copy()
     free["low"], free["high"] = -kernel.NO_LIMIT, kernel.NO_LIMIT
     free["low_of"] = free["high_of"] = kernel.ONE
-    given = made.gives.index(GIVES[MODELS[data.model].role])
-    n, at = len(made.states), len(kernel.SENSED)
+    given = control.gives.index(GIVES[MODELS[data.model].role])
+    n, at = len(control.states), len(kernel.SENSED)
 
     def moves(z: Float1) -> Float1:
         x, dx = np.ascontiguousarray(z[:n]), np.zeros(n)
@@ -231,13 +234,13 @@ def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float 
         z = z - least_squares(np.array(slopes).T, left)
     else:
         raise InputError(f"{data.model} of {data.machine}: no steady state found at the start")
-    return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _violations(made, data, s))
+    return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _violations(control, data, s))
 
 
-def _violations(made: Control, data: Any, s: Float1) -> list[LimitViolation]:
+def _violations(control: Control, data: Any, s: Float1) -> list[LimitViolation]:
     """Limits violated by the signals of a control whose steady state was found without limits."""
     found, fields = list[LimitViolation](), {block.name: block for block in MODELS[data.model].blocks}
-    for row, name, value in zip(made.rows, made.gives, s[len(kernel.SENSED) :], strict=True):
+    for row, name, value in zip(control.rows, control.gives, s[len(kernel.SENSED) :], strict=True):
         low, high = row["low"] * s[row["low_of"]], row["high"] * s[row["high_of"]]
         if low - 1e-9 <= value <= high + 1e-9:
             continue

@@ -1,4 +1,7 @@
-"""Excitation systems: constant field voltage, static exciter, IEEE DC1A; the model is selected by a code."""
+"""Excitation systems: constant field voltage, static exciter, IEEE DC1A; the model is selected by a code.
+
+Further ones are tables of blocks: `parameters/plant/exciters.py`.
+"""
 
 from __future__ import annotations
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from facts_damping.elementary import magnitude, phase, rect
 from facts_damping.errors import InputError
-from facts_damping.matrices import product, solve
-from facts_damping.phasors import over, times
+from facts_damping.numerics.matrices import product, solve
+from facts_damping.numerics.phasors import over, times
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.control.table import Range
-from facts_damping.studies.search.structures import Choice, Structure
+from facts_damping.control.parameter_tables import Range
+from facts_damping_studies.search.structures import Choice, Structure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

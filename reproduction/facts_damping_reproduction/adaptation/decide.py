@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.studies.score.card import NONE, log_ratio
+from facts_damping_studies.score.card import NONE, log_ratio
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -34,10 +34,10 @@ class Ratio(NamedTuple):
         return f"{percent[0]:+.0f} % [{percent[1]:+.0f}, {percent[2]:+.0f}]"
 
 
-def logs(found: Mapping[str, Any], arm: str) -> NDArray[np.float64]:
+def logs(experiment: Mapping[str, Any], arm: str) -> NDArray[np.float64]:
     """Log index relative to no control, (search seeds, cases); a loss counts as in scores."""
-    none = found["rows"][NONE, 0]
-    rows = [one for (name, _), one in sorted(found["rows"].items()) if name == arm]
+    none = experiment["rows"][NONE, 0]
+    rows = [one for (name, _), one in sorted(experiment["rows"].items()) if name == arm]
     return np.array(
         [[log_ratio(a.get("index"), b.get("index")) for a, b in zip(row, none, strict=True)] for row in rows]
     )
@@ -57,12 +57,12 @@ def ratio(every: Sequence[Mapping[str, Any]], arm: str, against: str, kinds: Seq
 
 
 def _drawn(
-    random: np.random.Generator, found: Mapping[str, Any], arm: str, against: str, kinds: Sequence[str]
+    random: np.random.Generator, experiment: Mapping[str, Any], arm: str, against: str, kinds: Sequence[str]
 ) -> tuple[float, NDArray[np.float64]]:
     """The mean log ratio of an experiment, and that of each resample."""
-    a = logs(found, arm)
-    b = np.zeros_like(a[:1]) if against == NONE else logs(found, against)
-    groups = [np.flatnonzero(np.array(found["kinds"]) == kind) for kind in kinds]
+    a = logs(experiment, arm)
+    b = np.zeros_like(a[:1]) if against == NONE else logs(experiment, against)
+    groups = [np.flatnonzero(np.array(experiment["kinds"]) == kind) for kind in kinds]
     of_a, of_b, drawn = _weights(random, len(a)), _weights(random, len(b)), np.zeros(RESAMPLES)
     for group in groups:
         cases = _weights(random, len(group))

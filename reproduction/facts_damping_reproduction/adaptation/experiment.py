@@ -20,15 +20,16 @@ from facts_damping.analysis.modes.ringdown import fit_ringdown
 from facts_damping.analysis.response import MIRROR, swings_of
 from facts_damping.case.changes import as_sets, change
 from facts_damping.case.loading import changed_case
-from facts_damping.signals import RunChange
+from facts_damping.output.terminal import Progress
+from facts_damping.output.writing import write_whole
+from facts_damping.record import RunChange
 from facts_damping.simulation import loop
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.twins import twin
-from facts_damping.studies.score.card import NONE, log_ratio
-from facts_damping.studies.sweeps.pool import workers
-from facts_damping.terminal import Progress, write_whole
 from facts_damping_reproduction.adaptation.arms import space
 from facts_damping_reproduction.adaptation.cases import BEGIN, evaluation, training
+from facts_damping_studies.score.card import NONE, log_ratio
+from facts_damping_studies.sweeps.pool import workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.record import Record
     from facts_damping_reproduction.adaptation.arms import Space
 
 PLAN = Path(__file__).with_name("adaptation.yaml")

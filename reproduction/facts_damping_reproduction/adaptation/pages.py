@@ -10,14 +10,16 @@ from matplotlib.figure import Figure
 from pyarrow import csv
 
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping.studies.score.card import NONE
-from facts_damping.studies.sweeps.results import table as arrow
-from facts_damping.terminal import save_picture, table, write_whole
+from facts_damping.output.picture_files import save_picture
+from facts_damping.output.tables import table
+from facts_damping.output.writing import write_whole
 from facts_damping_reproduction.adaptation import decide
 from facts_damping_reproduction.adaptation.cases import KINDS
 from facts_damping_reproduction.adaptation.decide import BETTER, OPEN, WORSE, Ratio
 from facts_damping_reproduction.adaptation.experiment import plan
 from facts_damping_reproduction.templates import render
+from facts_damping_studies.score.card import NONE
+from facts_damping_studies.sweeps.results import table as arrow
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -63,15 +65,15 @@ def ratios(every: Every) -> list[Ratio]:
     return [decide.ratio(every, *pair, own, margin) for pair in pairs for own in (*kinds, MOVED, KINDS)]
 
 
-def of(found: Sequence[Ratio], arm: str, against: str, kinds: Sequence[str]) -> Ratio:
+def of(ratios: Sequence[Ratio], arm: str, against: str, kinds: Sequence[str]) -> Ratio:
     """One of the ratios."""
-    return next(one for one in found if (one.arm, one.against, one.kinds) == (arm, against, ", ".join(kinds)))
+    return next(one for one in ratios if (one.arm, one.against, one.kinds) == (arm, against, ", ".join(kinds)))
 
 
-def answers(every: Every, told: Sequence[Ratio]) -> list[str]:
+def answers(every: Every, ratios: Sequence[Ratio]) -> list[str]:
     """The question's answers, one sentence each."""
     main, same, *others = questions(every)
-    first, nominal = of(told, *main[1:]), of(told, *same[1:])
+    first, nominal = of(ratios, *main[1:]), of(ratios, *same[1:])
     cost = "it costs something" if nominal.decision == WORSE else "it is not shown to cost anything"
     moved, learns = "where the grid has moved or the model is wrong", "the neuro-fuzzy controller that learns"
     lines = [
@@ -79,17 +81,17 @@ def answers(every: Every, told: Sequence[Ratio]) -> list[str]:
         f"Where the grid is as it was designed for, {cost}: {nominal.text()} against `{nominal.against}`.",
     ]
     for asked in others:
-        one = of(told, *asked[1:])
+        one = of(ratios, *asked[1:])
         lines.append(f"{asked.words[0].upper()}{asked.words[1:]}: {SAYS[one.decision].lower()}, {one.text()}.")
     return lines
 
 
-def rows(told: Mapping[str, Sequence[Ratio]]) -> list[dict[str, Any]]:
+def rows(ratios: Mapping[str, Sequence[Ratio]]) -> list[dict[str, Any]]:
     """For the CSV: the ratios by the devices."""
-    return [{"devices": devices, **one._asdict()} for devices, own in told.items() for one in own]
+    return [{"devices": devices, **one._asdict()} for devices, own in ratios.items() for one in own]
 
 
-def arm_table(every: Every, told: Sequence[Ratio]) -> list[str]:
+def arm_table(every: Every, ratios: Sequence[Ratio]) -> list[str]:
     """A row for each arm: change against no control by kind, searches, damping, effort."""
     lines = []
     for arm in every[0]["arms"]:
@@ -103,7 +105,7 @@ def arm_table(every: Every, told: Sequence[Ratio]) -> list[str]:
         lines.append(
             [
                 arm,
-                *(of(told, arm, NONE, (kind,)).text() for kind in KINDS),
+                *(of(ratios, arm, NONE, (kind,)).text() for kind in KINDS),
                 f"{100 * np.median(damping):.1f}" if damping else "-",
                 f"{100 * np.mean(efforts):.1f}" if efforts else "-",
                 str(sum(row["lost"] for row in own)) + f" of {len(own)}",
@@ -115,25 +117,25 @@ def arm_table(every: Every, told: Sequence[Ratio]) -> list[str]:
     return table(heads, lines, 1, markdown=True)
 
 
-def pair_table(every: Every, told: Sequence[Ratio]) -> list[str]:
+def pair_table(every: Every, ratios: Sequence[Ratio]) -> list[str]:
     """The pairs of the questions."""
     lines = [
         [
             arm,
             against,
-            *(of(told, arm, against, kinds).text() for kinds in (*((kind,) for kind in KINDS), MOVED)),
-            of(told, arm, against, MOVED).decision,
+            *(of(ratios, arm, against, kinds).text() for kinds in (*((kind,) for kind in KINDS), MOVED)),
+            of(ratios, arm, against, MOVED).decision,
         ]
         for arm, against in dict.fromkeys((one.arm, one.against) for one in questions(every))
     ]
     return table(["arm", "against", *KINDS, "both of these", "decision"], lines, 2, markdown=True)
 
 
-def repetitions(every: Mapping[int, Mapping[str, Any]], told: Sequence[Ratio]) -> list[str]:
-    """The answer of each repetition, by its seed, of all together (`told`), and how many decide as these do."""
+def repetitions(every: Mapping[int, Mapping[str, Any]], ratios: Sequence[Ratio]) -> list[str]:
+    """The answer of each repetition, by its seed, of all together (`ratios`), and how many decide as these do."""
     lines = []
     for asked in questions(list(every.values())):
-        first = of(told, asked.arm, asked.against, asked.kinds)
+        first = of(ratios, asked.arm, asked.against, asked.kinds)
         own = [decide.ratio([one], asked.arm, asked.against, asked.kinds, plan()["margin"]) for one in every.values()]
         alike = sum(one.decision == first.decision for one in own)
         cells = [f"{one.text()}: {one.decision}" for one in (*own, first)]
@@ -142,13 +144,13 @@ def repetitions(every: Mapping[int, Mapping[str, Any]], told: Sequence[Ratio]) -
     return table(heads, lines, 1, markdown=True)
 
 
-def draw(told: Sequence[Ratio], path: Path) -> Path:
+def draw(ratios: Sequence[Ratio], path: Path) -> Path:
     """Change against no control by arm, a colour for each kind of cases."""
-    arms = list(dict.fromkeys(one.arm for one in told))
+    arms = list(dict.fromkeys(one.arm for one in ratios))
     figure = Figure(figsize=(6.5, 1.0 + 0.5 * len(arms)), layout="constrained")
     axes = figure.subplots()
     for i, (kind, colour) in enumerate(zip(KINDS, COLOURS, strict=False)):
-        own = [of(told, arm, NONE, (kind,)) for arm in arms]
+        own = [of(ratios, arm, NONE, (kind,)) for arm in arms]
         at = [j + 0.2 * (i - 1) for j in range(len(arms))]
         axes.hlines(at, [one.low for one in own], [one.high for one in own], color=colour, lw=1.5)
         axes.plot([one.ratio for one in own], at, "o", color=colour, ms=5, label=kind)
@@ -186,28 +188,28 @@ def by_devices(every: Mapping[int, Mapping[str, Mapping[str, Any]]]) -> dict[str
 
 
 def write(
-    every: Mapping[int, Mapping[str, Mapping[str, Any]]], told: Mapping[str, Sequence[Ratio]], folder: Path
+    every: Mapping[int, Mapping[str, Mapping[str, Any]]], ratios: Mapping[str, Sequence[Ratio]], folder: Path
 ) -> list[Path]:
     """The page, the figures, and all ratios as CSV; returns the paths.
 
-    `every`: results by seed, then devices; `told`: their ratios by devices.
+    `every`: results by seed, then devices; `ratios`: their ratios by devices.
     """
     (name, first), *others = by_devices(every).items()
-    csv.write_csv(arrow(rows(told)), folder / "what_holds.csv")
-    made = [draw(told[name], folder / "what_holds.png"), draw_searches(first, folder / "searches.png")]
+    csv.write_csv(arrow(rows(ratios)), folder / "what_holds.csv")
+    made = [draw(ratios[name], folder / "what_holds.png"), draw_searches(first, folder / "searches.png")]
     values: dict[str, Any] = {
         "question": plan()["question"].strip(),
         "rule": plan()["rule"].strip(),
-        "answers": "\n".join(f"- {line}" for line in answers(first, told[name])),
-        "arms": "\n".join(arm_table(first, told[name])),
-        "pairs": "\n".join(pair_table(first, told[name])),
+        "answers": "\n".join(f"- {line}" for line in answers(first, ratios[name])),
+        "arms": "\n".join(arm_table(first, ratios[name])),
+        "pairs": "\n".join(pair_table(first, ratios[name])),
         "network": f"`{first[0]['network']['name']}` {first[0]['network']['scheme']}",
         "cases": str(len(first[0]["kinds"])),
         "seeds": str(plan()["search"]["seeds"]),
         "repeated": len(every) - 1,
-        "repetitions": "\n".join(repetitions(dict(zip(every, first, strict=True)), told[name])),
+        "repetitions": "\n".join(repetitions(dict(zip(every, first, strict=True)), ratios[name])),
         "both": [
-            {"arms": "\n".join(arm_table(own, told[devices])), "pairs": "\n".join(pair_table(own, told[devices]))}
+            {"arms": "\n".join(arm_table(own, ratios[devices])), "pairs": "\n".join(pair_table(own, ratios[devices]))}
             for devices, own in others
         ],
     }

@@ -44,11 +44,11 @@ PAIRS = (("T1", "T2"), ("T3", "T4"))
 SIZE = 1e-3  # p.u., an oscillation that is large
 
 
-def _section(lead: float, one: float, lag: float, dt: float) -> tuple[float, float, float]:
+def _section(lead: float, gain: float, lag: float, dt: float) -> tuple[float, float, float]:
     """Bilinear coefficients of (one + lead s) / (1 + lag s)."""
     c = 2.0 / dt
     scale = 1.0 + lag * c
-    return (one + lead * c) / scale, (one - lead * c) / scale, (1.0 - lag * c) / scale
+    return (gain + lead * c) / scale, (gain - lead * c) / scale, (1.0 - lag * c) / scale
 
 
 class IdentifiedLQG:

@@ -16,12 +16,14 @@ from matplotlib.figure import Figure
 from pyarrow import csv
 
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping.studies.campaigns.invariants import HARM
-from facts_damping.studies.score.card import NONE
-from facts_damping.terminal import as_csv, save_picture, table, write_whole
+from facts_damping.output.picture_files import save_picture
+from facts_damping.output.tables import as_csv, table
+from facts_damping.output.writing import write_whole
 from facts_damping_reproduction.adaptation.decide import Ratio
 from facts_damping_reproduction.pdci import study
 from facts_damping_reproduction.templates import render
+from facts_damping_studies.campaigns.invariants import HARM
+from facts_damping_studies.score.card import NONE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -177,13 +179,13 @@ def tuned_values(rows: Rows) -> dict[str, Any]:
     return {"tuned": told}
 
 
-def page(found: dict[str, Rows]) -> str:
+def page(tables: dict[str, Rows]) -> str:
     """The page, from the tables by their names; without the table `tuned` that part is left out."""
-    none = at(found["events"], event="brake", gain=0)["ITAE"]
-    numbers = values(found["linear"], found["events"], found["failures"])
-    numbers |= {"small": f"{SMALL}", "apart": f"{100 * apart(found['linear'], found['ringdown']):.1f}"}
-    numbers |= tuned_values(found.get("tuned", []))
-    return render("pdci/pdci.md", failures="\n".join(failure_table(found["failures"], none)), **numbers)
+    none = at(tables["events"], event="brake", gain=0)["ITAE"]
+    numbers = values(tables["linear"], tables["events"], tables["failures"])
+    numbers |= {"small": f"{SMALL}", "apart": f"{100 * apart(tables['linear'], tables['ringdown']):.1f}"}
+    numbers |= tuned_values(tables.get("tuned", []))
+    return render("pdci/pdci.md", failures="\n".join(failure_table(tables["failures"], none)), **numbers)
 
 
 def write(folder: Path) -> list[Path]:

@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.analysis.measures import columns, speed_differences
+from facts_damping.output.tables import as_csv
+from facts_damping.output.writing import write_whole
 from facts_damping.simulation import loop
-from facts_damping.studies.score.card import NONE, log_ratio
-from facts_damping.terminal import as_csv, write_whole
 from facts_damping_reproduction.adaptation import decide
 from facts_damping_reproduction.adaptation.arms import Space, space
 from facts_damping_reproduction.adaptation.experiment import evolve, index, kept, outcome
 from facts_damping_reproduction.pdci import study
 from facts_damping_reproduction.score_cases import number, scaled
+from facts_damping_studies.score.card import NONE, log_ratio
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -148,20 +149,20 @@ def results(folder: Path) -> dict[str, Any]:
     return {"searches": {(name, seed): one for name, seed, one in found}, "rows": rows, "kinds": kinds}
 
 
-def ratios(found: dict[str, Any]) -> Rows:
+def ratios(experiment: dict[str, Any]) -> Rows:
     """Each arm against no control and against the law."""
-    ratio = partial(decide.ratio, [found], kinds=list(plan()["held_out"]), margin=plan()["margin"])
+    ratio = partial(decide.ratio, [experiment], kinds=list(plan()["held_out"]), margin=plan()["margin"])
     pairs = [(arm, against) for arm in plan()["arms"] for against in (NONE, plan()["law"]) if arm != against]
     made = [ratio(arm, against)._asdict() for arm, against in pairs]
-    return [{**one, "cases": len(found["kinds"]), **_counted(found, one["arm"])} for one in made]
+    return [{**one, "cases": len(experiment["kinds"]), **_counted(experiment, one["arm"])} for one in made]
 
 
-def _counted(found: dict[str, Any], arm: str) -> dict[str, Any]:
+def _counted(experiment: dict[str, Any], arm: str) -> dict[str, Any]:
     """Of an arm: runs that lose synchronism, mean effort, loops of its searches, and their mean in training."""
-    runs = [one for (name, _), some in found["rows"].items() if name == arm for one in some]
+    runs = [one for (name, _), some in experiment["rows"].items() if name == arm for one in some]
     effort = float(np.mean([one["effort"] for one in runs if not one["lost"]]))
     lost = sum(one["lost"] for one in runs)
-    own = [one for (name, _), one in found["searches"].items() if name == arm]
+    own = [one for (name, _), one in experiment["searches"].items() if name == arm]
     value = float(np.mean([one["value"] for one in own])) if own else None
     return {"lost": lost, "effort": effort, "loops": sum(one["loops"] for one in own), "training": value}
 

@@ -1,0 +1,1 @@
+"""Nodes that publish streams as PMU data frames, and send PMU data frames as streams."""

@@ -1,0 +1,1 @@
+"""What the studies add to `import facts_damping as fd`."""

@@ -1,0 +1,72 @@
+"""Scores of controllers on frozen sets of cases."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.api.cases import plain, short_traceback
+from facts_damping.output.terminal import Progress
+from facts_damping.parameters.files import new_folder
+from facts_damping_studies.score import card as cards
+from facts_damping_studies.score import pages
+from facts_damping_studies.score.controllers import candidates
+from facts_damping_studies.score.worst import with_worst
+from facts_damping_studies.sweeps.pool import refuse_within
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from os import PathLike
+
+    from facts_damping_studies.score.card import Set
+
+
+@dataclass(frozen=True, repr=False)
+class Score:
+    """A controller's card (docs/score.md), and those of the controllers beside it."""
+
+    content: dict[str, Any]
+    beside: list[dict[str, Any]]
+    _set: Set = field(repr=False)
+
+    @property
+    def value(self) -> float:
+        """The score: the reduction of the index, in percent of that without control, that can be claimed."""
+        return float(self.content["score"])
+
+    def save(self, folder: str | PathLike[str]) -> list[Path]:
+        """Write the card as page, JSON and picture; return the paths."""
+        return pages.write(self._set, [self.content, *self.beside], new_folder(Path(folder)))
+
+    def __repr__(self) -> str:
+        """What came out, in a few lines."""
+        return "\n".join([*pages.answer(self.content), "", *pages.kinds_table(self.content)])
+
+
+@short_traceback
+def score(
+    controller: Any,
+    cases: str = "two_area_1.0",
+    against: Sequence[str] | None = None,
+    *,
+    hunt: int = 0,
+    jobs: int | None = None,
+    progress: bool = False,
+) -> Score:
+    """Score a controller on a frozen set of cases, beside no control and others.
+
+    `controller`: a name, `file.py:Class`, `module:Class`, a run, an FMU or a linear law as text; a class; a row of
+    `controllers` of a run, or a list of them. `cases`: name or path of a set; `against`: others beside it, the set's by
+    default; `hunt`: also search for the worst of so many cases in which something fails; `jobs`: runs at once, all
+    cores by default. Raises `InputError`.
+    """
+    refuse_within()
+    jobs = jobs or os.cpu_count() or 1
+    case_set = cards.read_set(cases)
+    own = candidates(case_set, plain(controller), against)
+    with Progress("score", "cases", shown=progress) as shown:
+        made = cards.cards_of(case_set, own, jobs, shown)
+    made = with_worst(case_set, made, own, hunt, jobs)
+    return Score(made[0], made[1:], case_set)

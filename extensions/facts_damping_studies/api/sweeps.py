@@ -1,0 +1,96 @@
+"""Studies: many runs in parallel, as tables."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.analysis.indices import INDICES
+from facts_damping.api.cases import plain, short_traceback
+from facts_damping.extras import library
+from facts_damping.output.tables import table
+from facts_damping.output.terminal import Progress
+from facts_damping.parameters.field_errors import check
+from facts_damping.parameters.study import Study
+from facts_damping.parameters.yaml_text import dump
+from facts_damping_studies.sweeps import sweep as studies
+from facts_damping_studies.sweeps import sweep_plots
+from facts_damping_studies.sweeps.pool import refuse_within
+from facts_damping_studies.sweeps.results import cell, sweep_tables
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from facts_damping_studies.sweeps.sweep import SweepPlan
+
+SHOWN = 20  # runs, in a notebook
+
+
+@dataclass(frozen=True, repr=False)
+class Sweep:
+    """A study that was carried out."""
+
+    name: str
+    rows: list[dict[str, Any]]  # a run each: columns of its point, figures (docs/studies.md)
+    margins: list[dict[str, Any]]  # a margin each, where the study asks for them
+    _plan: SweepPlan = field(repr=False)
+
+    def to_pandas(self) -> Any:
+        """The rows as a DataFrame. Needs pandas."""
+        return library("pandas", "pandas").DataFrame(self.rows)
+
+    def margins_to_pandas(self) -> Any:
+        """The margins as a DataFrame. Needs pandas."""
+        return library("pandas", "pandas").DataFrame(self.margins)
+
+    def plot(self, folder: str | PathLike[str]) -> list[Path]:
+        """Pictures of margins, figures and latencies as PNG files in a folder: their paths."""
+        place = Path(folder)
+        place.mkdir(parents=True, exist_ok=True)
+        across = studies.across(self._plan)
+        return list(sweep_plots.plot(self.rows, studies.swept(self._plan), self.margins, across, place))
+
+    def __repr__(self) -> str:
+        """In a line."""
+        failed = sum(row["error"] is not None for row in self.rows)
+        parts = [f"{len(self.rows)} runs", *([f"{failed} failed"] if failed else [])]
+        parts += [f"{len(self.margins)} margins"] if self.margins else []
+        return f"<Sweep {self.name}: {', '.join(parts)}>"
+
+    def _repr_html_(self) -> str:
+        """Its tables, for a notebook: margins, and figures of the first runs."""
+        columns = [*dict.fromkeys((*self._plan.points[0].columns, "controller", "verdict", *INDICES))]
+        cells = [[cell(row.get(name)) for name in columns] for row in self.rows[:SHOWN]]
+        lines = [*sweep_tables(self.rows, self.margins, [], studies.across(self._plan)), "", *table(columns, cells)]
+        return f"<pre>{chr(10).join(lines)}</pre>"
+
+
+@short_traceback
+def sweep(
+    study: str | PathLike[str] | dict[str, Any],
+    *,
+    jobs: int | None = None,
+    out: str | PathLike[str] | None = None,
+    progress: bool = False,
+) -> Sweep:
+    """Many runs of a study in parallel, each in a process of its own; none of it on the terminal unless asked.
+
+    `study`: name under config/studies, path, or its content (docs/studies.md); `jobs`: processes, none: all cores;
+    `out`: folder in which it goes on where it was interrupted; `progress`: on the terminal. Raises `InputError`.
+    """
+    refuse_within()
+    if isinstance(study, dict):
+        content = plain(study)
+        made = studies.planned(check(Study, content, "study"), "study", "study", dump(content))
+    else:
+        made = studies.plan(str(study), [])
+    shown = Progress(made.name, "runs", shown=progress)
+    with TemporaryDirectory() as passing:
+        try:
+            found = studies.run(made, Path(out or passing), jobs or os.cpu_count() or 1, None, shown)
+        finally:
+            shown.close()
+    return Sweep(made.name, studies.rows(found), studies.found_margins(made, found), made)

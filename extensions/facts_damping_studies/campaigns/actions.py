@@ -1,0 +1,42 @@
+"""Actions of a supervisor during a run, from its record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.monitor_table import ARMED, CODES, FALLBACK, NO_CAUSE, TRIPPED, cause_name
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.record import Record
+
+
+def doings(record: Record, start_s: float) -> dict[str, Any]:
+    """Actions of a supervisor: when it was armed, tripped and fell back, why, and how long after a fault's start."""
+    own = record.supervision[record.supervision["controller"] == 0]
+    time_s = (own["tick"] + 1) / record.frame_rate  # a verdict is available at the end of a tick
+    first = {state: _first(own["state"] == state, time_s) for state in (ARMED, FALLBACK, TRIPPED)}
+    tripped = own[own["state"] == TRIPPED]
+    left = [t for t in (first[FALLBACK], first[TRIPPED]) if t is not None]
+    after = [t - start_s for t in left if t >= start_s]
+    fallen = own[own["state"] == FALLBACK]
+    refused = own["refused"][own["refused"] != NO_CAUSE]
+    return {
+        "armed_s": first[ARMED],
+        "fallback_s": first[FALLBACK],
+        "tripped_s": first[TRIPPED],
+        "cause": cause_name(int(tripped["cause"][0])) if len(tripped) else None,
+        "fallback_cause": cause_name(int(fallen["cause"][0])) if len(fallen) else None,
+        "not_armed": cause_name(int(refused[0])) if len(refused) and first[ARMED] is None else None,
+        "reversals": float(own["values"][:, CODES["reversals"]].max(initial=0.0)),
+        "early": any(t < start_s for t in left),
+        "detected_s": min(after, default=None),
+    }
+
+
+def _first(which: NDArray[np.bool_], time_s: NDArray[np.float64]) -> float | None:
+    at = np.flatnonzero(which)
+    return float(time_s[at[0]]) if len(at) else None

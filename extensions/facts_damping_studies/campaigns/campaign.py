@@ -1,0 +1,291 @@
+"""Execution of a fault campaign: simulate each draw and check its invariants; any draw can be repeated alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from copy import deepcopy
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.caching import shared
+from facts_damping.case.loading import changed_case, read_run
+from facts_damping.case.supervision import unsupervised
+from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
+from facts_damping.input_files import read_text
+from facts_damping.output.writing import write_whole
+from facts_damping.parameters.field_errors import check
+from facts_damping.parameters.files import find, new_folder, read_sets, read_table
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.simulation import loop
+from facts_damping.version import __version__
+from facts_damping_studies.campaigns import actions, invariants
+from facts_damping_studies.campaigns.faults import FAULTS, NOTHING, ONLY_REAL, Chance
+from facts_damping_studies.campaigns.parameters import Campaign
+from facts_damping_studies.sweeps.journal import Journal
+from facts_damping_studies.sweeps.pool import workers
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from facts_damping.case.model import Case
+    from facts_damping.output.terminal import Progress
+    from facts_damping.record import Record
+    from facts_damping_studies.campaigns.faults import Source
+    from facts_damping_studies.campaigns.parameters import BaseRun
+
+JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
+GRAPH_AFTER_S = 3.0  # s, shortest time from a graph's fault to its end
+# Fields of a run that matter without control; the seed does only through the noise of loads.
+OF_PLANT = ("system", "scenario", "devices", "duration", "frame_rate", "load_noise")
+UNCONTROLLED: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None}
+
+_uncontrolled: dict[str, Record] = {}
+
+
+class CampaignPlan(NamedTuple):
+    """A campaign after reading, with the contents of its runs."""
+
+    name: str
+    text: str  # as YAML
+    campaign: Campaign
+    contents: dict[str, tuple[dict[str, Any], str]]  # of the base runs: content of the run, and its origin
+    set: dict[str, Any]  # in all runs
+    fingerprint: str
+
+
+class Choice(NamedTuple):
+    """What is chosen of a case before the size of its fault."""
+
+    base_run: str
+    chosen: dict[str, str]  # label of each list; without one the base run is as it is
+    fault: str
+    start: float  # s
+    duration: float | None  # s; None: to the end
+    seed: int | None  # None: that of the base run
+
+
+class Draw(NamedTuple):
+    """A draw: its number, the run's content, origin and changes, the fault, and the random choices."""
+
+    number: int
+    base_run: str
+    changes: dict[str, Any]
+    fault: str
+    start: float
+    chosen: dict[str, str]
+
+
+def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: int | None = None) -> CampaignPlan:
+    """Read a campaign by name or path, with `--set` applied to its runs. Raises `InputError`, also for base runs."""
+    path = find("campaigns", name)
+    campaign = check(Campaign, read_table(path), str(path))
+    asked = {"draws": draws, "graphs": graphs}
+    campaign = campaign.model_copy(update={name: count for name, count in asked.items() if count is not None})
+    for fault in campaign.faults:
+        check_known(f"{path}: faults", fault, list(FAULTS))
+    contents = {base_run: read_run(one.run) for base_run, one in campaign.base_runs.items()}
+    changed, _ = read_sets(sets)
+    campaign = _without_lists(campaign, changed)
+    rests_on = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
+    digest = hashlib.sha256(json.dumps(rests_on, sort_keys=True, default=str).encode()).hexdigest()
+    made = CampaignPlan(path.stem, read_text(path), campaign, contents, changed, digest)
+    try:
+        for base_run in campaign.base_runs:
+            _check(made, base_run)
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+    return made
+
+
+def _without_lists(campaign: Campaign, changed: dict[str, Any]) -> Campaign:
+    """The campaign without the lists whose fields are all set by `--set`, which wins."""
+
+    def chosen(choices: dict[str, dict[str, Any]]) -> bool:
+        paths = [path for fields in choices.values() for path in fields]
+        return not paths or any(
+            all(path != own and not path.startswith(f"{own}.") for own in changed) for path in paths
+        )
+
+    kept = {
+        name: one.model_copy(update={"choose": {of: given for of, given in one.choose.items() if chosen(given)}})
+        for name, one in campaign.base_runs.items()
+    }
+    return campaign.model_copy(update={"base_runs": kept})
+
+
+def _check(plan: CampaignPlan, base_run: str) -> None:
+    """Raise `InputError` if a base run is impossible with any single choice, with the first of all other lists."""
+    lists = plan.campaign.base_runs[base_run].choose
+    first = {name: next(iter(choices)) for name, choices in lists.items()}
+    for labels in [first, *(first | {name: label} for name, choices in lists.items() for label in choices)]:
+        changes = {**plan.set, **_chosen(plan.campaign.base_runs[base_run], labels)}
+        if _case(plan, base_run, changes).supervision is None:
+            raise InputError(f"base_runs.{base_run}: a run without supervision given; allowed: one with `supervision`")
+
+
+def _case(plan: CampaignPlan, base_run: str, changes: dict[str, Any]) -> Case:
+    content, source = plan.contents[base_run]
+    return changed_case(deepcopy(content), source, {**plan.campaign.base_runs[base_run].set, **changes})
+
+
+def _chosen(base_run: BaseRun, labels: dict[str, str]) -> dict[str, Any]:
+    """Fields that labels set in a run, one label of each list."""
+    return {
+        path: value
+        for name, choices in base_run.choose.items()
+        if name in labels
+        for path, value in choices[labels[name]].items()
+    }
+
+
+def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
+    """Probability weight of each fault.
+
+    For `real` graphs, faults applied to nodes are as likely as all others together; some apply to graphs only.
+    """
+    given = campaign.faults or {name: 1.0 for name in FAULTS if name != NOTHING}
+    found = {name: weight for name, weight in given.items() if real or name not in ONLY_REAL}
+    if real:
+        done = sum(weight for name, weight in found.items() if FAULTS[name].real)
+        others = sum(found.values()) - done
+        more = max(1.0, others / done) if done else 1.0
+        found = {name: weight * (more if FAULTS[name].real else 1.0) for name, weight in found.items()}
+    failing = sum(weight for name, weight in found.items() if name != NOTHING)
+    healthy = campaign.healthy / (1.0 - campaign.healthy) * failing if campaign.healthy < 1.0 else 1.0
+    return {NOTHING: healthy, **({} if campaign.healthy == 1.0 else found)} if campaign.healthy else found
+
+
+def draw(plan: CampaignPlan, number: int, *, real: bool = False) -> Draw:
+    """A draw of a campaign by its number; always the same for the same number."""
+    random = np.random.default_rng((plan.campaign.seed, number))
+    return drawn(plan, number, choose(plan, random, real=real), random, real=real)
+
+
+def choose(plan: CampaignPlan, random: Source, *, real: bool = False) -> Choice:
+    """Choose base run, labels, fault, its time, and the seed."""
+    campaign = plan.campaign
+    base_run = list(campaign.base_runs)[int(random.integers(len(campaign.base_runs)))]
+    lists = campaign.base_runs[base_run].choose
+    chosen = {name: list(choices)[int(random.integers(len(choices)))] for name, choices in lists.items()}
+    given = weights(campaign, real=real)
+    fault = str(random.choice(list(given), p=np.array(list(given.values())) / sum(given.values())))
+    low, high = campaign.window
+    high = max(low, min(high, campaign.graph_duration - GRAPH_AFTER_S)) if real else high
+    start, lasts = round(random.uniform(low, high), 3), round(float(10 ** random.uniform(-1.0, 1.0)), 3)
+    duration = None if random.random() < campaign.lasting else lasts
+    return Choice(base_run, chosen, fault, start, duration, int(random.integers(2**31)))
+
+
+def drawn(plan: CampaignPlan, number: int, choice: Choice, random: Source, *, real: bool = False) -> Draw:
+    """The draw of a choice; `random` gives the sizes of its fault."""
+    base_run, chosen, fault, start, duration, seed = choice
+    changes = {**plan.set, **_chosen(plan.campaign.base_runs[base_run], chosen)}
+    changes |= {} if seed is None else {"seed": seed}
+    if real:
+        changes["duration"] = plan.campaign.graph_duration
+    case = _case(plan, base_run, changes)
+    changes |= FAULTS[fault].draw(Chance(random, start, duration, case))
+    lasts = {"lasts": "" if duration is None else f"{duration:g}"}
+    return Draw(number, base_run, changes, fault, start, chosen | lasts)
+
+
+def healthy(plan: CampaignPlan, drawn: Draw) -> Draw:
+    """A draw without its fault, which is applied to the nodes of a graph instead."""
+    kept: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
+    chosen = _chosen(plan.campaign.base_runs[drawn.base_run], drawn.chosen)
+    return drawn._replace(changes={**plan.set, **chosen, **kept})
+
+
+def case_of(plan: CampaignPlan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:
+    """The case of a draw, with optional further changes."""
+    return _case(plan, drawn.base_run, {**drawn.changes, **(more or {})})
+
+
+def run_file(plan: CampaignPlan, drawn: Draw, what: str = "Draw") -> str:
+    """A draw as a run file: everything inline. `what`: how the number is called."""
+    document = case_of(plan, drawn).document()
+    kept = {name: value for name, value in document.items() if value is not None and name != "asked"}
+    return f"# {what} {drawn.number} of the campaign {plan.name}: {drawn.fault} at {drawn.start:g} s.\n" + dump(kept)
+
+
+def one_draw(plan: CampaignPlan, number: int) -> tuple[str, dict[str, Any]]:
+    """Key and row of a draw; a failed draw has a row too, with the reason in `error`."""
+    row: dict[str, Any] = {"number": number, "error": None}
+    try:
+        drawn = draw(plan, number)
+        row |= identity(drawn)
+        case = case_of(plan, drawn)
+        row |= {"controller": case.controllers[0].name, "scheme": case.controllers[0].scheme}
+        row |= {"horizon_s": case.duration}
+        reference = uncontrolled(plan, drawn)
+        row |= judged(case, loop.run(case), reference, drawn)
+        if plan.campaign.unsupervised:
+            figures = invariants.beside(loop.run(unsupervised(case)), reference)
+            row |= {f"unsupervised_{name}": figures[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
+    except FactsDampingError as error:
+        row["error"] = one_line(error)
+    except Exception as error:  # noqa: BLE001 (whatever a draw dies of, the others go on)
+        row["error"] = f"{type(error).__name__}: {one_line(error)}"
+    return str(number), row
+
+
+def identity(drawn: Draw) -> dict[str, Any]:
+    """Columns that identify a draw."""
+    fault = FAULTS[drawn.fault]
+    found = {"base_run": drawn.base_run, "fault": drawn.fault, "group": fault.group, "wrong": fault.wrong}
+    found |= {"start_s": drawn.start}
+    return found | {name: label for name, label in drawn.chosen.items() if name != "controller"}
+
+
+def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int = 0) -> dict[str, Any]:
+    """Actions of the supervisor, invariants, and figures relative to no control.
+
+    `late`: largest number of ticks by which setpoints acted too late (`invariants.late_ticks`).
+    """
+    row = actions.doings(record, drawn.start) | invariants.beside(record, reference)
+    row["released"] = bool(record.devices["released"].any())
+    return row | invariants.alone(case, record, late)
+
+
+def uncontrolled(plan: CampaignPlan, drawn: Draw) -> Record:
+    """The same run without control: only the plant and its events matter."""
+    plain = {path: value for path, value in drawn.changes.items() if path.partition(".")[0] in OF_PLANT}
+    key = json.dumps([plan.fingerprint, drawn.base_run, plain], default=str, sort_keys=True)
+    content, source = plan.contents[drawn.base_run]
+    whole = {"link": "ideal", "measurement": "ideal", **UNCONTROLLED}
+    usual = plan.campaign.base_runs[drawn.base_run].set
+    kept = {path: value for path, value in usual.items() if path.partition(".")[0] not in whole}
+    changes = {**kept, **whole, **plain}
+    return shared(_uncontrolled, key, lambda: loop.run(changed_case(deepcopy(content), source, changes)))
+
+
+def run(plan: CampaignPlan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:
+    """The rows of all draws; only those missing in the folder are made.
+
+    Draws that violate an invariant are written as run files. Raises `InputError` if the folder belongs to another
+    campaign, `RunError` if the draws cannot continue.
+    """
+    campaign = plan.campaign
+    with workers(jobs, scheduler) as each, Journal(new_folder(folder) / JOURNAL, plan.fingerprint) as journal:
+        write_whole(folder / COPY, plan.text)
+        todo = [number for number in range(campaign.draws) if str(number) not in journal.rows]
+        progress.resume(len(journal.rows))
+        progress(campaign.draws - len(todo), campaign.draws)
+        for done, (key, row) in enumerate(each(partial(one_draw, plan), todo), campaign.draws - len(todo) + 1):
+            journal.append(key, row)
+            progress(done, campaign.draws)
+        rows = [journal.rows[str(number)] for number in range(campaign.draws)]
+    for row in rows:
+        if not holds(row):
+            text = run_file(plan, draw(plan, row["number"]))
+            write_whole(new_folder(folder / FAILED) / f"{row['number']}.yaml", text)
+    return rows
+
+
+def holds(row: dict[str, Any], names: Sequence[str] = invariants.INVARIANTS) -> bool:
+    """Whether all applicable invariants hold for a draw (None: not applicable)."""
+    return row["error"] is None and all(row.get(name) is not False for name in names)

@@ -1,0 +1,271 @@
+"""The commands that make many runs: tune, search, sweep, reproduce and others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.case import loading
+from facts_damping.case.changes import read_profile
+from facts_damping.cli.runs import page, say, summarise
+from facts_damping.errors import InputError, RunError
+from facts_damping.interruption import CONTINUES, clean_up_first
+from facts_damping.output.terminal import Progress
+from facts_damping.output.writing import write_json, write_whole
+from facts_damping.parameters import files
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.simulation import loop
+from facts_damping_studies.sweeps.batch import make
+
+if TYPE_CHECKING:
+    import argparse
+
+    from facts_damping_studies.campaigns.campaign import CampaignPlan
+    from facts_damping_studies.sweeps.sweep import SweepPlan
+
+
+def tune(arguments: argparse.Namespace) -> None:
+    """Choose controllers' parameters on a system's training scenario, with the same search and budget for all."""
+    from facts_damping_studies.search import tune as study
+
+    files.check_writable(arguments.out, "--out")
+    devices = arguments.devices.split(",")
+    signals = read_profile(arguments.profile).given(arguments.signals.split(","))
+    asked = arguments.budget, arguments.seed, arguments.measurement, arguments.profile, arguments.scenario
+    task = study.TuningTask(arguments.system, devices, signals, *asked)
+    with Progress("tune", "controllers") as progress:
+        found = study.tune(task, arguments.controllers, arguments.jobs, progress)
+    text = dump(study.document(found))
+    if arguments.out is not None:
+        write_whole(Path(arguments.out), text)
+    write_json(arguments.json, found.model_dump())
+    for row in found.controllers:
+        say(arguments, f"{row.name:<10} {row.scheme or '':<9} objective {row.objective:g}")
+    say(arguments, text if arguments.out is None else f"parameters: {arguments.out}")
+
+
+def design(arguments: argparse.Namespace) -> None:
+    """Rank places of devices and signals by residue, and design a lead-lag controller for a mode."""
+    from facts_damping_studies.design import design as study
+    from facts_damping_studies.design import design_pages as pages
+
+    names = ("system", "set", "damping", "delay", "mode", "place", "signal")
+    task = study.Task(*(getattr(arguments, name) for name in names))._replace(kinds=arguments.kinds.split(","))
+    folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
+    given = Path(arguments.system)
+    if folder is not None and given.exists() and given.resolve() == (folder / "system.yaml").resolve():
+        raise InputError(f"--out {arguments.out}: given, would overwrite SYSTEM; allowed: another folder")
+    shown: list[Progress] = []
+
+    def tell(name: str, what: str) -> Progress:
+        for before in shown:
+            before.close()
+        shown[:] = [Progress(name, what)]
+        return shown[0]
+
+    try:
+        found = study.design(task, arguments.jobs, tell)
+    finally:
+        for progress in shown:
+            progress.close()
+    written = []
+    if folder is not None:
+        written = [*pages.write(found, folder), pages.plot(found, folder / "places.png")]
+        write_json(str(folder / "result.json"), pages.document(found))
+    write_json(arguments.json, pages.document(found))
+    say(arguments, *pages.text(found), *(f"written: {path}" for path in written))
+
+
+def search(arguments: argparse.Namespace) -> None:
+    """Choose a controller and its parameters on training cases: all pairs, schemes, devices, compensations."""
+    from facts_damping_studies.search import search as study
+    from facts_damping_studies.search import search_pages as pages
+    from facts_damping_studies.search.tune import document
+
+    files.check_writable(arguments.out, "--out")
+    files.check_writable(arguments.lead_lag, "--lead-lag")
+    files.check_writable(arguments.tuned, "--tuned")
+    if arguments.tuned is not None and arguments.devices is None:
+        allowed = "with --devices: a file is for one set of them"
+        raise InputError(f"--tuned {arguments.tuned}: given without --devices; allowed: {allowed}")
+    devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
+    asked = {name: value for name, value in vars(arguments).items() if name in study.SearchTask._fields}
+    signals = tuple(arguments.signals.split(",")) if arguments.signals else ()
+    task = study.SearchTask(**{**asked, "devices": devices, "signals": signals})
+    with Progress("search", "structures") as progress:
+        found = study.search(task, arguments.controllers, arguments.jobs, progress)
+    command = task.command(arguments.controllers)
+    opponent = next(entry for entry in found if entry.structure.is_reference)
+    best = next((entry for entry in found if not entry.structure.is_reference), opponent)
+    run = pages.run_file(task, command, best)
+    if arguments.out is not None:
+        write_whole(Path(arguments.out), run)
+    if arguments.lead_lag is not None:
+        write_whole(Path(arguments.lead_lag), pages.run_file(task, command, opponent))
+    if arguments.tuned is not None:
+        write_whole(Path(arguments.tuned), dump(document(pages.tuned(task, command, found))))
+    write_json(arguments.json, {"command": command, "ranking": pages.rows(found)})
+    say(arguments, *pages.search_table(found), run if arguments.out is None else f"run: {arguments.out}")
+
+
+def sweep(arguments: argparse.Namespace) -> None:
+    """Run a study in parallel: table, delay margins, pictures; continues after an interruption."""
+    from facts_damping_studies.sweeps import point_figures, results, sweep_plots, tables
+    from facts_damping_studies.sweeps import sweep as study
+
+    sets = [*([f"profile={arguments.profile}"] if arguments.profile else []), *arguments.set]
+    plan = study.plan(arguments.study, sets, arguments.only, check_step=arguments.check_step)
+    folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
+    _check_report(arguments.report, plan, folder)
+    clean_up_first(f"{CONTINUES}: {folder}")
+    with Progress(plan.name, "runs") as progress:
+        found = study.run(plan, folder, arguments.jobs, arguments.scheduler, progress)
+    rows, margins = study.rows(found), study.found_margins(plan, found)
+    fractions, across = study.found_fractions(plan, found), study.across(plan)
+    asked = plan.study.tables
+    figures = tables.figure_tables(rows, asked) if asked else []
+    write_json(arguments.json, {"rows": rows, "margins": margins, "fractions": fractions})
+    say(arguments, *results.sweep_tables(rows, margins, fractions, across), "", *figures)
+    if asked:
+        write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
+        say(arguments, f"tables: {folder / 'tables.md'}")
+    say(arguments, *(f"table: {path}" for path in results.write(folder, rows, margins, fractions)))
+    pictures = tables.plot(rows, asked, folder) if asked else []
+    pictures += sweep_plots.plot(rows, study.swept(plan), margins, across, folder)
+    pictures += point_figures.plot(plan, folder, arguments.jobs)
+    say(arguments, *(f"picture: {path}" for path in pictures))
+    if arguments.report is not None:
+        _report(arguments, plan)
+
+
+def _check_report(path: str | None, plan: SweepPlan, folder: Path) -> None:
+    """Raise `InputError` if a study's runs do not fit on one page, or the page cannot be written."""
+    from facts_damping.analysis.plotting.plots import COLOURS
+
+    if path is None:
+        return
+    if plan.study.margin is not None:
+        raise InputError("--report: given with a study that searches margins; allowed: with other studies")
+    if len(plan.points) > len(COLOURS):
+        allowed = f"1 to {len(COLOURS)}, chosen by --only COLUMN=VALUE,..."
+        raise InputError(f"--report: given with {len(plan.points)} runs; allowed: {allowed}")
+    files.new_folder(folder)  # the page may be one of its files
+    files.check_writable(path, "--report", standard=False)
+
+
+def _report(arguments: argparse.Namespace, plan: SweepPlan) -> None:
+    """Write one page that compares the runs of a study, each named by what differs; the runs are made again."""
+    from facts_damping.analysis import details
+
+    named, columns = [], plan.points[0].columns
+    differing = [name for name in columns if len({str(point.columns[name]) for point in plan.points}) > 1]
+    for point in plan.points:
+        name = ", ".join(str(point.columns[name]) for name in differing)
+        named.append((name or plan.name, loop.run(make(plan.base, point.changes))))
+    results = [summarise(record, None, None) | details.details(record) for _, record in named]
+    details.compare(results, 0)
+    say(arguments, *page(arguments, named, results, 0))
+
+
+def campaign(arguments: argparse.Namespace) -> None:
+    """Run the draws of a campaign and check the conditions for each, or hunt for the worst; both write run files."""
+    from facts_damping_studies.campaigns import campaign as study
+    from facts_damping_studies.campaigns import campaign_pages as pages
+    from facts_damping_studies.campaigns.campaign_tables import holds
+    from facts_damping_studies.sweeps import results
+
+    made = study.plan(arguments.campaign, arguments.set, arguments.draws, arguments.graphs)
+    folder = Path(arguments.out) if arguments.out is not None else Path("results") / made.name
+    clean_up_first(f"{CONTINUES}: {folder}")
+    if arguments.hunt is not None:
+        _hunt(arguments, made, folder)
+        return
+    with Progress("campaign", "draws") as progress:
+        rows = study.run(made, folder, arguments.jobs, arguments.scheduler, progress)
+    graphs: list[dict[str, Any]] = []
+    if made.campaign.graphs:
+        from facts_damping_studies.campaigns import graphs as campaign_graphs
+
+        with Progress("campaign", "graphs") as progress:
+            graphs = campaign_graphs.graphs(made, folder, arguments.jobs, progress)
+    given = [f"--{name} {value}" for name in ("draws", "graphs") if (value := getattr(arguments, name)) is not None]
+    sets = [f"--set {change}" for change in arguments.set]
+    text = pages.page(made, rows, graphs, " ".join(["facts-damping campaign", arguments.campaign, *given, *sets]))
+    write_json(arguments.json, {"draws": rows, "graphs": graphs})
+    say(arguments, *pages.overview(rows, graphs))
+    for name, part in (("draws", rows), ("graphs", graphs)):
+        say(arguments, *(f"table: {path}" for path in results.tables(folder, name, part)) if part else ())
+    say(arguments, *(f"table: {path}" for path in pages.write_tables(rows, graphs, folder)))
+    write_whole(folder / "page.md", text)
+    say(arguments, f"page: {folder / 'page.md'}")
+    failed = [row for row in (*rows, *graphs) if not holds(row)]
+    if failed:
+        say(arguments, f"{len(failed)} that violate a requirement: {folder / study.FAILED}")
+    errors = [row for row in (*rows, *graphs) if row["error"] is not None]
+    if errors:
+        raise RunError(f"{len(errors)} draws failed, the first: {errors[0]['number']}: {errors[0]['error']}")
+
+
+def _hunt(arguments: argparse.Namespace, campaign: CampaignPlan, folder: Path) -> None:
+    """Search for the worst cases of a campaign; what was found is written after an interrupt, too."""
+    from facts_damping_studies.campaigns import hunt, hunt_pages
+
+    given = next((name for name in ("draws", "graphs") if getattr(arguments, name) is not None), None)
+    if given is not None:
+        raise InputError(f"--{given} {getattr(arguments, given)}: given with --hunt; allowed: without it")
+    with Progress("hunt", "s") as progress:
+        found = hunt.run(campaign, folder, arguments.hunt, arguments.jobs, arguments.scheduler, progress)
+    sets = [f"--set {change}" for change in arguments.set]
+    command = ["facts-damping campaign", arguments.campaign, f"--hunt {arguments.hunt:g}", *sets]
+    write_json(arguments.json, hunt_pages.document(campaign, found))
+    say(arguments, f"{hunt_pages.counts(found)}.", *hunt_pages.rules_table(hunt_pages.compared(found.rows)))
+    say(arguments, *(f"written: {path}" for path in hunt_pages.write(campaign, found, folder, " ".join(command))))
+    if not found.complete:
+        raise KeyboardInterrupt
+    errors = [row for row in found.rows if row["error"] is not None]
+    if errors:
+        raise RunError(f"{len(errors)} cases failed, the first: {errors[0]['error']}")
+
+
+def score(arguments: argparse.Namespace) -> None:
+    """Score a controller on a frozen set of cases, or rank the shipped ones."""
+    from facts_damping_studies.score import card, pages
+    from facts_damping_studies.score.controllers import candidates
+    from facts_damping_studies.score.worst import with_worst
+
+    case_set = card.read_set(arguments.cases)
+    against = None if arguments.against is None else arguments.against.split(",")
+    own = candidates(case_set, arguments.controller, against)
+    folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
+    clean_up_first()
+    with Progress("score", "cases") as progress:
+        cards = card.cards_of(case_set, own, arguments.jobs, progress)
+    cards = with_worst(case_set, cards, own, arguments.hunt, arguments.jobs)
+    ranked = card.ranking(cards)
+    write_json(arguments.json, {"ranking": ranked} if arguments.controller is None else cards[0])
+    if arguments.controller is not None:
+        say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
+    say(arguments, *pages.ranking_table(ranked))
+    if folder is not None:
+        one = arguments.controller is not None
+        paths = pages.write(case_set, cards, folder) if one else pages.write_ranking(ranked, folder)
+        say(arguments, *(f"written: {path}" for path in paths))
+
+
+def margin(arguments: argparse.Namespace) -> None:
+    """The delay margin of a loop with linear controllers, and its modes over the delay."""
+    from facts_damping_studies.margins import delay_margin as study
+    from facts_damping_studies.margins import delay_margin_pages as pages
+    from facts_damping_studies.margins.delay_margin_runs import beside
+
+    case, runs, pictures = loading.load_case(arguments.run, arguments.set), None, []
+    with Progress("margin", "delays") as progress:
+        found = study.margin(case, arguments.max_delay, arguments.pade, progress)
+    if arguments.time_domain:
+        with Progress("margin", "runs") as progress:
+            runs = beside(found, progress)
+    if arguments.out is not None:
+        folder = files.new_folder(Path(arguments.out))
+        pictures += [pages.plot(found, runs, folder / "margin.png"), pages.plot_loops(found, folder / "one_line.png")]
+    write_json(arguments.json, pages.document(found, runs))
+    say(arguments, *pages.margin_text(found, runs), *(f"plot: {path}" for path in pictures))

@@ -1,0 +1,258 @@
+"""Effect of device and PMU locations on modes: every line and bus for a device, every speed and flow as a signal.
+
+For a mode with right and left eigenvectors v, w, w v = 1 and the fastest machine's speed in v equal to one,
+
+    observability   F C v                a signal's swing, p.u. of it per p.u. of the fastest machine's speed
+    controllability w B exp(-lambda Td)  the effect of a setpoint of one p.u., 1/s
+
+F washouts, Td dead times; the residue is their product (Kundur 1994, 12.3.4). Each device is installed at its location
+for the analysis, so its own dynamics and its effect on the power flow are included.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.errors import FactsDampingError, one_line
+from facts_damping.parameters.plant.actuators import Bess, ExciterInput, LoadModulation, Tcsc
+from facts_damping.parameters.plant.devices import AtMachine, Parallel, Series, Sssc, Statcom
+from facts_damping.parameters.plant.placement import place
+from facts_damping.parameters.plant.pmus import Pmu, Signal
+from facts_damping.plant.build import build
+from facts_damping.small_signal import eigenmodes, linearisation
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from facts_damping.compiling.structs import Complex1, Complex2, Float1
+    from facts_damping.parameters.plant.pmus import Channel
+    from facts_damping.parameters.plant.system import Device, System
+    from facts_damping.small_signal.eigenmodes import Eigenmode
+
+NEW = "damper"  # name of a new device in the system
+# Data of new devices by kind: the STATCOM as in two_area, power of 50 MW on a base of 100 MVA.
+# Reactances of the TCSC are relative to that of its line.
+NEW_DEVICES: dict[str, tuple[Any, dict[str, Any]]] = {
+    "sssc": (Sssc, {}),
+    "statcom": (Statcom, {"setpoint_max": 0.1, "rate_max": 10.0, "I_max": 1.0}),
+    "load_modulation": (LoadModulation, {"setpoint_max": 0.5, "rate_max": 10.0}),
+    "bess": (Bess, {"setpoint_max": 0.5, "rate_max": 10.0, "S_rated": 50.0, "E_rated": 25.0}),
+    "tcsc": (Tcsc, {"X": 0.2, "X_min": 0.1, "X_max": 0.3, "setpoint_max": 0.1, "rate_max": 5.0}),
+    "exciter_input": (ExciterInput, {}),
+}
+USUAL = ("sssc", "statcom")
+LONGEST = 3.0  # p.u., largest reactance of a line for a TCSC
+SPEED: Channel = "speed_deviation"
+FLOW: Channel = "active_power"
+MAX_AREAS = 8  # with more areas there are too many pairs
+NEAR = 0.5  # largest `modes.unlike` of the same mode
+
+
+class Place(NamedTuple):
+    """A candidate location `at` a line, two buses, a bus, or a machine; `own`: an existing device of the system."""
+
+    device: Device
+    at: str
+    own: bool
+
+    @property
+    def label(self) -> str:
+        """Readable name."""
+        where = "at" if isinstance(self.device, Parallel | AtMachine) else "in"
+        return f"{self.device.kind} {where} {self.at}"
+
+    @property
+    def names(self) -> set[str]:
+        """Accepted names: its line, bus or buses, and the name of an existing device."""
+        return {self.at, self.device.name} if self.own else {self.at}
+
+
+class Tried(NamedTuple):
+    """Analysis of a location; arrays over modes, NaN for a mode that is not found again with the device."""
+
+    place: Place
+    controllability: Complex1  # (modes,), 1/s per p.u.
+    observability: Complex2  # (modes, signals), with the device installed
+    why_not: str = ""  # reason if a device is impossible there; then the arrays are NaN
+
+    @property
+    def residue(self) -> Complex2:
+        """(modes, signals), 1/s per p.u. of the setpoint and p.u. of the signal."""
+        return self.controllability[:, None] * self.observability
+
+    @property
+    def strength(self) -> Float1:
+        """Effect of the device with its full setpoint, 1/s, (modes,)."""
+        return np.abs(self.controllability) * float(self.place.device.setpoint_max)
+
+
+def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
+    """The system's own devices, and new ones of some kinds of NEW_DEVICES at each place.
+
+    In series in each line without a device, in parallel at each bus without machine or device,
+    at each machine with an exciter.
+    """
+    own = [Place(d, d.place, True) for d in system.devices]
+    in_series = {d.line for d in system.devices if isinstance(d, Series)}
+    occupied = {row.bus for row in system.infinite_buses} | {m.bus for m in system.machines}
+    occupied |= {d.bus for d in system.devices if isinstance(d, Parallel)}
+    names = {d.name for d in system.devices}
+    name = next(n for n in (NEW, *(f"{NEW}_{i}" for i in range(2, 100))) if n not in names)
+    lines = [line.name for line in system.lines if line.name not in in_series]
+    reactance = {line.name: line.x * line.length for line in system.lines}
+    buses = [bus.name for bus in system.buses if bus.name not in occupied]
+    free = {
+        Series: ("line", lines),
+        Parallel: ("bus", buses),
+        AtMachine: ("machine", [e.machine for e in system.exciters]),
+    }
+    new = []
+    for kind in kinds:
+        model, data = NEW_DEVICES[kind]
+        field, where = next(found for base, found in free.items() if issubclass(model, base))
+        for at in where:
+            scale = reactance[at] if kind == "tcsc" else 1.0
+            if not 0.0 < scale <= LONGEST:  # a line that is a series capacitor itself
+                continue
+            scaled = {key: value * scale for key, value in data.items()}
+            new.append(Place(model(name=name, kind=kind, **{field: at}, **scaled), at, False))
+    return [*own, *new]
+
+
+def with_place(system: System, chosen: Place) -> System:
+    """The system with a device at a location."""
+    if chosen.own:
+        return system
+    return system.model_copy(update={"devices": [*system.devices, chosen.device]})
+
+
+def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
+    """The system with the usual signals for wide-area damping control, and the PMUs that they need.
+
+    For each mode it adds the speed difference of the two machines with the largest opposite swing (or the speed of the
+    fastest machine, if none is opposite). It also adds the differences of areas' mean speeds, weighted by inertia, and
+    the active power of each line. Existing signals are not duplicated.
+    """
+    pmus = {s.machine: s.name for s in system.pmus if s.machine is not None}
+    used = {s.name for s in system.pmus}
+    more: list[Pmu] = []
+    for m in system.machines:
+        if m.name not in pmus:
+            pmus[m.name] = _free(m.name, used)
+            more.append(Pmu(name=pmus[m.name], machine=m.name))
+    weights = {
+        "_".join(["w", *names]): dict(zip([pmus[name] for name in names], (1.0, -1.0), strict=False))
+        for names in _opposed(modes)
+    }
+    means = _mean_speeds(system, pmus)
+    for a, b in combinations(means, 2) if len(means) <= MAX_AREAS else ():
+        weights[f"w_{a}_{b}"] = {**means[a], **{pmu: -w for pmu, w in means[b].items()}}
+    there = [s.weights for s in system.signals.values() if s.channel == SPEED]
+    there += [{pmu: -w for pmu, w in own.items()} for own in there]
+    named = set(system.signals)
+    new = {_free(name, named): Signal(channel=SPEED, weights=own) for name, own in weights.items() if own not in there}
+    measured = _measured_flows(system)
+    for line in system.lines:
+        if line.name not in measured:
+            own_name = _free(f"P_{line.name}", used)
+            more.append(Pmu(name=own_name, bus=line.from_bus, branches=[line.name]))
+            flow = Signal(channel=FLOW, weights={own_name: 1.0}, deviation=True)
+            new[_free(f"p_{line.name}", named)] = flow
+    return system.model_copy(update={"pmus": [*system.pmus, *more], "signals": {**system.signals, **new}})
+
+
+def _measured_flows(system: System) -> set[str]:
+    """The lines whose active power is already a single signal."""
+    alone = {s.name: s.branches[0] for s in system.pmus if len(s.branches) == 1}
+    flows = [s for s in system.signals.values() if s.channel == FLOW and len(s.weights) == 1]
+    return {alone[pmu] for one in flows for pmu in one.weights if pmu in alone}
+
+
+def only(system: System, signals: Sequence[str], original: System) -> System:
+    """The system with only these signals, without PMUs needed only by others, except those of `original`."""
+    kept = {name: system.signals[name] for name in signals}
+    used = {pmu for one in kept.values() for pmu in one.weights} | {s.name for s in original.pmus}
+    pmus = [s for s in system.pmus if s.name in used]
+    return system.model_copy(update={"signals": kept, "pmus": pmus})
+
+
+def _free(name: str, used: set[str]) -> str:
+    """An unused name, which is then added to `used`."""
+    while name in used:
+        name += "_"
+    used.add(name)
+    return name
+
+
+def _opposed(modes: Sequence[Eigenmode]) -> list[tuple[str, ...]]:
+    """For each mode the fastest machine, and the one with the largest opposite swing, if any."""
+    found: dict[tuple[str, ...], None] = {}
+    for mode in modes:
+        first = max(mode.shape, key=lambda name: abs(mode.shape[name]))
+        against = {name: (value / mode.shape[first]).real for name, value in mode.shape.items()}
+        other = min(against, key=lambda name: against[name])
+        found[(first, other) if against[other] < 0.0 else (first,)] = None
+    return list(found)
+
+
+def _mean_speeds(system: System, pmus: Mapping[str, str]) -> dict[str, dict[str, float]]:
+    """By area, the inertia weights of its machines' mean speed; empty without areas."""
+    inertia: dict[str, dict[str, float]] = {}
+    for m in system.machines:
+        if m.area is not None:
+            inertia.setdefault(m.area, {})[pmus[m.name]] = m.H * m.rating
+    return {area: {s: w / sum(own.values()) for s, w in own.items()} for area, own in inertia.items()}
+
+
+def seen(system: System, modes: Sequence[Eigenmode]) -> Complex2:
+    """The observability of all signals of a system without devices, (modes, signals)."""
+    return _tried(system, [], modes)[1]
+
+
+class Trial(NamedTuple):
+    """Input of an analysis: a location, the system with its signals, and the modes."""
+
+    system: System
+    place: Place
+    modes: Sequence[Eigenmode]
+
+
+def tried(trial: Trial) -> Tried:
+    """Analyse a location."""
+    try:
+        found = _tried(with_place(trial.system, trial.place), [trial.place.device.name], trial.modes)
+    except FactsDampingError as error:
+        none = np.full((len(trial.modes), len(trial.system.signals)), np.nan + 0j)
+        return Tried(trial.place, np.full(len(none), np.nan + 0j), none, one_line(error))
+    return Tried(trial.place, found[0][:, 0], found[1])
+
+
+def _tried(system: System, devices: Sequence[str], modes: Sequence[Eigenmode]) -> tuple[Complex2, Complex2]:
+    """Controllability (modes, devices) and observability (modes, signals) of the modes, found again with devices."""
+    system = place(system)
+    built = build(system, devices, [])
+    model = linearisation.linear_model(built, system.signals, [s.name for s in system.pmus])
+    values, left, right = eigenmodes.eigenvectors(model.matrix)
+    speeds = np.array([name.endswith(".omega") for name in built.state_names])
+    control = np.full((len(modes), len(devices)), np.nan + 0j)
+    observe = np.full((len(modes), len(system.signals)), np.nan + 0j)
+    for i, wanted in enumerate(modes):
+        near = np.flatnonzero(
+            (values.imag > 0.0) & (np.abs(values - wanted.eigenvalue) < NEAR * abs(wanted.eigenvalue))
+        )
+        named = {
+            k: eigenmodes.mode(values[k], right[:, k], left[:, k], built.state_names, system) for k in near.tolist()
+        }
+        apart = eigenmodes.unlike([wanted], list(named.values()))[0]
+        if apart.min(initial=1.0) > NEAR:
+            continue
+        best = list(named)[np.argmin(apart)]
+        v, w = right[:, best], left[:, best]
+        v = v / v[speeds][np.argmax(np.abs(v[speeds]))]
+        w = w / (w @ v)
+        observe[i] = model.gain(values[best]) * (model.seen[0] @ v)
+        control[i] = (w @ model.B) * model.late(values[best]) if len(devices) else control[i]
+    return control, observe

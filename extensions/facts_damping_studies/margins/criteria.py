@@ -1,0 +1,79 @@
+"""Criteria of margins: when a run fails, and the columns of its row that say so."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, LOST
+from facts_damping.case.supervision import unsupervised
+from facts_damping.parameters.study import DAMPING_RATIO
+from facts_damping_studies.margins.delay_margin import STILL
+from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from facts_damping.case.model import Case
+
+STRONG = 0.1  # of the amplitude of the largest mode; weaker modes do not count for `damping`
+LOWEST, RATIO, LINEAR = "lowest_damping_ratio", "ITAE_ratio", "linear_growth_per_s"  # columns
+
+
+class Criterion(NamedTuple):
+    """What a run fails by, and what it is otherwise, in words; whether a row fails, with the smallest damping ratio."""
+
+    words: str
+    holds: str
+    fails: Callable[[Mapping[str, Any], float], bool]
+
+
+def _damped_too_little(row: Mapping[str, Any], ratio: float) -> bool:
+    lowest = row.get(LOWEST)
+    return row["verdict"] in (LOST, GROWING, LIMIT_CYCLE) or (lowest is not None and lowest < ratio)
+
+
+def _worse(row: Mapping[str, Any], _: float) -> bool:
+    ratio = row.get(RATIO)  # None: without control synchronism is lost
+    return row["verdict"] == LOST or (ratio is not None and ratio > 1.0)
+
+
+CRITERIA = {
+    "unstable": Criterion("loses synchronism", "in synchronism", lambda row, _: row["verdict"] == LOST),
+    "not_damped": Criterion("is not damped", "damped", lambda row, _: row["verdict"] != DAMPED),
+    "damping": Criterion("is damped too little", f"damped by {100 * DAMPING_RATIO:g} %", _damped_too_little),
+    "worse": Criterion("is worse than without control", "better than no control", _worse),
+    "linear": Criterion(
+        "is unstable in the linear model", "stable in the linear model", lambda row, _: row[LINEAR] > STILL
+    ),
+}
+
+
+def fails(criterion: str, row: Mapping[str, Any], ratio: float = DAMPING_RATIO) -> bool:
+    """Whether a run fails a criterion, by its row."""
+    return CRITERIA[criterion].fails(row, ratio)
+
+
+def lowest_damping_ratio(summary: Mapping[str, Any]) -> float | None:
+    """Smallest damping ratio of the modes that matter in a run's ringdown; None if none is seen."""
+    sizes = [max(mode["amplitude"]) for mode in summary["modes"]]
+    ratios = [
+        m["damping_ratio"] for m, size in zip(summary["modes"], sizes, strict=True) if size >= STRONG * max(sizes)
+    ]
+    return min(ratios, default=None)
+
+
+def linear_growth(case: Case) -> float:
+    """Largest growth rate of the linear closed loop at the delays of the run's links, 1/s.
+
+    Raises `InputError` if the loop has no linear model.
+    """
+    loop = delayed_loop(unsupervised(case))
+    return float(eigen(loop, sampled(loop, min(link_delays(case), default=0.0))).growth)
+
+
+def itae_ratio(summary: Mapping[str, Any], free: Mapping[str, Any]) -> float | None:
+    """ITAE relative to the run without control, with noise that of the responses; None if either is lost."""
+    both = (summary, free)
+    of = "indices_of_response" if all(one["indices_of_response"] for one in both) else "indices"
+    own, other = (one[of] for one in both)
+    return None if own is None or other is None else float(own["ITAE"] / other["ITAE"])

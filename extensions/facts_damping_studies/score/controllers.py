@@ -1,0 +1,72 @@
+"""What is scored: rows of controllers from what a user names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.case.loading import read_run
+from facts_damping.control.table import CONTROLLERS
+from facts_damping.errors import InputError
+from facts_damping.parameters.files import read_table, shipped
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping_studies.score.card import Set
+
+LINEAR = (".npz", ".mat")
+LAWS = ("A", "num", "zeros")  # keys of a YAML file with a linear law
+KEPT = ("link", "namespace")  # fields of a run's controllers that belong to its deployment
+
+
+def candidates(case_set: Set, given: Any, against: Sequence[str] | None) -> dict[str, list[dict[str, Any]]]:
+    """Name: rows, of what is given and of those beside it, by default the set's; None given: all of the set.
+
+    Raises `InputError`.
+    """
+    if given is None:
+        if against is not None:
+            raise InputError("--against: given without CONTROLLER; allowed: beside one")
+        return case_set.content.controllers
+    others = [controllers_of(other, case_set, "--against") for other in against or case_set.content.beside]
+    return dict([controllers_of(given, case_set), *others])
+
+
+def controllers_of(given: Any, case_set: Set, where: str = "CONTROLLER") -> tuple[str, list[dict[str, Any]]]:
+    """Name, and rows of controllers, of what is given: text, a row, or a list of rows.
+
+    Text may be a name in the set, in `facts-damping list controllers` or of a run, `module:Class` or `file.py:Class`, a
+    run file, an FMU, or a linear law. `where`: the argument, for errors. Raises `InputError`.
+    """
+    if isinstance(given, dict):
+        return str(given.get("name", "controller")), [given]
+    if not isinstance(given, str):
+        return " + ".join(str(row.get("name", "controller")) for row in given), list(given)
+    if given in case_set.content.controllers:
+        return given, case_set.content.controllers[given]
+    if given in CONTROLLERS:
+        return given, [{"name": given}]
+    return given, _of_text(given, where)
+
+
+def _of_text(given: str, where: str) -> list[dict[str, Any]]:
+    path = Path(given)
+    if ":" in given and not path.exists():
+        return [{"name": given.rpartition(":")[2], "policy": given}]
+    if path.suffix == ".fmu":
+        return [{"name": path.stem, "fmu": given}]
+    if path.suffix in LINEAR or (path.suffix in (".yaml", ".yml") and path.is_file() and _is_law(path)):
+        return [{"name": path.stem, "linear": given}]
+    if path.suffix not in (".yaml", ".yml") and given not in shipped("runs"):
+        allowed = "a controller, module:Class, file.py:Class, a run, an .fmu, .npz or .mat file"
+        raise InputError(f"{where}: '{given}' given; allowed: {allowed}")
+    content, source = read_run(given)
+    rows = content.get("controllers") or []
+    if not rows:
+        raise InputError(f"{source}: no controllers; allowed: a run with controllers")
+    return [{name: value for name, value in row.items() if name not in KEPT} for row in rows]
+
+
+def _is_law(path: Path) -> bool:
+    return any(name in read_table(path) for name in LAWS)

@@ -1,0 +1,135 @@
+"""The search space of parameters, and the mapping between its points and controller parameters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.control.parameter_tables import Range, four_digits
+from facts_damping.neurofuzzy.table import has_dilation
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.control.parameter_tables import Value
+    from facts_damping.control.table import ControllerKind
+    from facts_damping.small_signal.residues import Residues
+
+
+# Scales of further signals, relative to their swing beside the first signal.
+FRACTION = Range(0.1, 10.0, logarithmic=True)
+HORIZON = Range(1.0, 24.0)  # frames, if there are several signals or devices
+RATES = ("fixed", "lyapunov")  # searched as well: below and above one half
+GUARDS = {  # of `search`, in addition to the profile's
+    "dead_zone": Range(1e-4, 0.1, logarithmic=True),
+    "clip": Range(0.02, 2.0, logarithmic=True),
+}
+
+
+class Space(NamedTuple):
+    """The search space of a controller kind and scheme, for given signals and devices."""
+
+    row: ControllerKind
+    scheme: str | None
+    signals: Sequence[str]
+    devices: Sequence[str]
+
+    @property
+    def ranges(self) -> dict[str, Range]:
+        """A coordinate for each parameter, `name.i` for that of device or signal i; for networks the last is the rate.
+
+        Parameters that may be a list are searched for each device. Scales are searched for the first signal, with a
+        ratio for each of the others.
+        """
+        own = {name: one.search for name, one in self.row.parameters.items() if one.search is not None}
+        if self.row.network is None:
+            return self._each(own)
+        of_identifier = {name: own.pop(name) for name in list(own) if name.startswith("identifier_")}
+        dilation = own.pop("dilation")
+        wavelets = {"dilation": dilation} if has_dilation(self.row.network.consequent) else {}
+        made = {**self._each(own), **wavelets, **(of_identifier if self.scheme == "indirect" else {})}
+        if self.scheme == "indirect" and len(self.signals) * len(self.devices) > 1:
+            made["identifier_horizon"] = HORIZON
+            del made["identifier_weight"]
+        made |= {f"fraction.{i}": FRACTION for i in range(1, len(self.signals))}
+        return {**made, "rate": Range(0.0, 1.0)}
+
+    def _each(self, ranges: dict[str, Range]) -> dict[str, Range]:
+        """Repeat the ranges of list parameters for each device; without a network also for each signal."""
+        counts = {"device": len(self.devices), "signal": len(self.signals) if self.row.network is None else 1}
+        made: dict[str, Range] = {}
+        for name, one in ranges.items():
+            several = counts.get(self.row.parameters[name].each, 1)
+            made |= {f"{name}.{i}": one for i in range(several)} if several > 1 else {name: one}
+        return made
+
+    def parameters(self, at: NDArray[np.float64], plant: Residues, limit: float) -> dict[str, Value]:
+        """Parameters at a point, coordinates from 0 to 1; `limit`: of the first device, p.u."""
+        found: dict[str, list[float]] = {}
+        for (place, one), v in zip(self.ranges.items(), at, strict=True):
+            found.setdefault(place.partition(".")[0], []).append(one.value(float(v)))
+        for name, by in self._units(plant).items():
+            found[name] = [four_digits(value * by) for value in found[name]] if by != 1.0 else found[name]
+        if self.row.network is None:
+            return _numbers_of_lists(found)
+        rate = RATES[int(found.pop("rate")[0] >= 0.5)]
+        for fraction, signal in zip(found.pop("fraction", []), self.signals[1:], strict=True):
+            beside = fraction * abs(plant.ratio(signal, self.signals[0]))
+            for name in ("scale", "change_scale"):
+                found[name].append(four_digits(found[name][0] * beside))
+        if self.scheme == "indirect":
+            if "identifier_horizon" in found:
+                found["identifier_horizon"] = [float(round(found["identifier_horizon"][0]))]
+            for name, by in self._multiples(found, plant, limit, rate).items():
+                found[name] = [four_digits(one * by) for one in found[name]]
+        return {**_numbers_of_lists(found), "rate": rate}
+
+    def place(self, values: Mapping[str, Value], plant: Residues, limit: float) -> NDArray[np.float64]:
+        """The point of these parameters, the inverse of `parameters`; missing ones are in the middle of their range."""
+        numbers = {name: some for name, some in values.items() if not isinstance(some, str)}
+        found = {name: [float(one) for one in np.atleast_1d(some)] for name, some in numbers.items()}
+        rate = str(values.get("rate", RATES[0]))
+        if self.row.network is not None:
+            if self.scheme == "indirect":
+                for name, by in self._multiples(found, plant, limit, rate).items():
+                    found[name] = [one / by for one in found[name]]
+            beside = [abs(plant.ratio(signal, self.signals[0])) for signal in self.signals[1:]]
+            found["fraction"] = [b / found["scale"][0] / a for a, b in zip(beside, found["scale"][1:], strict=True)]
+            found["rate"] = [(RATES.index(rate) + 0.5) / len(RATES)]
+        units, at = self._units(plant), []
+        for place, one in self.ranges.items():
+            name, _, i = place.partition(".")
+            some = found.get(name, [])[max(0, int(i or 0) - (name == "fraction")) :]
+            at.append(one.place(some[0] / units.get(name, 1.0)) if some else 0.5)
+        return np.array(at)
+
+    def _units(self, plant: Residues) -> dict[str, float]:
+        """Factors that convert ranges given for `speed` to the first signal's unit, by its swing beside the speed.
+
+        The factor of a gain also has the sign that damps: opposite to the residue of the first signal and device.
+        """
+        by = abs(plant.ratio(self.signals[0], "speed")) if "speed" in plant.signals else 1.0
+        if self.row.network is not None:
+            return {"scale": by, "change_scale": by}
+        if "gain" not in self.row.parameters:
+            return {}
+        return {"gain": (1.0 if abs(plant.angle_deg(self.signals[0], self.devices[0])) >= 90.0 else -1.0) / by}
+
+    def _multiples(
+        self, numbers: Mapping[str, list[float]], plant: Residues, limit: float, rate: str
+    ) -> dict[str, float]:
+        """Factors of learning rate and penalties in the indirect scheme, relative to a Jacobian of 1.
+
+        The Jacobian is the effect of the first device's limit on the first signal over the identifier's horizon.
+        """
+        horizon = int(numbers.get("identifier_horizon", [1.0])[0])
+        answer = plant.jacobian(self.signals[:1], self.devices[:1], horizon)[0, 0]
+        jacobian = abs(float(answer)) * limit / numbers["scale"][0]
+        return {"hbar": jacobian**2} if rate == "lyapunov" else {"hbar": jacobian, "eta": 1.0 / jacobian}
+
+
+def _numbers_of_lists(numbers: dict[str, list[float]]) -> dict[str, Value]:
+    return {name: values[0] if len(values) == 1 else values for name, values in numbers.items()}

@@ -1,0 +1,278 @@
+"""Execution of a study: all points of its axes and the requested margins; finished runs are not repeated."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping.case.loading import read_run
+from facts_damping.control.table import PROGRAMS
+from facts_damping.errors import InputError, check_known
+from facts_damping.input_files import read_text
+from facts_damping.output.terminal import note
+from facts_damping.output.writing import write_whole
+from facts_damping.parameters import files
+from facts_damping.parameters.field_errors import check
+from facts_damping.parameters.files import check_kind, find, read_sets, read_table
+from facts_damping.parameters.study import Study
+from facts_damping.simulation.user_code import source_hash
+from facts_damping.version import __version__
+from facts_damping_studies.margins import margins
+from facts_damping_studies.margins.criteria import fails
+from facts_damping_studies.sweeps import axes, true_jacobian
+from facts_damping_studies.sweeps.batch import IDENTITY, Base, RunRequest, figure_names, make, one_run
+from facts_damping_studies.sweeps.enumerated_axes import expand_axis
+from facts_damping_studies.sweeps.journal import Journal
+from facts_damping_studies.sweeps.pool import workers
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from facts_damping.case.model import Case
+    from facts_damping.output.terminal import Progress
+    from facts_damping.parameters.study import Margin
+    from facts_damping_studies.sweeps.axes import Point
+
+JOURNAL = "rows.jsonl"
+COPY = "study.yaml"
+NETWORK = ("system", "scenario", "devices")  # fields of a run that determine its plant
+# Rows of a point by the value of the margin's field; None: without a margin.
+PointState = dict[float | None, dict[str, Any]]
+Rows = list[dict[str, Any]]
+ALWAYS = ("unstable", "not_damped")  # criteria whose failed fractions every study counts
+
+
+class SweepPlan(NamedTuple):
+    """A study after reading: its points, and the common data of its runs."""
+
+    name: str
+    text: str  # the study as YAML
+    study: Study
+    base: Base
+    points: list[Point]
+    fingerprint: str  # hash of everything that its rows depend on
+
+
+def plan(name: str, sets: Sequence[str], only: Sequence[str] = (), *, check_step: bool = False) -> SweepPlan:
+    """Read a study by name or path, with `--set` applied to its base run; `check_step` overrides the study's value.
+
+    `only`: the points to run; each text is a column with value patterns, such as `kind=LLC*,HBsWC direct`.
+
+    Raises `InputError` also if its first run is not possible.
+    """
+    path = find("studies", name)
+    content = read_table(path)
+    check_kind("studies", content, str(path))
+    study = check(Study, content, str(path))
+    study = study.model_copy(update={"check_step": study.check_step or check_step})
+    return planned(study, path.stem, str(path), read_text(path), sets, only)
+
+
+def planned(
+    study: Study, name: str, source: str, text: str, sets: Sequence[str] = (), only: Sequence[str] = ()
+) -> SweepPlan:
+    """The plan of a study: `source` begins its error messages, `text` is the copy stored with the results."""
+    try:
+        fields = {**study.set, **read_sets(sets)[0]}
+        asked = tuple(study.margin.criteria) if study.margin else ()
+        base = Base(read_run(study.run)[0], source, fields, study.modes or "damping" in asked, study.jacobian, asked)
+        study = expand_axis(study, base)
+        points = axes.chosen(axes.points(study), only)
+        if study.margin is not None:
+            check_known("margin.across", study.margin.across, [*IDENTITY, *points[0].columns])
+        margin = axes.placed(study.margin, study.margin.low).changes if study.margin else {}
+        first = make(base, points[0].changes | margin)
+        _check_tables(study, points[0], first)
+        changes = [point.changes for point in points]
+        code = [source_hash(*one) for one in dict.fromkeys(_programs([base.content, base.set, *changes]))]
+    except InputError as error:
+        raise InputError(str(error) if source in str(error) else f"{source}: {error}") from error
+    rests_on = [study.model_dump(), *only, base.content, base.set, first.document(), __version__, *code]
+    digest = hashlib.sha256(json.dumps(rests_on, sort_keys=True, default=str).encode()).hexdigest()
+    return SweepPlan(name, text, study, base, points, digest)
+
+
+def _programs(content: Any) -> Iterator[tuple[str, str]]:
+    """All user programs in the content of runs: the field, and its text or file."""
+    if isinstance(content, list):
+        for one in content:
+            yield from _programs(one)
+    elif isinstance(content, dict):
+        for name, value in content.items():
+            field, text = name.rpartition(".")[2], value.get("file") if isinstance(value, dict) else value
+            if field in PROGRAMS and isinstance(text, str):
+                yield field, text
+            else:
+                yield from _programs(value)
+
+
+def _check_tables(study: Study, first: Point, case: Case) -> None:
+    """Raise `InputError` if a table has a column that no row has; `first`, `case`: of the first run."""
+    compared = true_jacobian.names(case) if study.jacobian or "jacobian" in study.pictures else []
+    if study.tables is None:
+        return
+    columns = [*IDENTITY, *first.columns]
+    for name in study.tables.rows + ([study.tables.across] if study.tables.across else []):
+        check_known("tables", name, columns)
+    for name in study.tables.figures:
+        check_known("tables.figures", name, [*figure_names(modes=study.modes, check_step=study.check_step), *compared])
+
+
+def run(plan: SweepPlan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
+    """The rows of a study's points; only runs missing in the folder are made.
+
+    Raises `InputError` if the folder belongs to another study, `RunError` if the runs cannot continue.
+    """
+    maximum = len(plan.points) * (margins.max_runs(plan.study.margin) if plan.study.margin else 1)
+    with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, plan.fingerprint) as journal:
+        write_whole(folder / COPY, plan.text)
+        if journal.damaged:
+            lines = f"{journal.damaged} damaged line{'s' if journal.damaged > 1 else ''}"
+            note(f"{folder / JOURNAL}: {lines}; those runs are repeated")
+        progress.resume(len(journal.rows))
+        progress(len(journal.rows), maximum)
+        while todo := _tasks(plan, journal.rows):
+            for key, row in each(partial(one_run, plan.base), todo):
+                journal.append(key, row)
+                progress(len(journal.rows), maximum)
+        return _seen(plan, journal.rows)
+
+
+def rows(point_states: Sequence[PointState]) -> list[dict[str, Any]]:
+    """All rows, by point, then by the value of the margin's field."""
+    return [seen[value] for seen in point_states for value in sorted(seen, key=lambda value: value or 0.0)]
+
+
+def _seen(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
+    found: list[PointState] = [{} for _ in plan.points]
+    for key, row in rows.items():
+        point, _, value = key.partition(" ")
+        found[int(point)][float(value) if value else None] = row
+    return found
+
+
+def _tasks(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
+    """The next runs; empty when the study is complete. Runs with the same network are adjacent, to share it."""
+    found = [
+        _task(plan, i, value)
+        for i, seen in enumerate(_seen(plan, rows))
+        for value in (_wanted(plan.study.margin, seen) if plan.study.margin else [None] if not seen else [])
+    ]
+    if plan.study.check_step:
+        found = [task._replace(check_step=plan.study.margin is None) for task in found] or _ends(plan, rows)
+    networks: dict[str, list[RunRequest]] = {}
+    for task in found:
+        fields = {path: value for path, value in task.changes.items() if path.partition(".")[0] in NETWORK}
+        networks.setdefault(json.dumps(fields, default=str), []).append(task)
+    return [task for tasks in networks.values() for task in tasks]
+
+
+def _ends(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
+    margin = plan.study.margin
+    if margin is None:
+        return []
+    return [
+        _task(plan, i, value)._replace(check_step=True)
+        for i, seen in enumerate(_seen(plan, rows))
+        for value in {end: None for one in margin.criteria for end in _bracket_ends(_failed(margin, seen, one))}
+        if "converged" not in seen[value]
+    ]
+
+
+def _bracket_ends(failed: Mapping[float, bool | None]) -> list[float]:
+    one = margins.bracket(failed)
+    return [value for value in (one.low, one.high) if value is not None]
+
+
+def _task(plan: SweepPlan, i: int, value: float | None) -> RunRequest:
+    point = plan.points[i]
+    if plan.study.margin is None or value is None:
+        return RunRequest(str(i), point.changes, point.columns)
+    both = axes.joined([point, axes.placed(plan.study.margin, value)])
+    return RunRequest(f"{i} {value!r}", both.changes, both.columns)
+
+
+def _wanted(margin: Margin, seen: PointState) -> list[float]:
+    """Values needed next by a point's search over all criteria, without duplicates."""
+    each = [margins.wanted(margin, _failed(margin, seen, criterion)) for criterion in margin.criteria]
+    return list(dict.fromkeys(value for values in each for value in values))
+
+
+def _failed(margin: Margin, seen: PointState, criterion: str) -> dict[float, bool | None]:
+    """Whether the run failed at each value; None if it was not possible."""
+    return {
+        value: None if row["error"] else fails(criterion, row, margin.damping_ratio)
+        for value, row in seen.items()
+        if value is not None
+    }
+
+
+def found_margins(plan: SweepPlan, point_states: Sequence[PointState]) -> list[dict[str, Any]]:
+    """A margin for each point and criterion, combining points that differ only by seed or draw."""
+    margin = plan.study.margin
+    if margin is None:
+        return []
+    groups: dict[str, list[PointState]] = {}
+    for seen in point_states:
+        one = next((row for row in seen.values() if not row["error"]), next(iter(seen.values())))
+        groups.setdefault(json.dumps({name: one.get(name) for name in _place(plan)}), []).append(seen)
+    rows = []
+    for place, group in groups.items():
+        for criterion in margin.criteria:
+            searches = [_failed(margin, seen, criterion) for seen in group]
+            ends = [seen[v] for seen, one in zip(group, searches, strict=True) for v in _bracket_ends(one)]
+            over = margins.over_seeds([margins.bracket(one) for one in searches], margin, plan.study.seed)
+            held = {"holds": margins.held(margin, searches), "holds_s": margins.holding(searches)}
+            changed = differ(ends, criterion)
+            sure = {"converged": not any(changed)} if changed else {}
+            rows.append({**json.loads(place), "criterion": criterion, **over, **held, **sure})
+    return rows
+
+
+def differ(rows: Sequence[dict[str, Any]], criterion: str) -> list[bool] | None:
+    """For each run, whether halving the integration step changes failure; None if not checked."""
+    finer = [row.get("verdict_half_step") for row in rows]
+    if None in finer or criterion not in ALWAYS:
+        return None
+    return [fails(criterion, row) != fails(criterion, {"verdict": half}) for row, half in zip(rows, finer, strict=True)]
+
+
+def swept(plan: SweepPlan) -> list[str]:
+    """Columns that were swept, including the margin's."""
+    return [*plan.points[0].columns, *([plan.study.margin.column] if plan.study.margin else [])]
+
+
+def across(plan: SweepPlan) -> str:
+    """Column whose values are side by side in tables of margins."""
+    return plan.study.margin.across if plan.study.margin else "scenario"
+
+
+def _place(plan: SweepPlan) -> list[str]:
+    """Columns that identify a run, without its seed and random values."""
+    random = {"seed", *(name for axis in plan.study.sweep for name in axes.drawn_columns(axis))}
+    return [name for name in dict.fromkeys([*IDENTITY, *plan.points[0].columns, "horizon_s"]) if name not in random]
+
+
+def found_fractions(plan: SweepPlan, point_states: Sequence[PointState]) -> list[dict[str, Any]]:
+    """The fraction of failed runs over seeds and random values, with Wilson's interval.
+
+    A row for each place and criterion; empty if no two runs share a place.
+    """
+    columns = _place(plan) + ([plan.study.margin.column] if plan.study.margin else [])
+    groups: dict[str, Rows] = {}
+    for row in rows(point_states):
+        if not row["error"]:
+            groups.setdefault(json.dumps({name: row.get(name) for name in columns}), []).append(row)
+    if all(len(one) == 1 for one in groups.values()):
+        return []
+    fractions = []
+    for criterion in ALWAYS:
+        for place, own in groups.items():
+            fraction = margins.failed_fraction(sum(fails(criterion, row) for row in own), len(own))
+            changed = differ(own, criterion)
+            unsure = {} if changed is None else {"not_converged": sum(changed)}
+            fractions.append({**json.loads(place), "criterion": criterion, **fraction, **unsure})
+    return fractions

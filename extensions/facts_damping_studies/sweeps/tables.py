@@ -1,0 +1,131 @@
+"""Tables of a study's requested figures in Markdown, by system and scenario, and a picture of one figure."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from facts_damping.analysis.convergence import MARK, text
+from facts_damping.analysis.indices import INDICES
+from facts_damping.analysis.plotting.plots import COLOURS
+from facts_damping.analysis.verdict import DAMPED
+from facts_damping.output import tables
+from facts_damping_studies.pages import save
+from facts_damping_studies.sweeps.results import cell, worst
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from facts_damping.parameters.study import Tables
+
+    RowId = tuple[str, ...]  # identifies a row
+
+MARKERS = ("o", "s", "^", "v", "D", "P")
+
+
+def figure_tables(rows: Sequence[dict[str, Any]], asked: Tables) -> list[str]:
+    """One table per place with all figures; or, with `across`, one per figure and place."""
+    lines: list[str] = []
+    for place in dict.fromkeys((row["system"], row["scenario"]) for row in rows):
+        own = [row for row in rows if (row["system"], row["scenario"]) == place]
+        lines += [f"### {', '.join(place)}", ""]
+        if asked.across is None:
+            found = {(_row_id(row, asked), figure): _alone(row, figure) for row in own for figure in asked.figures}
+            lines += _table(asked, asked.figures, found)
+            continue
+        columns = list(dict.fromkeys(cell(row[asked.across]) for row in own))
+        for figure in asked.figures:
+            grouped: dict[tuple[RowId, str], list[dict[str, Any]]] = {}
+            for row in own:
+                grouped.setdefault((_row_id(row, asked), cell(row[asked.across])), []).append(row)
+            found = {place: _among(runs, figure) for place, runs in grouped.items()}
+            lines += [f"{figure}:", "", *_table(asked, columns, found)]
+    return lines
+
+
+def plot(rows: Sequence[dict[str, Any]], asked: Tables, folder: Path) -> list[Path]:
+    """Draw figures.png: the first numeric figure, a panel per place, a mark per value of `across`."""
+    sound = [row for row in rows if row.get("stable") and row.get("converged") is not False]
+    numbers = (name for name in asked.figures if any(type(row[name]) is float for row in sound))
+    figure = next(numbers, None)
+    if figure is None:
+        return []
+    places = list(dict.fromkeys((row["system"], row["scenario"]) for row in rows))
+    whos = list(dict.fromkeys(_row_id(row, asked) for row in rows))
+    columns = list(dict.fromkeys(_column(row, asked) for row in rows))
+    picture = Figure(figsize=(2.0 + 4.0 * len(places), 2.5 + 0.24 * len(whos)), layout="constrained")
+    axes: Any = picture.subplots(1, len(places), sharey=True, squeeze=False)
+    for axis, place in zip(axes[0], places, strict=True):
+        for i, column in enumerate(columns):
+            own = [r for r in sound if (r["system"], r["scenario"], _column(r, asked)) == (*place, column)]
+            known = [(r[figure], whos.index(_row_id(r, asked))) for r in own if r[figure] is not None]
+            style = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "ls": "", "alpha": 0.85}
+            axis.plot(*np.array(known).reshape(-1, 2).T, ms=5, label=column, **style)
+        axis.set(xscale="log", xlabel=figure, title=", ".join(place))
+        axis.grid(visible=True, axis="both", lw=0.3)
+    axes[0, 0].set_yticks(range(len(whos)), [" ".join(who).strip() for who in whos])
+    axes[0, 0].invert_yaxis()
+    if asked.across is not None:
+        picture.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(columns))
+    return [save(picture, folder / "figures.png")]
+
+
+def _column(row: dict[str, Any], asked: Tables) -> str:
+    return "" if asked.across is None else cell(row[asked.across])
+
+
+def _row_id(row: dict[str, Any], asked: Tables) -> RowId:
+    return tuple("" if row.get(name) is None else cell(row[name]) for name in asked.rows)
+
+
+def _table(asked: Tables, columns: Sequence[str], texts: Mapping[tuple[RowId, str], str]) -> list[str]:
+    titles = [name.rpartition(".")[2] for name in asked.rows]
+    cells = [[*who, *(texts.get((who, one), "") for one in columns)] for who in dict.fromkeys(who for who, _ in texts)]
+    return [*tables.table([*titles, *columns], cells, len(titles), markdown=True), ""]
+
+
+def _alone(row: dict[str, Any], figure: str) -> str:
+    """A figure beside others of its run; if synchronism is lost, the reason replaces a yes or no."""
+    value = row.get(figure)
+    if figure == "verdict":
+        return str(row["instability"] or value)
+    if isinstance(value, bool):
+        return "yes" if value else str(row["instability"] or "no")
+    return _figure([row], figure) if row.get("stable") else "-"
+
+
+def _figure(runs: Sequence[dict[str, Any]], figure: str) -> str:
+    """A figure, the median of several runs; with a halved step, only the digits that hold in all, or marked.
+
+    A run that loses synchronism counts as worse than all others.
+    """
+    values = [row[figure] for row in runs if row.get(figure) is not None]
+    if not values or not isinstance(values[0], float):
+        return cell(values[0] if values else None)
+    middle = float(np.median([*values, *(worst(figure) for row in runs if not row.get("stable"))]))
+    if np.isinf(middle):
+        return "-"
+    unsure = any(row.get("converged") is False for row in runs)
+    changes = [row["step_change"] for row in runs if row.get("step_change") is not None]
+    if not changes or not (unsure or figure in INDICES):
+        return cell(middle)
+    return (MARK if unsure else "") + text(middle, max(changes)).lstrip(MARK)
+
+
+def _among(runs: Sequence[dict[str, Any]], figure: str) -> str:
+    """A figure beside those of others, marked if it does not count; for several runs (seeds) the median.
+
+    For several runs the number of undamped ones is added.
+    """
+    words = [str(row["verdict"] if row.get("stable") else row.get("instability") or "error") for row in runs]
+    odd = Counter(word for word in words if word != DAMPED)
+    sound = [row for row in runs if row.get("stable")]
+    if not sound:
+        return max(odd, key=lambda word: odd[word])
+    if len(runs) == 1:
+        return _figure(sound, figure) + ("" if not odd else f" ({words[0]})")
+    return _figure(runs, figure) + "".join(f" ({count} of {len(runs)} {word})" for word, count in odd.items())

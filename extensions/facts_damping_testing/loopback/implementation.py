@@ -1,0 +1,93 @@
+"""Replacements of rclpy's C++ part, by their names in `rclpy._rclpy_pybind11`; all other names are rclpy's own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.msg import Log
+from rclpy.impl.implementation_singleton import rclpy_implementation as real
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.qos import qos_profile_rosout_default
+from rclpy.type_support import check_for_type_support
+
+from facts_damping_testing.loopback.domain import Context, Destroyable, Node, domain, known
+from facts_damping_testing.loopback.lifecycle import LifecycleStateMachine
+from facts_damping_testing.loopback.processes import wall_ns, world
+from facts_damping_testing.loopback.services import (
+    Client,
+    Service,
+    TypeDescriptionService,
+    rmw_request_id_t,
+    rmw_service_info_t,
+)
+from facts_damping_testing.loopback.topics import Publisher, Subscription
+from facts_damping_testing.loopback.waiting import Clock, GuardCondition, Timer, WaitSet
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from facts_damping_testing.loopback.domain import Endpoint
+    from facts_damping_testing.loopback.topics import TopicEndpoint
+
+
+class EventHandle:
+    """Endpoints of a loopback have no events."""
+
+    def __init__(self, *_: Any) -> None:
+        raise real.UnsupportedEventTypeError("loopback: no events")
+
+
+class Logger(RcutilsLogger):
+    """Publishes logs on /rosout only."""
+
+    def log(self, message: str, severity: Any, *_: Any, **__: Any) -> bool:
+        world().logs.append((world().now_ns, str(self.name), int(severity), str(message)))
+        node = next((one for one in domain().nodes if one.logger_name() == self.name), None)
+        if node is not None and node.rosout:
+            text = Log(level=int(severity), name=self.name or "", msg=str(message))
+            text.stamp.sec, text.stamp.nanosec = divmod(wall_ns(), 10**9)
+            _rosout(node).publish(text)
+        return True
+
+
+def _rosout(node: Node) -> Publisher:
+    kept: dict[Any, Publisher] = world().main.values.setdefault("rosout", {})
+    if node not in kept:
+        check_for_type_support(Log)
+        kept[node] = Publisher(node, Log, "/rosout", qos_profile_rosout_default.get_c_qos_profile())
+    return kept[node]
+
+
+def _info_by_topic(
+    node: Node, endpoints: Sequence[TopicEndpoint], topic: str, endpoint_type: int
+) -> list[dict[str, Any]]:
+    return [one.described(endpoint_type) for one in known(node, endpoints, topic)]
+
+
+def _types(endpoints: Sequence[Endpoint], kind: Callable[[Any], str]) -> list[tuple[str, list[str]]]:
+    """Names of endpoints in order, each with its types."""
+    found: dict[str, set[str]] = {}
+    for one in endpoints:
+        found.setdefault(one.name, set()).add(kind(one))
+    return sorted((name, sorted(kinds)) for name, kinds in found.items())
+
+
+CLASSES = (
+    *(Client, Clock, Context, Destroyable, EventHandle, GuardCondition, LifecycleStateMachine, Node, Publisher),
+    *(Service, Subscription, Timer, TypeDescriptionService, WaitSet, rmw_request_id_t, rmw_service_info_t),
+)
+NAMES: dict[str, Any] = {one.__name__: one for one in CLASSES} | {
+    "rclpy_resolve_name": lambda node, name, only_expand, _: node.full(name) if only_expand else node.resolve(name),
+    "rclpy_remap_topic_name": Node.remapped,
+    "rclpy_get_publishers_info_by_topic": lambda node, topic, _: _info_by_topic(node, domain().publishers, topic, 1),
+    "rclpy_get_subscriptions_info_by_topic": lambda node, topic, _: _info_by_topic(
+        node, domain().subscriptions, topic, 2
+    ),
+    "rclpy_get_topic_names_and_types": lambda *_: _types(
+        [*domain().publishers, *domain().subscriptions], lambda one: str(one.described(0)["topic_type"])
+    ),
+    "rclpy_get_service_names_and_types": lambda *_: _types(domain().services, lambda one: str(one.kind.__name__)),
+    "rclpy_get_rmw_implementation_identifier": lambda: "loopback",
+    **dict.fromkeys(("register_sigint_guard_condition", "unregister_sigint_guard_condition"), lambda _: None),
+    **dict.fromkeys(("rclpy_logging_configure", "rclpy_logging_fini"), lambda *_: None),
+}

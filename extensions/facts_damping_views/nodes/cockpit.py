@@ -1,0 +1,330 @@
+"""cockpit: shows a running graph on a page in a browser, and changes it by the graph's own services.
+
+It publishes nothing. It reads the newest message of each topic twenty times a second, best effort: it delays no node.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import Context
+from functools import partial
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from facts_damping_msgs.msg import RunState
+from facts_damping_msgs.srv import Apply, Step
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
+
+from facts_damping.case import names
+from facts_damping.case.names import SUPERVISED, label
+from facts_damping.nodes import clock
+from facts_damping.nodes.base.asyncio_thread import AsyncioThread
+from facts_damping.nodes.base.log import NodeLog
+from facts_damping.nodes.base.managed import AlwaysActive
+from facts_damping.nodes.base.parameters import declare, descriptor, read_case
+from facts_damping.nodes.base.qos import listening
+from facts_damping.nodes.base.run import run_node
+from facts_damping.nodes.base.spinner import Spinner, check_wanted
+from facts_damping.nodes.base.topics import CHANGES, DIAGNOSTICS, FRAMES, PLANT_STATE, REFUSALS, RUN_STATE
+from facts_damping.nodes.recorder import topics
+from facts_damping.parameters.yaml_text import UNREADABLE, parse
+from facts_damping.signals import NANOSECONDS
+from facts_damping_views.cockpit import application, controls, layout, samples, server, words
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from facts_damping.nodes.base.managed import ManagedNode
+    from facts_damping_views.cockpit.controls import Request
+
+PERIOD_S = 1.0 / samples.RATE
+STATUS_S = 1.0  # wall time between two states of the run, and between two estimates of modes
+SILENT_S = 2.0  # wall time without its messages after which a node counts as dead
+ANSWER_S = 5.0  # longest wait for the answer of a service
+EVENTS = "plant/events"
+EVERY = (EVENTS, CHANGES, RUN_STATE, DIAGNOSTICS, REFUSALS)  # topics of which every message counts, not the newest
+STATES = {RunState.RUNNING: "running", RunState.PAUSED: "paused", RunState.ENDED: "ended"}
+SERVICES = {controls.TRIGGER: Trigger, controls.APPLY: Apply, controls.STEP: Step}
+
+
+class Services:
+    """Calls services of the graph and gives their answers; `poll` does the work and never waits."""
+
+    def __init__(self, node: ManagedNode) -> None:
+        self._resolve = node.resolve_service_name
+        more: dict[str, Any] = {
+            "use_global_arguments": False,
+            "start_parameter_services": False,
+            "enable_rosout": False,
+        }
+        self._node = rclpy.create_node(f"{node.get_name()}_client", namespace=node.get_namespace(), **more)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._clients: dict[str, Any] = {}
+        self._waiting: list[list[Any]] = []  # client, request, future or None, deadline, what gets the answer
+
+    def call(self, asked: Request, answer: Callable[[bool, str], None]) -> None:
+        """Call a service; `answer` gets success and message."""
+        kind, name = SERVICES[asked.kind], self._resolve(asked.service)
+        if name not in self._clients:
+            self._clients[name] = self._node.create_client(kind, name)
+        request = kind.Request()
+        if asked.kind == controls.APPLY:
+            request.change = asked.content
+        elif asked.kind == controls.STEP:
+            request.ticks = asked.content
+        self._waiting.append([self._clients[name], request, None, clock.monotonic() + ANSWER_S, answer])
+
+    def poll(self) -> None:
+        """Send requests whose service is there, and pass on answers."""
+        for waiting in self._waiting:
+            if waiting[2] is None and waiting[0].service_is_ready():
+                waiting[2] = waiting[0].call_async(waiting[1])
+        for _ in self._waiting:
+            self._executor.spin_once(timeout_sec=0)
+        kept = []
+        for waiting in self._waiting:
+            client, _, future, deadline, answer = waiting
+            if future is not None and future.done():
+                result = future.result()
+                answer(bool(result.success), str(result.message))
+            elif clock.monotonic() > deadline:
+                if future is not None:
+                    client.remove_pending_request(future)
+                answer(False, f"no answer from {client.srv_name} within {ANSWER_S:g} s")
+            else:
+                kept.append(waiting)
+        self._waiting = kept
+
+    def close(self) -> None:
+        """Release the node of the calls."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+
+
+class Cockpit:
+    """Subscribes to all topics that the page shows, serves the page, and passes on what its controls ask for."""
+
+    activation = AlwaysActive()
+
+    def __init__(self, node: ManagedNode) -> None:
+        self.case = case = read_case(node)
+        self.host: str = declare(node, "host", application.HOST, descriptor("address that the server listens at"))
+        self.port: int = declare(node, "port", application.PORT, descriptor("its port; 0: a free one", "", 0, 65535))
+        text = "true: the program that started it carries out the lines `kill NODE` and `restart NODE`"
+        launched: bool = declare(node, "launched", False, descriptor(text))
+        recording: str = declare(node, "recording", "", descriptor("the run's recording, for reports; empty: none"))
+        server.check_libraries()
+        title = label(case.summary())
+        self.panel = layout.panel(case, title)
+        shown = {"type": "layout", "title": title, "mode": "live", "panels": [self.panel.shown]}
+        content = application.Content(
+            shown | {"duration": case.run.duration}, recordings={title: recording} if recording else {}
+        )
+        asks = controls.controls(case, launched=launched)
+        self.cockpit = application.Cockpit(content, asks, self.ask, host=self.host)
+        self.asked: SimpleQueue[tuple[Request, Callable[[bool, str], None]]] = SimpleQueue()
+        self.values = samples.Live(self.panel)
+        self.newest: dict[str, bytes] = {}  # of a topic, until it is decoded
+        self.heard: dict[str, float] = {}  # wall time of the newest message, by node
+        self.time_s = self.event_s = 0.0
+        self.source_ns = 0  # when the newest state of the plant was published
+        self.state, self.states = "running", dict[str, str]()
+        self.counts = dict[str, int]()
+        self.refused = dict[str, int]()  # messages refused by the graph's nodes
+        self.uses, self.kinds, self.senders = self._uses()
+        for topic, kind in self.kinds.items():
+            take = partial(self.on_message, topic)
+            node.create_subscription(kind, topic, take, listening(1000 if topic in EVERY else 1), raw=True)
+        self.log, self.spinner, self.services = NodeLog(node), Spinner(node), Services(node)
+
+    def _uses(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
+        """By topic: what takes its columns; message class (of all topics: nodes wait for readers); publishing node."""
+        case, kinds = self.case, topics(self.case)
+        uses: dict[str, Any] = {FRAMES: samples.frame_columns, PLANT_STATE: samples.state_columns}
+        senders = {PLANT_STATE: layout.PLANT}
+        for i, link in enumerate(names.link_addresses(case)):
+            uses[link.topic("pmu/delivered")] = partial(samples.up_columns, i)
+            uses[link.topic("setpoints/delivered")] = partial(samples.down_columns, i)
+            senders[link.topic("pmu/delivered")] = str(link)
+        for address in names.controller_addresses(case):
+            uses[f"{address}/setpoints"] = partial(samples.setpoint_columns, "issued")
+            senders[f"{address}/setpoints"] = str(address)
+        for address in names.identifier_addresses(case).values():
+            senders[f"{address}/estimate"] = str(address)
+        for c, address in names.supervisor_addresses(case).items():
+            uses[f"{address}/{SUPERVISED}"] = partial(samples.setpoint_columns, "supervised")
+            uses[f"{address}/state"] = partial(self.supervision, str(names.controller_addresses(case)[c]))
+            senders[f"{address}/state"] = str(address)
+        uses |= {EVENTS: self.on_event, CHANGES: self.on_change, RUN_STATE: self.on_run_state}
+        uses |= {DIAGNOSTICS: self.on_diagnostics, REFUSALS: self.on_refusals}
+        return uses, kinds, senders
+
+    def ready(self) -> None:
+        """Start the server. Raises `InputError` if host or port cannot be used."""
+        self.server = server.Server(self.cockpit, self.host, self.port)
+        self.thread = AsyncioThread()
+        # In a context of its own: a message names no files, but the server reads reports.
+        self.serving = Context().run(self.thread.begin, self.server.serve())
+
+    def ask(self, request: Request, answer: Callable[[bool, str], None]) -> None:
+        """Take a request of a page; called in the server's thread."""
+        self.asked.put((request, answer))
+
+    def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
+        """Keep a message, or decode it if every one counts."""
+        if topic == PLANT_STATE:
+            self.source_ns = information["source_timestamp"]
+        if topic in EVERY:
+            self.decode(topic, data)
+        elif topic in self.uses:
+            self.newest[topic] = data
+        if topic in self.senders:
+            self.heard[self.senders[topic]] = clock.monotonic()
+
+    def decode(self, topic: str, data: bytes) -> None:
+        """Take the values of a message; one that cannot be decoded is left out."""
+        try:
+            message = deserialize_message(data, self.kinds[topic])
+            columns = list(self.uses[topic](message) or ())
+        except Exception:  # noqa: BLE001 (any program may publish there; the nodes count what they refuse)
+            self.counts["messages_unreadable"] = self.counts.get("messages_unreadable", 0) + 1
+            return
+        if topic == PLANT_STATE:
+            self.time_s = message.tick / self.case.run.frame_rate
+        self.values.put(iter(columns))
+
+    def supervision(self, controller: str, message: Any) -> Iterator[tuple[str, float]]:
+        """Columns of a supervisor's state; a new state is an event."""
+        if self.states.get(controller) != message.state:
+            self.states[controller] = message.state
+            level = words.LEVELS.get(message.state, "info")
+            self.tell(
+                message.tick / self.case.run.frame_rate,
+                words.supervisor(controller, message.state, message.cause),
+                level,
+            )
+        return samples.supervision_columns(message)
+
+    def on_event(self, message: Any) -> None:
+        """Tell an event of the grid."""
+        self.event_s = self.time_s
+        stamp = message.header.stamp
+        self.tell(
+            stamp.sec + stamp.nanosec / NANOSECONDS,
+            words.grid_event(message.kind, message.element, message.value),
+            "warn",
+            message.kind,
+            message.element,
+        )
+
+    def on_change(self, message: Any) -> None:
+        """Tell a change."""
+        try:
+            value = parse(message.value)
+        except UNREADABLE:
+            value = message.value
+        self.tell(
+            message.tick / self.case.run.frame_rate,
+            words.change(message.node, message.kind, message.name, value),
+            kind=message.kind,
+        )
+
+    def on_run_state(self, message: Any) -> None:
+        """Keep the state of the run; its end is an event."""
+        state = STATES.get(message.state, "running")
+        if state == "ended" != self.state:
+            self.tell(
+                self.time_s, f"the run has ended: {message.reason}", "info" if message.in_synchronism else "error"
+            )
+        self.state = state
+
+    def on_diagnostics(self, message: Any) -> None:
+        """Keep deadline misses of the plant; who tells of itself is alive."""
+        for status in message.status:
+            name = status.name.strip("/")
+            self.heard[name] = clock.monotonic()
+            for value in status.values:
+                if value.key == "deadline_misses" and value.value.isdecimal():
+                    self.counts["deadline_misses"] = int(value.value)
+
+    def on_refusals(self, message: Any) -> None:
+        """Count messages that nodes have refused."""
+        self.refused[message.node] = sum(entry.count for entry in message.refused)
+        self.counts["refused_by_nodes"] = sum(self.refused.values())
+
+    def tell(self, time_s: float, text: str, level: str = "info", kind: str = "", element: str = "") -> None:
+        """Show an event in the log of the page."""
+        self.thread.soon(self.cockpit.event, words.event(time_s, text, level, kind, element))
+
+    def status(self) -> dict[str, Any]:
+        """State of the run and its nodes. A node is dead if it was heard, and is silent while the run goes on."""
+        now, still = clock.monotonic(), self.state != "running"
+        alive = {name: still or now - at < SILENT_S for name, at in self.heard.items()}
+        nodes = {name: "alive" if alive.get(name) else "dead" for name in self.panel.shown["nodes"] if name in alive}
+        modes = [{"label": name, **mode} for name, mode in self.values.modes.items()]
+        shown = {"run": self.state, "nodes": nodes, "states": dict(self.states)}
+        return shown | {"modes": modes, "counts": dict(self.counts)}
+
+    def carry_out(self) -> None:
+        """Carry out what pages ask for."""
+        while not self.asked.empty():
+            request, answer = self.asked.get()
+            later = partial(self.thread.soon, answer)
+            if request.kind == controls.LINE:
+                self.log.line(request.content)
+                later(True, "asked for")
+            else:
+                self.services.call(request, later)
+        self.services.poll()
+
+    def run(self) -> None:
+        """Serve until stopped."""
+        self.log.line(self.server.address, always=True)  # it has the token: never in a log, which others may read
+        self.log.info("open in a browser: the address on standard output")
+        due = status_due = clock.monotonic()
+        with ThreadPoolExecutor(1) as beside:
+            estimating = beside.submit(dict[str, Any])
+            try:
+                while True:
+                    check_wanted()
+                    self.spinner.take_all()
+                    self.show_newest()
+                    self.carry_out()
+                    if clock.monotonic() >= status_due:
+                        status_due += STATUS_S
+                        self.thread.soon(self.cockpit.status, self.status())
+                        if estimating.done():
+                            self.values.modes = estimating.result()
+                            given = self.values.history(), self.panel.modes, self.event_s, self.panel.frequency
+                            estimating = beside.submit(samples.estimates, *given)
+                    due = max(due + PERIOD_S, clock.monotonic())
+                    clock.sleep(max(0.0, due - clock.monotonic()))
+            finally:
+                self.end()
+
+    def show_newest(self) -> None:
+        """Decode the newest messages and send the values, if the plant has sent any."""
+        fresh = PLANT_STATE in self.newest
+        for topic, data in self.newest.items():
+            self.decode(topic, data)
+        self.newest.clear()
+        if fresh:
+            lag_s = 1e-9 * (clock.time_ns() - self.source_ns)
+            self.thread.soon(self.cockpit.frame, self.values.frame(self.time_s, lag_s))
+
+    def end(self) -> None:
+        """Stop the server and release the services."""
+        self.server.stop()
+        try:
+            self.serving.result(3.0)
+        except Exception as error:  # noqa: BLE001 (it ends anyway)
+            self.log.warning(f"the server did not end by itself: {error!r}")
+        self.thread.close()
+        self.services.close()
+
+
+main = partial(run_node, "cockpit", Cockpit, "A running graph on a page in a browser; publishes nothing to it.")

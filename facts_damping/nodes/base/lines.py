@@ -1,0 +1,86 @@
+"""Lines on standard output between nodes and the program that runs their graph: each is written and read here.
+
+A node writes them if its parameter `progress` is true. What else it writes is for people.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, NamedTuple
+
+from facts_damping.simulation.policies import StepTimes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_TICK = re.compile(r"^tick (\d+) (\d+) (\d+)$", re.MULTILINE)
+_REFUSED = re.compile(r"^refused (\d+) (\S+) (\S+) (\S+)$", re.MULTILINE)
+_STEPS = re.compile(r"^steps (\d+) (\S+) (\S+) (\S+)$", re.MULTILINE)
+_LOST = re.compile(r"^lost (\d+)$", re.MULTILINE)
+_SENT = re.compile(r"^sent (\d+) (\S+)$", re.MULTILINE)
+_ORDER = re.compile(r"^(kill|restart) (\S+)$", re.MULTILINE)  # of a cockpit: what its page asks for
+
+
+class Ticks(NamedTuple):
+    """Progress of a source of frames."""
+
+    newest: int  # tick
+    of: int  # number of ticks
+    late: int  # deadline misses
+
+
+def ticks_line(ticks: Ticks) -> str:
+    """Progress of a source of frames."""
+    return f"tick {ticks.newest} {ticks.of} {ticks.late}"
+
+
+def ticks(output: str) -> list[Ticks]:
+    """Progress in the output of a source of frames."""
+    return [Ticks(*map(int, found)) for found in _TICK.findall(output)]
+
+
+def refused_line(count: int, cause: str, topic: str, source: str) -> str:
+    """How many messages a node has refused so far, of a cause, topic and source."""
+    return f"refused {count} {cause} {topic} {source}"
+
+
+def refusals(output: str) -> Iterator[tuple[tuple[str, str, str], int]]:
+    """Cause, topic and source of refused messages, and their count, as often as a node tells it."""
+    return (((cause, topic, source), int(count)) for count, cause, topic, source in _REFUSED.findall(output))
+
+
+def steps_line(times: StepTimes) -> str:
+    """Step times of a user's program."""
+    return f"steps {' '.join(map(repr, times))}"
+
+
+def step_times(output: str) -> StepTimes | None:
+    """Step times in the output of a controller; None: it runs no user's program, or has not ended."""
+    found = _STEPS.search(output)
+    return StepTimes(int(found[1]), *map(float, found.groups()[1:])) if found else None
+
+
+def lost_line(count: int) -> str:
+    """How many messages the recorder has lost."""
+    return f"lost {count}"
+
+
+def lost(output: str) -> int:
+    """Lost messages in the output of a recorder."""
+    found = _LOST.search(output)
+    return int(found[1]) if found else 0
+
+
+def sent_line(count: int, topic: str) -> str:
+    """How many messages an attacker has sent on a topic."""
+    return f"sent {count} {topic}"
+
+
+def sent(output: str) -> dict[str, int]:
+    """Messages by topic in the output of an attacker."""
+    return {topic: int(count) for count, topic in _SENT.findall(output)}
+
+
+def orders(output: str) -> list[tuple[str, str]]:
+    """What the page of a cockpit asks for: `kill` or `restart`, and a node."""
+    return _ORDER.findall(output)

@@ -1,0 +1,1 @@
+"""Numerical methods with the same bits everywhere: matrices, phasors, tables of random draws."""

@@ -1,0 +1,1 @@
+"""What users get to read: lines on the terminal, tables, files, pictures."""
