@@ -232,7 +232,8 @@ def test_client_that_does_not_read_costs_little_and_delays_nobody(
     table: Any, asked: Asked, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Frames of 20 kB: 40 MB in all, of which it may keep what fits into the buffers of its connection."""
-    monkeypatch.setattr(server, "SEND_S", 0.5)
+    for module in (application, server):
+        monkeypatch.setattr(module, "SEND_S", 0.5)
     cockpit = application.Cockpit(application.Content(LAYOUT), table, asked)
     key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="  # RFC 6455, 1.3
     upgrade = f"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n{key}\r\n"
