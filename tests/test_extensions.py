@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import os
 import re
 import subprocess
@@ -88,3 +89,28 @@ def test_names_of_extending_are_those_that_type_checkers_see() -> None:
     assert all(getattr(extending, name) is not None for name in dir(extending))
     with pytest.raises(AttributeError, match=r"it has .*Antecedent, Consequent"):
         _ = extending.Nothing
+
+
+@pytest.mark.parametrize(
+    ("module", "names"),
+    [
+        ("facts_damping.analysis.indices", ["Index"]),
+        ("facts_damping.cli.options", ["common"]),
+        ("facts_damping.compiling", ["compiled"]),
+        ("facts_damping.control.table", ["ControllerKind", "Parameter", "powers"]),
+        ("facts_damping.environment", ["NAME"]),
+        ("facts_damping.environment.window", ["Window"]),
+        ("facts_damping.link.stages", ["DRAWN", "StageKind"]),
+        ("facts_damping.neurofuzzy.table", ["Antecedent", "Consequent", "H", "S", "Variant", "W"]),
+        ("facts_damping.parameters.base", ["quantity"]),
+        ("facts_damping.parameters.plant.devices", ["Parallel"]),
+        ("facts_damping.parameters.stages", ["StageModel"]),
+        ("facts_damping.plant.converters.devices", ["DeviceKind"]),
+        ("facts_damping.plant.converters.site", ["Start"]),
+        ("facts_damping.recording", ["load", "recover"]),
+        ("facts_damping.simulation.changes", ["rerun"]),
+        ("facts_damping.testing", ["Loopback", "loopback"]),
+    ],
+)
+def test_imports_that_earlier_pages_show_still_work(module: str, names: list[str]) -> None:
+    assert all(hasattr(importlib.import_module(module), name) for name in names)
