@@ -39,9 +39,13 @@ def __getattr__(name: str) -> Any:
     """Load public names on first access, so that a command loads only what it needs."""
     if name in CORE:
         return getattr(importlib.import_module("facts_damping.api"), name)
-    if not name.startswith("_") and name in _added():
-        return _added()[name].load()
-    raise AttributeError(f"module 'facts_damping' has no attribute '{name}'; it has {', '.join(_public())}")
+    try:
+        if not name.startswith("_") and name in _added():
+            return _added()[name].load()
+        names = _public()
+    except Exception as error:  # of a package that is installed beside
+        raise AttributeError(f"module 'facts_damping' has no attribute '{name}': {error}") from error
+    raise AttributeError(f"module 'facts_damping' has no attribute '{name}'; it has {', '.join(names)}")
 
 
 def _public() -> list[str]:

@@ -72,11 +72,11 @@ def chosen(files: dict[str, Cost], changed: Collection[str], seconds: float) -> 
     return found
 
 
-def _room(path: PurePosixPath) -> str:
-    """The room or wing of a file, by the name of its folder in `tests`; empty for other files."""
+def _rooms(path: PurePosixPath) -> set[str]:
+    """Room of a file, its wing and the rooms in that, by the names of their folders in `tests`."""
     if path.parts[0] == "extensions":
-        return path.parts[1].removeprefix("facts_damping_")
-    return path.parts[1] if path.parts[0] in ("facts_damping", "tests") and len(path.parts) > 2 else ""
+        return {part.removeprefix("facts_damping_") for part in path.parts[1:-1]}
+    return set(path.parts[1:-1][:1]) if path.parts[0] in ("facts_damping", "tests") else set()
 
 
 def _nearness(test: str, changed: Collection[str]) -> int:
@@ -84,7 +84,7 @@ def _nearness(test: str, changed: Collection[str]) -> int:
     folder, stem = PurePosixPath(test).parent.parts[1:], PurePosixPath(test).stem.removeprefix("test_")
     nearest = 0
     for path in map(PurePosixPath, changed):
-        if folder and _room(path) == folder[0]:
+        if folder and folder[0] in _rooms(path):
             nearest = max(nearest, 2 if path.stem == stem else 1)
         elif path.stem == stem:
             nearest = max(nearest, 1)

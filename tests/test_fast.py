@@ -21,6 +21,7 @@ def test_tests_of_a_changed_file_come_first_then_those_of_its_folder() -> None:
 def test_tests_of_a_wing_follow_its_files() -> None:
     changed = ["extensions/facts_damping_link/chain.py"]
     assert chosen(FILES, changed, 18.0) == {"tests/link/test_models.py", "tests/link/test_transfer.py"}
+    assert chosen(FILES, ["extensions/facts_damping_views/nodes/view.py"], 40.0) == {"tests/nodes/test_kills.py"}
 
 
 def test_then_come_those_of_which_a_second_buys_most() -> None:

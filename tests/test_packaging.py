@@ -148,3 +148,21 @@ def test_make_offers_the_distributions_of_ros_that_there_are_wheels_of() -> None
     wheels = re.findall(r'^    "(\w+)": {$', (ROOT / "setup.py").read_text(), re.MULTILINE)
     names = re.findall(r"ROS=.*: there are wheels of (.*?)\"", (ROOT / "Makefile").read_text())
     assert names == [" and ".join(wheels)]
+
+
+def test_tables_and_pages_of_the_package_are_installed(install: Path) -> None:
+    """Commands of core and wings, sentences of reports, pages of the cockpit."""
+    code = """
+from pathlib import Path
+from facts_damping.cli.parser import parser
+from facts_damping.report.contents import SENTENCES
+import facts_damping_views.cockpit as cockpit
+commands = next(action.choices for action in parser()._actions if action.choices)
+static = Path(cockpit.__file__).with_name("static")
+print(len(commands), len(SENTENCES), len(list(static.iterdir())), Path(cockpit.__file__))
+"""
+    told = run_installed(install, "facts_damping/share/facts_damping/package.bash", code).split()
+    assert Path(told[3]).is_relative_to(install)
+    assert int(told[0]) >= 22
+    assert int(told[1]) > 20
+    assert int(told[2]) > 3

@@ -7,7 +7,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from facts_damping.cli import options
-from facts_damping.extensions import given
+from facts_damping.errors import InputError
+from facts_damping.extensions import given as entry_points
 from facts_damping.input_files import read_text
 from facts_damping.parameters.yaml_text import parse
 from facts_damping.version import __version__
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from facts_damping.cli.options import Arguments
 
 
+NEEDED = {"place", "function", "text", "examples", "arguments"}  # of a command in a table
 TABLE = Path(__file__).with_name("commands.yaml")
 
 
@@ -44,9 +46,15 @@ def parser() -> argparse.ArgumentParser:
         command.set_defaults(function=function, known=command.options)
         return command
 
-    added = [row.load() for row in given("commands").values()]
+    added = [row.load() for row in entry_points("commands").values()]
     tables = [TABLE, *(Path(str(one.__file__)).with_name(TABLE.name) for one in added if isinstance(one, ModuleType))]
-    rows = {name: row for path in tables for name, row in parse(read_text(path)).items()}
+    rows: dict[str, Any] = {}
+    for path in tables:
+        for name, row in parse(read_text(path)).items():
+            if name in rows or not (path == TABLE or row.keys() >= NEEDED):
+                given = "the name is taken" if name in rows else f"{', '.join(row) or 'nothing'} given"
+                raise InputError(f"{path}: {name}: {given}; allowed: a new command with {', '.join(sorted(NEEDED))}")
+            rows[name] = row
     shared = rows.pop("shared arguments")
     for name, row in sorted(rows.items(), key=lambda item: float(item[1]["place"])):
         command = add(name, row["function"], row["text"], *row["examples"])

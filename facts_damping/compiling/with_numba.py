@@ -1,4 +1,4 @@
-"""All code that uses Numba's internals: types of structs and entry points, and generation of object code.
+"""Code that uses Numba's internals: entry points and generation of object code; numba_types has the types of structs.
 
 Numba optimises each function when it is compiled, and again inside each caller, and so on. Here functions are linked
 unoptimised first, and the whole is optimised once.

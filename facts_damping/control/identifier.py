@@ -99,7 +99,7 @@ def identifiers(rows: Sequence[Identified], wiring: Wiring) -> tuple[Identifiers
 
 @compiled
 def _evaluate(net: Network, learner: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
-    """Compute prediction and Jacobian at `own.x`."""
+    """Compute prediction and Jacobian at `learner.x`."""
     first = ids.order[n] * net.outputs
     infer(net, learner)
     by_inputs(net, learner.theta, learner.passed)

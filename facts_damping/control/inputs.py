@@ -67,7 +67,7 @@ class LatestSamples(Struct):
 
 
 class Wiring(NamedTuple):
-    """What the controllers of a run are connected to."""
+    """What controllers, identifiers and supervisors of a run are connected to."""
 
     signals: Mapping[str, Signal]
     pmus: Sequence[str]

@@ -85,7 +85,7 @@ def step(
 ) -> None:
     """Learn from the newest signals, then write the setpoints before limits, p.u., to `unlimited`.
 
-    The Jacobian is in `kept.jacobian`. `dt` (s) and `frames` count from the frame before; 0 at the first frame.
+    The Jacobian is in `memory.jacobian`. `dt` (s) and `frames` count from the frame before; 0 at the first frame.
     """
     memory.taught[0] = 0.0
     if frames > 0:
@@ -113,7 +113,7 @@ def step(
 
 @compiled
 def _follow(net: Network, memory: Memory, s: NDArray[Any], actuators: Actuators, unlimited: Float1, dt: float) -> None:
-    """Update `kept.applied`: with anti-windup the setpoint within limit and rate of the device, else before limits."""
+    """Update `memory.applied`: with anti-windup the setpoint within the device's limit and rate, else before limits."""
     for o in range(net.outputs):
         if s[0].anti_windup > 0.0:
             limited = min(max(unlimited[o], -actuators.limit[o]), actuators.limit[o])

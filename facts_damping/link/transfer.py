@@ -244,7 +244,7 @@ def uplink(
     """Send a frame (PMUs, channels) up a link at `start_ns`; deliver entries that arrive before `end_ns`.
 
     `measured_ns`: time of each PMU's measurement, (PMUs,); NEVER: absent from the frame. `status`: bits of each
-    PMU's entry. Delivered entries are in `made.up.out[link]`, in order of arrival; returns their number.
+    PMU's entry. Delivered entries are in `links.up.out[link]`, in order of arrival; returns their number.
     """
     way = links.up.each[link]
     p = way.packets
@@ -286,7 +286,7 @@ def uplink(
 def downlink(links: Links, link: int, tick: int, end_ns: int, setpoints: Setpoints, given: int) -> int:
     """Send those of `given` setpoints whose controllers use a link down that link, each at its `issued_ns`.
 
-    Deliver setpoints that arrive before `end_ns` to `made.down.out[link]`, as `uplink` does.
+    Deliver setpoints that arrive before `end_ns` to `links.down.out[link]`, as `uplink` does.
     """
     way = links.down.each[link]
     p = way.packets

@@ -103,14 +103,14 @@ def learners(nets: Sequence[Network], starts: Sequence[Float1]) -> Learners:
 
 @compiled
 def infer(net: Network, learner: Learner) -> None:
-    """Compute output and gradients with respect to parameters at `own.x`; result in `own.passed`."""
+    """Compute output and gradients with respect to parameters at `learner.x`; result in `learner.passed`."""
     forward(net, learner.theta, learner.x, learner.passed)
     backward(net, learner.passed)
 
 
 @compiled
 def _rates(net: Network, learner: Learner, rule: Rule, curvature: Float1) -> None:
-    """Compute the learning rates of each output and group in `own.rate`.
+    """Compute the learning rates of each output and group in `learner.rate`.
 
     Lyapunov: eta / (curvature_p |du_p/df|^2), half of the stability bound of |e|, (4.36), (4.39), (5.27); with
     several outputs on shared parameters eta / (sum_p sqrt(curvature_p) |du_p/df|)^2. `lyapunov-groups` uses the norm
@@ -178,7 +178,7 @@ def learn(net: Network, learner: Learner, rule: Rule, error: Float1, curvature: 
 
 @compiled
 def _move(learner: Learner, rule: Rule, fraction: float) -> None:
-    """Move the parameters by a fraction of `own.change`, and store the actual change there."""
+    """Move the parameters by a fraction of `learner.change`, and store the actual change there."""
     for f in range(learner.theta.size):
         before = learner.theta[f]
         after = before + fraction * learner.change[f] - rule.leakage * (before - learner.start[f])

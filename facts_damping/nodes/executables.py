@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def module_of(node: str) -> str:
     """Module of a node, by its name: here, or in another package (entry point of the group `facts_damping.nodes`)."""
     row = given("nodes").get(node)
-    return f"facts_damping.nodes.{node}" if row is None else row.value
+    return f"facts_damping.nodes.{node}" if row is None or node in globals() else row.value
 
 
 def _start(module: str, *, computes: bool = True) -> None:

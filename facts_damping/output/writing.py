@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.escaping import escaped
 from facts_damping.interruption import interruptions_held
+from facts_damping.output.terminal import put
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-from facts_damping.output.terminal import put
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""A run as data: system, scenario, devices, controllers, link; and the events of a scenario."""
+"""A run as data: system, scenario, devices, controllers, link."""
 
 from __future__ import annotations
 

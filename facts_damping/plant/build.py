@@ -72,7 +72,7 @@ def build(
     placed = _devices(system, in_service(system, installed), flow, magnitude, states, ports)
     if watchdog is not None:
         placed["watchdog"] = watchdog
-    at: dict[str | None, int] = {m.name: g for g, m in enumerate(system.machines)}
+    at: dict[str | None, int] = {None: -1} | {m.name: g for g, m in enumerate(system.machines)}
     online = np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps])
     scales = [[s.mechanical_scale.get(m.name, 1.0) for m in system.machines] for s in steps]
     given = [(system, ports.places, rotating.rows["admittance"], s.topology, magnitude) for s in steps]
@@ -101,7 +101,7 @@ def build(
         oscillations=oscillations(listed, [m.name for m in system.machines], [x.name for x in loads]),
         network=np.zeros((0, 0, 0), np.complex128) if large else np.array([reduce_network(*one) for one in given]),
         sparse_networks=Table([sparse_network(*one) for one in given] if large else []),
-        pmu_machine=np.array([at.get(pmu.machine, -1) for pmu in system.pmus]),
+        pmu_machine=np.array([at[pmu.machine] for pmu in system.pmus]),
     )
     n, source = len(installed), np.zeros(len(ports.rows), np.complex128)
     lines = line([system.device(name).dead_time for name in installed])

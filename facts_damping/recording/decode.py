@@ -1,4 +1,4 @@
-"""Converts CDR messages to the arrays of `facts_damping.signals`."""
+"""Decodes CDR messages to series in order of their ticks; decoded_tables makes tables of them."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ import numpy as np
 from facts_damping import signals
 from facts_damping.errors import RecordingError
 from facts_damping.monitor_table import CODES, MONITORS, STATES, cause_code
+from facts_damping.recording.decode import Series, place, time_ns
 from facts_damping.recording.fields import DEVICE_FIELDS, FRAME_FIELDS, MACHINE_FIELDS
 from facts_damping.signals import NEVER
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
     from facts_damping.recording.columns import Block
 
-from facts_damping.recording.decode import Series, place, time_ns
 
 NewestTicks = dict[tuple[str, int, str], "NDArray[np.int64]"]
 

@@ -45,7 +45,7 @@ TICKS, DELIVERED, ISSUED, APPLIED, ESTIMATES, LEARNED, SUPERVISED, STATUSES = ra
 
 
 class Signals(Struct):
-    """Arrays that a run fills, as in `signals.Record`; `used`: number of entries filled in each."""
+    """Arrays that a run fills, as in `record.Record`; `used`: number of entries filled in each."""
 
     time_ns: Int1
     frames: Float3

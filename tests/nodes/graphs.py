@@ -175,7 +175,7 @@ def nodes_left(folder: Path) -> list[str]:
                 command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
             except OSError:
                 continue
-            if "facts_damping.nodes" in command and str(folder) in command:
+            if command.startswith(("facts_damping.", "facts_damping_")) and str(folder) in command:
                 found.append(command)
     return found
 

@@ -197,7 +197,9 @@ def test_nodes_know_one_clock_and_no_threads() -> None:
     root, found = Path(nodes.__file__).parents[2], {}
     rooms = ("loopback", "foreign", "nodes")
     packages = [root / "facts_damping", *(root / "extensions").iterdir()]
-    for path in (path for room in rooms for package in packages for path in (package / room).rglob("*.py")):
+    paths = [path for room in rooms for package in packages for path in (package / room).rglob("*.py")]
+    names = ("facts_damping_testing/attacker.py", "facts_damping_studies/campaigns/fault_injection.py")
+    for path in [*paths, *(root / "extensions" / name for name in names)]:
         lines = re.findall(
             r"^\s*(?:import|from) (time|threading|datetime|random|uuid|secrets)\b", path.read_text(), re.MULTILINE
         )

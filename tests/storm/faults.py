@@ -32,7 +32,7 @@ FAULTS = (
     # Checks left out.
     Fault("an unknown publisher is admitted", "admission.publishers",
           "if publisher != state.publisher and publisher[:NODE] not in self._succeeding(state):", "if False:"),
-    Fault("the recorder does not check signatures", "admission.message_filter", "if state.check is not None:",
+    Fault("the recorder does not check signatures", "admission.message_filter", "if state.reading.check is not None:",
           "if False:"),
     Fault("signatures are not checked", "transport.signing",
           "if key is None or not hmac.compare_digest(", "if False and not hmac.compare_digest("),

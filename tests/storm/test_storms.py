@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import random
 import secrets
 from dataclasses import replace
@@ -17,7 +18,7 @@ from facts_damping_testing.storm import drawing, model, running, search
 from facts_damping_testing.storm.events import KINDS, words
 from facts_damping_testing.storm.rules import RULES, violations
 from facts_damping_testing.storm.shrinking import fingerprint, shrink
-from tests.storm.faults import FAULTS, insert
+from tests.storm.faults import FAULTS, Fault, insert
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -174,3 +175,10 @@ def test_growing_memory_is_a_violation() -> None:
     made = running.Trace(make_case({}, "run"), "lockstep")
     grown = [violations(replace(made, memory=[(500, 10**6), (1000, 10**6 + 500 * each)])) for each in (50, 1)]
     assert [[name for name, _ in found] for found in grown] == [["memory_is_bounded"], []]
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.what)
+def test_deliberate_fault_finds_its_place(fault: Fault) -> None:
+    module = importlib.import_module(f"facts_damping.nodes.{fault.module}")
+    text = Path(str(module.__file__)).read_text(encoding="utf-8")
+    assert text.count(fault.right) == 1

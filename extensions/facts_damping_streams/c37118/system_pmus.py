@@ -45,7 +45,7 @@ class Pmu(NamedTuple):
         return self.base_mva * 1e6 / (math.sqrt(3.0) * self.kilovolts * 1e3)
 
     def one(self, quantity: str) -> float:
-        """1 p.u. of a quantity (parameters.streams.UNITS): V, A, W or var; of speed 1."""
+        """1 p.u. of a quantity (parameters.UNITS): V, A, W or var; of speed 1."""
         bases = {"voltage": self.volts, "current": self.amperes, "speed": 1.0}
         return bases.get(quantity, self.base_mva * 1e6)
 

@@ -1,4 +1,4 @@
-"""Tables of a fault campaign: invariants, actions of the supervisor, effects on the grid, cost of supervision."""
+"""The page of a fault campaign, and its tables as files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of a campaign's page."""
+"""Tables of a campaign: invariants, actions of the supervisor, effects on the grid, cost of supervision."""
 
 from __future__ import annotations
 

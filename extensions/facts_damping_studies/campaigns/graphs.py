@@ -1,7 +1,6 @@
 """Runs draws of a fault campaign as real graphs, with faults in real nodes, and compares them with runs in process.
 
-Studies do not depend on nodes, nor nodes on studies: `studies.campaigns.campaign` defines a draw,
-`fault_injection` injects its faults into a graph, and this module combines both.
+`campaign` defines a draw, `fault_injection` injects its fault into a graph, and this module combines both.
 """
 
 from __future__ import annotations
@@ -16,7 +15,11 @@ from facts_damping.interruption import clean_up_first
 from facts_damping.output.writing import write_whole
 from facts_damping.parameters.files import new_folder
 from facts_damping.parameters.security import add_key
+from facts_damping.simulation import loop
+from facts_damping_studies.campaigns import campaign, fault_injection, faults
 from facts_damping_studies.campaigns.campaign_tables import holds
+from facts_damping_studies.campaigns.invariants import late_ticks
+from facts_damping_studies.sweeps.journal import Journal
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,9 +44,6 @@ def graphs(plan: CampaignPlan, folder: Path, jobs: int, progress: Progress) -> l
     Graphs that violate a condition are kept below `folder`, with their runs as files. Raises `InputError` if the folder
     belongs to another campaign, `RunError` if the graphs cannot continue.
     """
-    from facts_damping_studies.campaigns import campaign
-    from facts_damping_studies.sweeps.journal import Journal
-
     clean_up_first()
     count, place, ended = plan.campaign.graphs, new_folder(folder), Event()
     with Journal(place / JOURNAL, plan.fingerprint) as journal, ThreadPoolExecutor(min(jobs, AT_ONCE)) as each:
@@ -71,8 +71,6 @@ def one_graph(plan: CampaignPlan, folder: Path, number: int, wanted: Callable[[]
 
     Runs in a thread of its own: graphs run in processes and share the one that nodes are forked from.
     """
-    from facts_damping_studies.campaigns import campaign
-
     row: dict[str, Any] = {"number": number, "graph": True, "error": None}
     place = folder / FOLDER / str(number)
     shutil.rmtree(place, ignore_errors=True)  # left by an interrupted run
@@ -91,10 +89,6 @@ def one_graph(plan: CampaignPlan, folder: Path, number: int, wanted: Callable[[]
 
 def _run(plan: CampaignPlan, draw: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
     """Run a draw as a graph in its own domain, and also in process and without control."""
-    from facts_damping.simulation import loop
-    from facts_damping_studies.campaigns import campaign, fault_injection, faults
-    from facts_damping_studies.campaigns.invariants import late_ticks
-
     real, lasts = faults.FAULTS[draw.fault].real, draw.chosen["lasts"]
     fault = fault_injection.GraphFault(real, draw.start, float(lasts) if lasts else None)
     # An attacker's messages must change nothing: no bit in lockstep; in real time no more than timing does.

@@ -48,7 +48,7 @@ LONGEST = 3.0  # p.u., largest reactance of a line for a TCSC
 SPEED: Channel = "speed_deviation"
 FLOW: Channel = "active_power"
 MAX_AREAS = 8  # with more areas there are too many pairs
-NEAR = 0.5  # largest `modes.unlike` of the same mode
+NEAR = 0.5  # largest `eigenmodes.unlike` of the same mode
 
 
 class Place(NamedTuple):

@@ -99,7 +99,7 @@ def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]
 
 
 def _on_cluster(client: Any, function: Callable[[Any], Any], todo: Iterable[Any]) -> Iterator[Any]:
-    from distributed import as_completed
+    from distributed import as_completed  # noqa: PLC0415 (an optional extra)
 
     ahead = max(1, TASKS_AHEAD * sum(client.nthreads().values()))
     left = iter(todo)

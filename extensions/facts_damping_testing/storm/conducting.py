@@ -14,14 +14,12 @@ from facts_damping_testing.foreign.messages import foreign
 from facts_damping_testing.foreign.outsider import Outsider
 from facts_damping_testing.loopback.domain import domain
 from facts_damping_testing.storm.events import KINDS, words
+from facts_damping_testing.storm.storm_graph import MARK, PATIENCE_S, STALLED_S, Done
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from facts_damping_testing.storm.model import Event
-from facts_damping_testing.storm.storm_graph import MARK, PATIENCE_S, STALLED_S, Done
-
-if TYPE_CHECKING:
     from facts_damping_testing.storm.storm_graph import StormGraph
 
 POLL_S = 0.05
@@ -74,7 +72,7 @@ def _mend(storm_graph: StormGraph) -> None:
 def _measure(storm_graph: StormGraph, tick: int) -> None:
     """Count the memory blocks in use, in a long storm, after each eighth of its second half.
 
-    While a node is behind, nothing is counted: what waits takes memory itstorm_graph.
+    While a node is behind, nothing is counted: what waits takes memory itself.
     """
     ticks, last = storm_graph.case.ticks, storm_graph.memory[-1][0] if storm_graph.memory else 0
     due = ticks >= MEASURED and ticks // 2 <= tick < ticks and tick - last >= ticks // 16

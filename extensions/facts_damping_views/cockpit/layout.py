@@ -27,7 +27,7 @@ PLANT, RECORDER = "plant_sim", "recorder"  # names of nodes that every graph has
 
 
 class Curve(NamedTuple):
-    """A value over time: a sum of columns of a record (`signals.Record.arrays`, `samples.latencies`) by weight."""
+    """A value over time: a sum of columns of a record (`record.Record.arrays`, `samples.latencies`) by weight."""
 
     label: str
     unit: str

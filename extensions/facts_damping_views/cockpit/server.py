@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import socket
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from facts_damping.errors import InputError
 from facts_damping.extras import library
 from facts_damping_views.cockpit.access import EXTRA
 from facts_damping_views.cockpit.application import CLIENTS, LONGEST, SEND_S, Cockpit
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Answer = Callable[[bool, str], None]
-
 
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 (only if `--host` says so)
 SEND_BYTES = 65536  # of a connection's buffer in the kernel
@@ -31,7 +25,7 @@ class Server:
 
     def __init__(self, cockpit: Cockpit, host: str, port: int) -> None:
         uvicorn = library("uvicorn", EXTRA)
-        from facts_damping_views.cockpit import connections
+        from facts_damping_views.cockpit import connections  # noqa: PLC0415 (it needs uvicorn)
 
         try:
             self._socket = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)

@@ -95,7 +95,7 @@ class Member:
         of: Iterable[int] | None = None,
         newest: Callable[[], int] | None = None,
     ) -> None:
-        """Subscribe to setpoints: `use(tick, rows)`; `sender`, `of`: see SetpointsMessage; `newest`: MessageFilter."""
+        """Subscribe to setpoints: `use(tick, rows)`; `sender`, `of`: see SetpointsMessage; `newest`: Reading."""
         read = SetpointsMessage(self._case, sender, of, self.seal(topic)).read
         self.message_filter.subscribe(DeviceSetpoints, f"{self.graph}{topic}", use, Reading(read, newest))
 

@@ -1,6 +1,6 @@
 """Lines on standard output between nodes and the program that runs their graph: each is written and read here.
 
-A node writes them if its parameter `progress` is true. What else it writes is for people.
+A node writes them if its parameter `progress` is true. The first line of a live view or cockpit is its address.
 """
 
 from __future__ import annotations

@@ -94,14 +94,14 @@ class Process:
 
 def start(
     name: str,
-    module: str,
+    node: str,
     parameters: dict[str, Any],
     remaps: Mapping[str, str] | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> Process:
     """Start a node as a process in a session of its own; `name`: relative to the graph, with namespace.
 
-    `remaps`: topic remappings; `environment`: None: that of this process.
+    `node`: its kind, the name of its executable; `remaps`: topic remappings; `environment`: None: that of this process.
     """
     namespace, _, own = name.rpartition("/")
     arguments = [*QUIET, "-r", f"__node:={own}"]
@@ -113,8 +113,8 @@ def start(
     output, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in `started`)
     # Files without names: they vanish with this process, however it ends.
     names = (f"/proc/{os.getpid()}/fd/{file.fileno()}" for file in (output, errors))
-    process = forked.start(module, arguments, {**ENVIRONMENT, **(environment or os.environ)}, *names)
-    return Process(name, process, output, errors, (name, module, parameters, remaps, environment))
+    process = forked.start(node, arguments, {**ENVIRONMENT, **(environment or os.environ)}, *names)
+    return Process(name, process, output, errors, (name, node, parameters, remaps, environment))
 
 
 def start_command(case: Case, c: int, out: Path, environment: Mapping[str, str] | None = None) -> Process:
@@ -152,8 +152,8 @@ def end(processes: Iterable[Process], number: int) -> None:
 
 def start_again(running: dict[str, Process], name: str) -> None:
     """Start a node that has ended once more, with `join`; the ended one is kept for its counts."""
-    node = running[name]
-    if node.process.exitcode is not None and node.again:
-        own, module, parameters, remaps, environment = node.again
-        running[f"{name} {len(running)}"] = node
-        running[name] = start(own, module, {**parameters, "join": True}, remaps, environment)
+    ended = running[name]
+    if ended.process.exitcode is not None and ended.again:
+        own, node, parameters, remaps, environment = ended.again
+        running[f"{name} {len(running)}"] = ended
+        running[name] = start(own, node, {**parameters, "join": True}, remaps, environment)

@@ -74,8 +74,8 @@ def started(case: Case, mode: str, out: Path, timeout: float, parts: Parts = ALO
     common["view"] = parts.view_port is not None or parts.cockpit is not None
     running: dict[str, Process] = {}
 
-    def begin(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> None:
-        running[name] = processes.start(name, module, parameters, remaps, parts.environment)
+    def begin(name: str, node: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> None:
+        running[name] = processes.start(name, node, parameters, remaps, parts.environment)
 
     try:
         if parts.view_port is not None:
@@ -107,23 +107,23 @@ def _begin_nodes(begin: Callable[..., None], case: Case, common: dict[str, Any],
     """
     addresses = enumerate(controller_addresses(case))
     senders = setpoint_senders(case)
-    for module, nodes in (
+    for node, nodes in (
         ("wan_link", {} if replays else dict(enumerate(link_addresses(case)))),
         ("controller", {c: address for c, address in addresses if not kind_of(case.controllers[c]).node}),
         ("identifier", identifier_addresses(case)),
         ("supervisor", supervisor_addresses(case)),
     ):
         for i, address in nodes.items():
-            saved = {"save": _part(out, address.name)} if module in ("controller", "identifier") else {}
+            saved = {"save": _part(out, address.name)} if node in ("controller", "identifier") else {}
             remaps = {}
-            if replays and module == "identifier":
+            if replays and node == "identifier":
                 topic = senders[acting(case, i)].topic
                 remaps = {f"/{topic}": f"/{recorded_topic(topic)}"}
-            begin(str(address), module, {**common, "index": i, **saved}, remaps)
+            begin(str(address), node, {**common, "index": i, **saved}, remaps)
 
 
 def _source(parts: Parts, common: dict[str, Any]) -> tuple[str, str, dict[str, Any]]:
-    """Name, module and parameters of the source of frames."""
+    """Name, node and parameters of the source of frames."""
     if parts.replayed is not None:
         return REPLAYED, REPLAYED, {**common, "recording": parts.replayed}
     if parts.streams is not None:

@@ -207,7 +207,7 @@ def read(plan: PackingPlan, stream: Stream, size: int, head: Int1, rows: Int2, e
 
 @entry_point
 def take(data: Bytes, content: Bytes, shape: Int1, names: Bytes) -> bool:
-    """Copy the first `len(kept)` bytes of `data` to `content` if the bytes at `shape` equal `names`; return whether so.
+    """Copy the first `len(content)` bytes of `data` to `content` if those at `shape` equal `names`; return whether.
 
     Padding may follow (rclpy leaves room for the alignment of an empty sequence's numbers).
     """

@@ -7,17 +7,10 @@ Studies, 1981 (EXST1, IEEEST); PSS/E Model Library.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
+from facts_damping.parameters.plant.blocks import Model, Quantity
 from facts_damping.parameters.plant.exciters import EXCITERS
 from facts_damping.parameters.plant.governors import GOVERNORS
 from facts_damping.parameters.plant.stabilisers import STABILISERS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Constant = str | float | Callable[[Any], float]  # a field, a number, or a number that follows from fields
-from facts_damping.parameters.plant.blocks import Model, Quantity
 
 MODELS: dict[str, Model] = {**EXCITERS, **GOVERNORS, **STABILISERS}
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.parameters.plant.blocks import Block, Model, exponential, saturation
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    Constant = str | float | Callable[[Any], float]  # a field, a number, or a number that follows from fields
-from facts_damping.parameters.plant.blocks import Block, Model, exponential, saturation
 
 _SEEN = Block("VT", "lag", "Vt", (1.0, "TR"))
 

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Constant = str | float | Callable[[Any], float]  # a field, a number, or a number that follows from fields
 from facts_damping.parameters.plant.blocks import Block, Model
 
 GOVERNORS = {

@@ -45,7 +45,7 @@ SIZE = 1e-3  # p.u., an oscillation that is large
 
 
 def _section(lead: float, gain: float, lag: float, dt: float) -> tuple[float, float, float]:
-    """Bilinear coefficients of (one + lead s) / (1 + lag s)."""
+    """Bilinear coefficients of (gain + lead s) / (1 + lag s)."""
     c = 2.0 / dt
     scale = 1.0 + lag * c
     return (gain + lead * c) / scale, (gain - lead * c) / scale, (1.0 - lag * c) / scale
