@@ -52,6 +52,12 @@ KEPT = ("CHANGELOG.md", "tests/test_names.py", "facts_damping/errors.py")
 
 
 @cache
+def tree_of(path: Path) -> ast.Module:
+    """Syntax of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def texts() -> list[tuple[str, str]]:
     """Names and contents of what the repository holds as text."""
     command = ["git", "ls-files", "*.py", "*.md", "*.yaml", "*.msg", "*.srv", "*.toml", "*.yml"]
@@ -96,7 +102,7 @@ VAGUE = {"found", "kept", "made", "one", "own", "told"}  # they say where a valu
 
 def parameters(path: Path) -> Iterator[tuple[str, str]]:
     """Functions of a file and their parameters; without lambdas."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             for part in ast.walk(node.args):
                 if isinstance(part, ast.arg):
@@ -114,15 +120,24 @@ NO_SUBJECT = tuple(f"test_{word}_" for word in ("a", "an", "the", "what", "it", 
 
 def test_tests_are_named_by_their_subject() -> None:
     paths = [path for top in ("tests", "examples", "reproduction") for path in sorted((ROOT / top).rglob("*.py"))]
-    trees = [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in paths]
     functions = [
-        (path.name, node.name)
-        for path, tree in trees
-        for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        (path.name, name)
+        for path in paths
+        for name in re.findall(r"^ *(?:async )?def (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
     ]
     assert len(functions) > 1000
     assert [pair for pair in functions if pair[1].startswith(NO_SUBJECT)] == []
+
+
+def test_core_files_and_functions_stay_small() -> None:
+    """The core has at most 40,000 lines, a file fewer than 350, a function at most 60."""
+    paths = [path for top in TOPS for path in (ROOT / top).rglob("*.py")]
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in paths}
+    assert sum(count for path, count in lines.items() if path.is_relative_to(ROOT / TOPS[0])) <= 40_000
+    assert {path.name: count for path, count in lines.items() if count >= 350} == {}
+    nodes = [node for path in lines for node in ast.walk(tree_of(path))]
+    functions = [node for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    assert [node.name for node in functions if (node.end_lineno or 0) - node.lineno >= 60] == []
 
 
 def test_no_folder_has_more_than_twenty_modules() -> None:
