@@ -155,7 +155,8 @@ def export(arguments: argparse.Namespace) -> None:
 
     path, of_system = Path(arguments.out), {f".{name}": row for name, row in given("exports").items()}
     if path.suffix not in (*KINDS, *of_system):
-        raise InputError(f"--out {path}: given; allowed: a file that ends with {', '.join([*KINDS, *of_system])}")
+        *others, last = [*KINDS, *of_system]
+        raise InputError(f"--out {path}: given; allowed: a file that ends with {', '.join(others)} or {last}")
     files.check_writable(str(path), "--out")
     if path.suffix in of_system:
         system = loading.load_system(arguments.what)
