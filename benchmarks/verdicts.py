@@ -188,9 +188,9 @@ def is_right(kind: str, verdict: str) -> bool:
     return verdict == "damped" if kind == "sound" else verdict not in ("damped", "undecided")
 
 
-def nearest(modes: list[tuple[float, float]], own: list[Seen]) -> tuple[float, str, list[float]]:
+def nearest(modes: list[tuple[float, float]], responses: list[Seen]) -> tuple[float, str, list[float]]:
     """Of the linear mode at the frequency of the responses' strongest modes: its ratio, theirs as text, errors."""
-    found = [one.mode for one in own if one.mode is not None]
+    found = [one.mode for one in responses if one.mode is not None]
     if not found:
         return modes[0][0], "-", []
     hertz = float(np.median([frequency for _, frequency in found]))

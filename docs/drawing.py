@@ -94,7 +94,7 @@ def _fitting(text: str, room: float) -> str:
     return text
 
 
-def imports(found: list[Row]) -> set[tuple[int, int]]:
+def imports(drawn: list[Row]) -> set[tuple[int, int]]:
     """Numbers of rows: the first imports the second."""
     graph = grimp.build_graph(PACKAGE, *WINGS, cache_dir=None)
 
@@ -105,8 +105,8 @@ def imports(found: list[Row]) -> set[tuple[int, int]]:
             for b in below.names
         )
 
-    pairs = ((i, k) for i in range(len(found)) for k in range(i + 1, len(found)))
-    return {(i, k) for i, k in pairs if any_of(found[i], found[k])}
+    pairs = ((i, k) for i in range(len(drawn)) for k in range(i + 1, len(drawn)))
+    return {(i, k) for i, k in pairs if any_of(drawn[i], drawn[k])}
 
 
 def way_of_a_frame() -> set[str]:

@@ -6,6 +6,7 @@ For scripts and notebooks: `import facts_damping as fd`; the functions are in `a
 from __future__ import annotations
 
 import importlib
+from importlib.machinery import PathFinder
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.interruption import handle_early
@@ -39,12 +40,14 @@ def __getattr__(name: str) -> Any:
     """Load public names on first access, so that a command loads only what it needs."""
     if name in CORE:
         return getattr(importlib.import_module("facts_damping.api"), name)
+    if PathFinder.find_spec(f"{__name__}.{name}", __path__) is not None:  # noqa: F405 (of every package)
+        raise AttributeError(name)  # of `from facts_damping import MODULE`, which loads it then: nothing is looked up
     try:
-        if not name.startswith("_") and name in _added():
-            return _added()[name].load()
         names = _public()
     except Exception as error:  # of a package that is installed beside
         raise AttributeError(f"module 'facts_damping' has no attribute '{name}': {error}") from error
+    if name in names:
+        return _added()[name].load()
     raise AttributeError(f"module 'facts_damping' has no attribute '{name}'; it has {', '.join(names)}")
 
 

@@ -110,7 +110,9 @@ def parameters(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def test_parameters_say_what_they_are() -> None:
-    paths = [path for top in (*TOPS, "reproduction") for path in sorted((ROOT / top).rglob("*.py"))]
+    paths = [
+        path for top in (*TOPS, "reproduction", "benchmarks", "docs") for path in sorted((ROOT / top).rglob("*.py"))
+    ]
     vague = [(path.name, *pair) for path in paths for pair in parameters(path) if pair[1] in VAGUE]
     assert vague == []
 

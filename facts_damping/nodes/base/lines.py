@@ -8,10 +8,10 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.simulation.policies import StepTimes
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from facts_damping.simulation.policies import StepTimes
 
 _TICK = re.compile(r"^tick (\d+) (\d+) (\d+)$", re.MULTILINE)
 _REFUSED = re.compile(r"^refused (\d+) (\S+) (\S+) (\S+)$", re.MULTILINE)
@@ -54,10 +54,10 @@ def steps_line(times: StepTimes) -> str:
     return f"steps {' '.join(map(repr, times))}"
 
 
-def step_times(output: str) -> StepTimes | None:
-    """Step times in the output of a controller; None: it runs no user's program, or has not ended."""
+def steps(output: str) -> tuple[int, float, float, float] | None:
+    """Fields of StepTimes in the output of a controller; None: it runs no user's program, or has not ended."""
     found = _STEPS.search(output)
-    return StepTimes(int(found[1]), *map(float, found.groups()[1:])) if found else None
+    return (int(found[1]), float(found[2]), float(found[3]), float(found[4])) if found else None
 
 
 def lost_line(count: int) -> str:

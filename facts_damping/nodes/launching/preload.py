@@ -18,16 +18,17 @@ from std_srvs.srv import Trigger
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import FactsDampingError
+from facts_damping.extensions import given
 from facts_damping.nodes import recorder
 from facts_damping.nodes.base.warmup import load
-from facts_damping.nodes.executables import module_of
 from facts_damping.nodes.launching import forked
 from facts_damping.nodes.launching.starting import STREAMS
 from facts_damping.recording.schemas import schema_text, type_hash
 
-for node in ("controller", "identifier", "plant_sim", "replay_source", "supervisor", "wan_link", STREAMS):
-    with suppress(ModuleNotFoundError):  # that of streams is in another package
-        importlib.import_module(module_of(node))
+for node in ("controller", "identifier", "plant_sim", "replay_source", "supervisor", "wan_link"):
+    importlib.import_module(f"facts_damping.nodes.{node}")
+if STREAMS in given("nodes"):  # of another package
+    importlib.import_module(given("nodes")[STREAMS].value)
 
 PARAMETER_SERVICES = (
     *("DescribeParameters", "GetParameters", "GetParameterTypes"),

@@ -14,6 +14,7 @@ from facts_damping.errors import RunError
 from facts_damping.nodes.base import lines
 from facts_damping.nodes.launching import forked
 from facts_damping.nodes.launching.commands import Command, command
+from facts_damping.simulation.policies import StepTimes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
-    from facts_damping.simulation.policies import StepTimes
 
 STOP_S = 15.0  # longest wait for a node to stop
 
@@ -69,7 +69,8 @@ class Process:
 
     def step_times(self) -> StepTimes | None:
         """Step times of its program; None: it runs none or has not reported."""
-        return lines.step_times(self.text())
+        times = lines.steps(self.text())
+        return None if times is None else StepTimes(*times)
 
     def failure(self) -> RunError:
         """Reason as an error, with the preceding error lines as details."""
