@@ -174,8 +174,8 @@ def seen(task: tuple[str, float, int]) -> Seen:
     row = ROWS[name]
     record = loop.run(load_case(row.run, [*sets_of(row, delay), f"seed={seed}"]))
     plain, summary = summarise(record, method=None), summarise(record, twin=twin_of(record))
-    modes = [(mode["damping_ratio"], mode["frequency_hz"]) for mode in summary["modes"]]
-    return Seen(name, delay, summary["verdict"], plain["verdict"], modes[0] if modes else None)
+    modes = [(mode.damping_ratio, mode.frequency_hz) for mode in summary.modes]
+    return Seen(name, delay, summary.verdict, plain.verdict, modes[0] if modes else None)
 
 
 def words(verdicts: list[str]) -> str:

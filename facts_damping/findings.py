@@ -18,6 +18,7 @@ from facts_damping.simulation import loop
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from facts_damping.analysis.summary import Summary
     from facts_damping.case.model import Case
     from facts_damping.record import Record
 
@@ -36,18 +37,28 @@ MAXIMUM = 3  # elements with events in a title, at most
 NO_CONTROL: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None, "asked": None}
 
 
-def findings(record: Record, summary: Mapping[str, Any]) -> list[str]:
+def findings(record: Record, summary: Summary, free: Record | FactsDampingError | None) -> list[str]:
     """Lines: title, verdict, index compared with no control, actions of supervisors, warnings.
 
-    `summary`: of the record (`analysis.summarise`). If the record holds its run, it is also simulated without control.
+    `summary`: of the record (`analysis.summarise`); `free`: its run without control (`run_to_compare`).
     """
     return [
         title(record),
         _verdict(summary),
-        *_index(record, summary),
-        *(f"supervisor of {row['controller']}: {history_text(row)}" for row in summary["supervision"]),
-        *(f"warning: {line}" for line in summary["warnings"]),
+        *_index(record, summary, free),
+        *(f"supervisor of {history.controller}: {history_text(history)}" for history in summary.supervision),
+        *(f"warning: {line}" for line in summary.warnings),
     ]
+
+
+def run_to_compare(record: Record, summary: Summary) -> Record | FactsDampingError | None:
+    """Simulate a record's run without control, or the error of that; None if there is no index to compare."""
+    if not _has_index(record, summary) or not record.configuration.get("controllers"):
+        return None
+    try:
+        return without_control(record)
+    except FactsDampingError as error:
+        return error
 
 
 def title(record: Record) -> str:
@@ -119,29 +130,29 @@ def _several(words: Sequence[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
 
 
-def _verdict(summary: Mapping[str, Any]) -> str:
+def _verdict(summary: Summary) -> str:
     """The verdict with its reason."""
-    if not summary["modes"] or summary["verdict"] not in ("damped", "growing"):
-        return f"{summary['verdict']}: {summary['verdict_because']}"
-    mode = summary["modes"][0]
-    return f"{summary['verdict']}; damping ratio {100 * mode['damping_ratio']:.1f} % at {mode['frequency_hz']:.2f} Hz"
+    if not summary.modes or summary.verdict not in ("damped", "growing"):
+        return f"{summary.verdict}: {summary.verdict_because}"
+    mode = summary.modes[0]
+    return f"{summary.verdict}; damping ratio {100 * mode.damping_ratio:.1f} % at {mode.frequency_hz:.2f} Hz"
 
 
-def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
+def _has_index(record: Record, summary: Summary) -> bool:
+    return summary.indices is not None and bool(record.configuration.get("scenario") or noisy(record.configuration))
+
+
+def _index(record: Record, summary: Summary, free: Record | FactsDampingError | None) -> list[str]:
     """ITAE of a run with an event, or the variance in noise alone, beside the same run without control."""
-    if summary["indices"] is None:
+    if not _has_index(record, summary):
         return []
     event = bool(record.configuration.get("scenario"))
-    if not event and not noisy(record.configuration):
-        return []
     own = itae(record) if event else _rms(record)
     text = f"ITAE {own:.3g}" if event else f"rms of the speed differences in noise {own:.3g}"
-    if not record.configuration.get("controllers"):
+    if free is None:
         return [text]
-    try:
-        free = without_control(record)
-    except FactsDampingError as error:
-        return [f"{text}; the run without control fails: {one_line(error)}"]
+    if isinstance(free, FactsDampingError):
+        return [f"{text}; the run without control fails: {one_line(free)}"]
     if not free.in_synchronism.all():
         return [f"{text}; without control synchronism is lost at {free.time_s[-1]:.1f} s"]
     other = itae(free) if event else _rms(free)

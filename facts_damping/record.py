@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -62,6 +62,25 @@ class Absence:
 
 
 @dataclass(frozen=True)
+class RefusedMessages:
+    """Number of messages from a source on a topic that a node refused for a cause."""
+
+    node: str
+    topic: str
+    cause: str
+    source: str
+    count: int
+
+
+class NodeJoined(NamedTuple):
+    """A node that joined during the run: when, and when it was armed (s; None: disarmed to the end)."""
+
+    node: str
+    time_s: float
+    armed_s: float | None
+
+
+@dataclass(frozen=True)
 class Record:
     """All results of one closed loop, from `loop.run` or from a recording.
 
@@ -72,12 +91,11 @@ class Record:
     rate (LEARNING); `supervised`: one row per setpoint of a supervisor (SETPOINT); `supervision`: one row per tick and
     supervisor (SUPERVISION).
 
-    `links`: number of delivering links, including those that have not delivered yet. `refused`: number of messages that
-    each node refused: `node`, `topic`, `cause`, `source`, `count`. `joined`: nodes that joined during the run: `node`,
-    `time_s`, `armed_s` (None: disarmed to the end). `changes`: changes during the run: `tick` from which it acts,
-    `node`, `role`, `index`, `kind`, `name`, `value` (docs/ros2.md). `absences`: ticks at which a node was absent
-    before it began or restarted: `role`, `index`, `first`, `end`. `latest`: newest inputs of nodes when they acted, by
-    role, index and name of the input: (ticks, 2), the node's tick and the tick of the newest message it had.
+    `links`: number of delivering links, including those that have not delivered yet. `changes`: changes during the
+    run: `tick` from which it acts, `node`, `role`, `index`, `kind`, `name`, `value` (docs/ros2.md). `absences`: ticks
+    at which a node was absent before it began or restarted: `role`, `index`, `first`, `end`. `latest`: newest inputs of
+    nodes when they acted, by role, index and name of the input: (ticks, 2), the node's tick and the tick of the newest
+    message it had.
     `publishers`: publishing node by topic and the publisher's identity (GID), in one text. `versions`: of the software
     that made it, by package; empty if unknown. `in_synchronism` is false at the tick that ended an unstable run.
     `notes` list what a damaged recording lacks, `messages_lost` counts the messages that the recorder missed, also at
@@ -105,8 +123,8 @@ class Record:
     supervision: NDArray[Any] = field(default_factory=lambda: np.zeros(0, SUPERVISION))
     learning: NDArray[Any] = field(default_factory=lambda: np.zeros(0, LEARNING))
     events: list[GridEvent] = field(default_factory=list)
-    refused: list[dict[str, Any]] = field(default_factory=list)
-    joined: list[dict[str, Any]] = field(default_factory=list)
+    refused: list[RefusedMessages] = field(default_factory=list)
+    joined: list[NodeJoined] = field(default_factory=list)
     changes: list[RunChange] = field(default_factory=list)
     absences: list[Absence] = field(default_factory=list)
     latest: dict[tuple[str, int, str], NDArray[np.int64]] = field(default_factory=dict)

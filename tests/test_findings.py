@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import facts_damping as fd
-from facts_damping.analysis import details
+from facts_damping.analysis import summarise
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.cli.main import main
 from facts_damping.findings import names, names_of_seeds, title, without_control
@@ -138,7 +138,7 @@ def test_controller_that_was_never_armed_is_a_warning_wherever_results_are_shown
     assert said in shown
     assert "never armed, shadow to the end" in shown
     assert said in json.loads(told.read_text())["warnings"][0]
-    found = build([ReportedRun("it", record, record.summary | details.details(record), "-")])
+    found = build([ReportedRun("it", record, summarise(record))])
     assert any(said in remark for remark in found.remarks)
     study = tmp_path / "study.yaml"
     study.write_text(

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 import facts_damping
-from facts_damping.analysis.summary import ROWS
+from facts_damping.analysis.summary_table import ROWS
 from facts_damping.cli.parser import parser
 from tests.passed import inputs
 
@@ -154,7 +154,7 @@ def test_versions_are_one() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_tables_of_runs_have_the_rows_that_are_printed(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    labels = {label.strip() for label, *_ in ROWS} | {"..."}
+    labels = {row.label.strip() for row in ROWS} | {"..."}
     for table in re.findall(r"^    \$ facts-damping simulate .*\n((?:    .*\n)+)", text, re.MULTILINE):
         rows = [row.strip() for row in table.rpartition("----\n")[2].splitlines()]
         shown = {re.split(r"  +", row)[0] for row in rows if not row.startswith(("plot:", "facts-damping:"))}

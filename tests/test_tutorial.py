@@ -72,9 +72,9 @@ def test_figures_are_what_comes_out(folder: Path) -> None:
 @pytest.mark.parametrize("run", ["nine_bus_fault", "nine_bus_control"])
 def test_runs_come_to_their_end(folder: Path, run: str) -> None:
     result = summarise(loop.run(load_case(f"{run}.yaml")))
-    assert result["stable"] is True
-    assert f"{result['modes'][0]['damping_ratio']:.4f}" in TEXT
-    assert f"{result['modes'][0]['frequency_hz']:.3f}" in TEXT
+    assert result.stable is True
+    assert f"{result.modes[0].damping_ratio:.4f}" in TEXT
+    assert f"{result.modes[0].frequency_hz:.3f}" in TEXT
 
 
 def test_study_is_of_the_folders_class_and_the_lead_lag(folder: Path) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 
 from facts_damping.case import loading
 from facts_damping.case.names import controller_names, label, link_addresses
-from facts_damping.cli.runs import WITH_RUN, out_folder, say, tell_graph
+from facts_damping.cli.reporting import say, tell_graph
+from facts_damping.cli.runs import WITH_RUN, out_folder
 from facts_damping.errors import InputError, RunError
 from facts_damping.output.tables import table
 from facts_damping.output.terminal import Progress, put

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
-from facts_damping.cli.runs import page, say, summarise
+from facts_damping.cli.reporting import detailed, page, run_result, say
 from facts_damping.errors import InputError, RunError
 from facts_damping.interruption import CONTINUES, clean_up_first
 from facts_damping.output.terminal import Progress
@@ -155,15 +155,13 @@ def _check_report(path: str | None, plan: SweepPlan, folder: Path) -> None:
 
 def _report(arguments: argparse.Namespace, plan: SweepPlan) -> None:
     """Write one page that compares the runs of a study, each named by what differs; the runs are made again."""
-    from facts_damping.analysis import details
-
     named, columns = [], plan.points[0].columns
     differing = [name for name in columns if len({str(point.columns[name]) for point in plan.points}) > 1]
     for point in plan.points:
         name = ", ".join(str(point.columns[name]) for name in differing)
         named.append((name or plan.name, loop.run(make(plan.base, point.changes))))
-    results = [summarise(record, None, None) | details.details(record) for _, record in named]
-    details.compare(results, 0)
+    records = [record for _, record in named]
+    results = detailed([run_result(record) for record in records], records, 0)
     say(arguments, *page(arguments, named, results, 0))
 
 

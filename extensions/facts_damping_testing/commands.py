@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.cli.runs import say
+from facts_damping.cli.reporting import say
 from facts_damping.errors import RunError
 from facts_damping.interruption import clean_up_first
 from facts_damping.output.terminal import Progress, note

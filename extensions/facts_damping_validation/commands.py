@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from facts_damping.cli.runs import say
+from facts_damping.cli.reporting import say
 from facts_damping.errors import RunError, check_known
 from facts_damping.output.terminal import Progress
 from facts_damping.output.writing import write_json, write_whole

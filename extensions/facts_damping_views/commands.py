@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
 from facts_damping.case.names import label
-from facts_damping.cli.runs import WITH_RUN, is_recording, out_folder, say, tell_graph
+from facts_damping.cli.reporting import say, tell_graph
+from facts_damping.cli.runs import WITH_RUN, is_recording, out_folder
 from facts_damping.errors import InputError
 from facts_damping.interruption import clean_up_first
 from facts_damping.output.terminal import Progress, note, put

@@ -6,13 +6,14 @@ chatter may not converge: the side of a jump on which a sample falls changes all
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import floor, inf, isfinite, log10
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from facts_damping.analysis.indices import INDICES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from facts_damping.analysis.summary import Summary
 
 TOLERANCE = 0.01  # largest relative change of an index when the step is halved
 DIGITS = 4  # printed at most
@@ -20,23 +21,20 @@ MARK = "~"  # prefix of a figure that is not converged
 FIGURES = ("settling_time_s", "roughness", "max_injected_voltage_pu")  # their changes only set the digits shown
 
 
-def compare(summary: Mapping[str, Any], finer: Mapping[str, Any]) -> dict[str, Any]:
-    """Compare two summaries: `converged`, `step_change` (relative change of each figure) and `warnings`.
+def compare(summary: Summary, finer: Summary) -> Summary:
+    """A summary with its `converged` and `step_change`, by the summary of half the step.
 
-    The second summary is of half the step. The change is infinite if only one of the two has the figure, or if it is
-    zero in the second alone. The warnings are those of the first, and one more if it is not converged.
+    The change is infinite if only one of the two has the figure, or if it is zero in the second alone. There is one
+    more warning if the run is not converged.
     """
-    pairs = {name: ((summary["indices"] or {}).get(name), (finer["indices"] or {}).get(name)) for name in INDICES}
-    pairs |= {name: (summary[name], finer[name]) for name in FIGURES}
+    pairs = {name: ((summary.indices or {}).get(name), (finer.indices or {}).get(name)) for name in INDICES}
+    pairs |= {name: (getattr(summary, name), getattr(finer, name)) for name in FIGURES}
     changes = {name: _change(*pair) for name, pair in pairs.items()}
-    flaws = [
-        f"the {what} is {finer[what]} instead of {summary[what]}"
-        for what in ("verdict", "instability")
-        if summary[what] != finer[what]
-    ]
+    words = {"verdict": (summary.verdict, finer.verdict), "instability": (summary.instability, finer.instability)}
+    flaws = [f"the {what} is {other} instead of {word}" for what, (word, other) in words.items() if word != other]
     flaws += [f"{name} changes by {100 * changes[name]:.0f} %" for name in INDICES if changes[name] > TOLERANCE]
     line = [f"not converged: at half the integration step {', '.join(flaws)}"] if flaws else []
-    return {"converged": not flaws, "step_change": changes, "warnings": summary["warnings"] + line}
+    return replace(summary, converged=not flaws, step_change=changes, warnings=summary.warnings + line)
 
 
 def text(value: float, change: float, form: str = f".{DIGITS}g") -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,15 @@ HOPS = {
     "down": "issued to device",
     "whole": "measured to device",
 }
+
+
+class Statistics(NamedTuple):
+    """Mean, median, 99 % quantile and maximum; None of nothing."""
+
+    mean: float | None
+    p50: float | None
+    p99: float | None
+    max: float | None
 
 
 def ages_ms(record: Record, rows: NDArray[Any] | None = None) -> NDArray[np.float64]:
@@ -54,12 +63,12 @@ def _between(measured_ns: NDArray[np.int64], later_ns: NDArray[np.int64]) -> NDA
     return np.where(sound, (later_ns - measured_ns) / MILLISECOND, np.nan)
 
 
-def latency(record: Record) -> dict[str, float | None]:
-    """Mean, median, 99 % quantile and maximum of the applied setpoints' latency, ms of simulated time.
+def latency(record: Record) -> Statistics:
+    """Statistics of the applied setpoints' latency, ms of simulated time.
 
     Latency = time at which the setpoint acts on the device - time of measurement of the newest frame it uses. It covers
     both links and the wait for alignment. A setpoint acts when it reaches the device, but not before the tick in which
-    it was delivered: in real time a node may be late. None if nothing was applied.
+    it was delivered: in real time a node may be late.
     """
     ages = ages_ms(record)
     return statistics(ages[np.isfinite(ages)])
@@ -70,12 +79,12 @@ def left_out(record: Record) -> int:
     return int(np.count_nonzero(np.isnan(ages_ms(record))))
 
 
-def statistics(values: NDArray[np.float64]) -> dict[str, float | None]:
-    """Mean, median, 99 % quantile and maximum of values (n,); None if empty."""
+def statistics(values: NDArray[np.float64]) -> Statistics:
+    """Statistics of values (n,)."""
     if not len(values):
-        return dict.fromkeys(("mean", "p50", "p99", "max"))
+        return Statistics(None, None, None, None)
     p50, p99 = np.percentile(values, [50, 99])
-    return {"mean": float(values.mean()), "p50": float(p50), "p99": float(p99), "max": float(values.max())}
+    return Statistics(float(values.mean()), float(p50), float(p99), float(values.max()))
 
 
 def alike(values: Mapping[str, Value]) -> dict[Value, list[str]]:

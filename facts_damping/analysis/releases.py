@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -11,14 +11,30 @@ from facts_damping.parameters.plant.watchdog import Watchdog
 from facts_damping.signals import REFUSED
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from facts_damping.record import Record
+    from facts_damping.record import NodeJoined, Record, RefusedMessages
 
 
-def releases(record: Record) -> list[dict[str, Any]]:
-    """Releases by time: device, time of release and of re-arming (if any), s, and the timeout."""
-    found: list[dict[str, Any]] = []
+class Release(NamedTuple):
+    """A device that let go: times of release and of re-arming (None: never), and its watchdog's timeout, s."""
+
+    device: str
+    time_s: float
+    rearmed_s: float | None
+    timeout_s: float
+
+
+class WatchdogActions(NamedTuple):
+    """Releases by time, and number of refused setpoints by device and cause."""
+
+    releases: list[Release]
+    refused_setpoints: dict[str, dict[str, int]]
+
+
+def releases(record: Record) -> list[Release]:
+    """Releases by time."""
+    found = []
     silent = timeout(record)
     for d, device in enumerate(record.device_names):
         released = record.devices["released"][:, d] == 1.0
@@ -26,8 +42,8 @@ def releases(record: Record) -> list[dict[str, Any]]:
         for first, after in zip(edges[::2], edges[1::2], strict=True):
             again = float(record.time_s[after]) if after < len(released) else None
             start = float(record.time_s[first])
-            found.append({"device": device, "time_s": start, "rearmed_s": again, "timeout_s": silent})
-    return sorted(found, key=lambda row: row["time_s"])
+            found.append(Release(device, start, again, silent))
+    return sorted(found, key=lambda release: release.time_s)
 
 
 def refused_setpoints(record: Record) -> dict[str, dict[str, int]]:
@@ -47,51 +63,50 @@ def timeout(record: Record) -> float:
     return float((record.configuration.get("watchdog") or {}).get("timeout", Watchdog().timeout))
 
 
-def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
-    """Rows of a table of runs: releases and refused setpoints by device, and nodes that joined."""
-    found = _rows(summaries, "releases", "device", "released", released_text)
-    for device in dict.fromkeys(name for s in summaries for name in s.get("refused_setpoints") or {}):
-        cells = [refused_text((s.get("refused_setpoints") or {}).get(device)) for s in summaries]
-        found.append((f"{device} refused setpoints", cells))
-    return found + _rows(summaries, "joined", "node", "joined", joined_text)
-
-
-def _rows(
-    summaries: Sequence[Mapping[str, Any]], key: str, name: str, label: str, text: Callable[[dict[str, Any]], str]
-) -> list[tuple[str, list[str]]]:
-    """Rows of the lists under a key of the summaries, by name, as texts."""
-    lists = [s.get(key) or [] for s in summaries]
+def rows(runs: Sequence[WatchdogActions]) -> list[tuple[str, list[str]]]:
+    """Rows of a table of runs: releases and refused setpoints by device."""
+    texts = [[(release.device, released_text(release)) for release in run.releases] for run in runs]
+    devices = dict.fromkeys(device for run in runs for device in run.refused_setpoints)
+    refused = [[refused_text(run.refused_setpoints.get(device)) for run in runs] for device in devices]
     return [
-        (f"{one} {label}", ["; ".join(text(row) for row in rows if row[name] == one) or "-" for rows in lists])
-        for one in dict.fromkeys(row[name] for rows in lists for row in rows)
+        *by_name("released", texts),
+        *zip((f"{device} refused setpoints" for device in devices), refused, strict=True),
     ]
 
 
-def released_text(row: dict[str, Any]) -> str:
+def by_name(label: str, runs: Sequence[Sequence[tuple[str, str]]]) -> list[tuple[str, list[str]]]:
+    """Rows of texts of each run (name, text): one for each name."""
+    return [
+        (f"{name} {label}", ["; ".join(text for whose, text in texts if whose == name) or "-" for texts in runs])
+        for name in dict.fromkeys(name for texts in runs for name, _ in texts)
+    ]
+
+
+def released_text(release: Release) -> str:
     """Text of a release."""
-    ended = "" if row["rearmed_s"] is None else f", re-armed at {row['rearmed_s']:.2f} s"
-    return f"at {row['time_s']:.2f} s: no setpoint for {row['timeout_s']:g} s{ended}"
+    ended = "" if release.rearmed_s is None else f", re-armed at {release.rearmed_s:.2f} s"
+    return f"at {release.time_s:.2f} s: no setpoint for {release.timeout_s:g} s{ended}"
 
 
-def joined_text(row: Mapping[str, Any]) -> str:
+def joined_text(joined: NodeJoined) -> str:
     """Text of a node that joined during the run."""
-    armed = "disarmed" if row["armed_s"] is None else f"armed at {row['armed_s']:.2f} s"
-    return f"at {row['time_s']:.2f} s, {armed}"
+    armed = "disarmed" if joined.armed_s is None else f"armed at {joined.armed_s:.2f} s"
+    return f"at {joined.time_s:.2f} s, {armed}"
 
 
-def refused_text(counts: dict[str, int] | None) -> str:
+def refused_text(counts: Mapping[str, int] | None) -> str:
     """Text of refused setpoints: number and causes."""
     if not counts:
         return "-"
     return ", ".join(f"{number} by {cause}" for cause, number in counts.items() if number)
 
 
-def refused_messages(rows: Iterable[Mapping[str, Any]]) -> str:
+def refused_messages(refusals: Iterable[RefusedMessages]) -> str:
     """Text of messages that nodes refused: totals by cause; empty if there are none.
 
     Those on `/diagnostics` do not count: other programs may publish there.
     """
     counts: Counter[str] = Counter()
-    for row in rows:
-        counts[row["cause"]] += row["count"] * (row["topic"] != "/diagnostics")
+    for refused in refusals:
+        counts[refused.cause] += refused.count * (refused.topic != "/diagnostics")
     return refused_text(counts) if counts.total() else ""

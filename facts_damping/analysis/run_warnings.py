@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.analysis.latency import Statistics
+    from facts_damping.analysis.supervision import SupervisorHistory
     from facts_damping.record import Record
 
 FREQUENCY = 2.5  # Hz from nominal, at a machine
@@ -162,27 +164,27 @@ def _burning(record: Record) -> NDArray[np.bool_]:
 
 
 def controller_warnings(
-    record: Record, supervision: Sequence[Mapping[str, Any]], latency: Mapping[str, Any], duty: Mapping[str, float]
+    record: Record, histories: Sequence[SupervisorHistory], latency: Statistics, duty: Mapping[str, float]
 ) -> list[str]:
     """Controllers that were not armed, without effect, late, or at their limits, one line each.
 
-    `supervision`, `latency`, `duty`: as in `analysis.summary`.
+    `latency`: ms; `duty`: fraction of the time that each device's setpoint is at its limit.
     """
-    mean = latency.get("mean") or 0.0
+    mean = latency.mean or 0.0
     late = [f"latency {mean / 1e3:.1f} s on average, more than {LATE_S:g}"] if mean >= 1e3 * LATE_S else []
     limits = {device: f"{100 * fraction:.0f} % of the time" for device, fraction in duty.items() if fraction > MOSTLY}
     limited = [f"{device} was at its limit {text}" for device, text in limits.items()]
-    return [*_not_armed(record, supervision), *_without_effect(record), *late, *limited]
+    return [*_not_armed(record, histories), *_without_effect(record), *late, *limited]
 
 
-def _not_armed(record: Record, supervision: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def _not_armed(record: Record, histories: Sequence[SupervisorHistory]) -> Iterator[str]:
     """Supervised controllers that were never armed, with the reason."""
     arm_at = record.configuration.get("arm_at")
-    for one in supervision:
-        if one["fractions"][STATES[ARMED]] == 0.0:
+    for history in histories:
+        if history.fractions[STATES[ARMED]] == 0.0:
             due = "nobody armed it" if arm_at is None else f"due at {arm_at:g} s"
-            why = cause_text(one["refusals"][-1]) if one["refusals"] else due
-            yield f"{one['controller']} was {NEVER_ARMED} ({why}): it controlled nothing"
+            why = cause_text(history.refusals[-1]) if history.refusals else due
+            yield f"{history.controller} was {NEVER_ARMED} ({why}): it controlled nothing"
 
 
 def _without_effect(record: Record) -> Iterator[str]:

@@ -27,7 +27,7 @@ from facts_damping.record import group_by
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -45,6 +45,56 @@ class Bound(NamedTuple):
     value: float
     limit: float
     unit: str
+
+
+class Refusal(NamedTuple):
+    """A refusal to arm: time (s) and cause, with the cause's value, limit and unit if it has a number."""
+
+    time_s: float
+    cause: str
+    value: float | None = None
+    limit: float | None = None
+    unit: str | None = None
+
+    @property
+    def state(self) -> str:
+        """Stands for the new state of a change."""
+        return "not armed"
+
+
+class StateChange(NamedTuple):
+    """A change of state with its cause, as of a `Refusal`; SILENT: the supervisor fell silent."""
+
+    state: str
+    time_s: float
+    cause: str
+    value: float | None = None
+    limit: float | None = None
+    unit: str | None = None
+
+
+class Probe(NamedTuple):
+    """What a probe measured, of the device whose response is known least; None: unknown."""
+
+    gain: float | None  # response relative to the model's
+    phase_deg: float | None
+    coherence: float | None
+    added_damping_per_s: float | None
+    phase_margin_deg: float | None
+    delay_margin_ms: float | None
+    gain_margin: float | None
+
+
+class SupervisorHistory(NamedTuple):
+    """Actions of a controller's supervisor."""
+
+    controller: str
+    state: str  # the last
+    fractions: dict[str, float]  # of the run's ticks by state; the sum is below 1 if it was silent
+    changes: list[StateChange]
+    trips: int
+    refusals: list[Refusal]
+    probe: Probe | None  # the newest
 
 
 def supervised(record: Record) -> dict[str, NDArray[Any]]:
@@ -83,32 +133,29 @@ def _given(record: Record) -> Supervision:
     return Supervision.model_validate(record.configuration.get("supervision") or {})
 
 
-def supervision(record: Record, mode_hz: float | None = None) -> list[dict[str, Any]]:
-    """Actions of each supervisor, ready for JSON; empty without supervisors.
+def supervision(record: Record, mode_hz: float | None = None) -> list[SupervisorHistory]:
+    """Actions of each supervisor; empty without supervisors.
 
-    `controller`; `state`, the last; `fractions` of the run's ticks by state, whose sum is below 1 if the supervisor was
-    silent; `changes` and `refusals`, lists of `time_s`, `state` (changes only), `cause`, and the cause's `value`,
-    `limit` and `unit`, if it has a number; `trips`, their number; `probe`, the newest one, or None. `mode_hz`:
-    frequency of the mode, which converts the phase margin into a delay margin.
+    `mode_hz`: frequency of the mode, which converts the phase margin into a delay margin.
     """
-    found = []
+    histories = []
     for name, rows in supervised(record).items():
         changes = list(_changes(record, rows))
         counts = {state: int(np.count_nonzero(rows["state"] == code)) for code, state in enumerate(STATES)}
-        history = {
-            "controller": name,
-            "state": changes[-1]["state"] if changes else STATES[SHADOW],
-            "fractions": {state: count / len(record.time_ns) for state, count in counts.items()},
-            "changes": changes,
-            "trips": sum(row["state"] == STATES[TRIPPED] for row in changes),
-            "refusals": list(_refusals(record, rows)),
-            "probe": _probe(rows, mode_hz),
-        }
-        found.append(history)
-    return found
+        history = SupervisorHistory(
+            name,
+            changes[-1].state if changes else STATES[SHADOW],
+            {state: count / len(record.time_ns) for state, count in counts.items()},
+            changes,
+            sum(change.state == STATES[TRIPPED] for change in changes),
+            list(_refusals(record, rows)),
+            _probe(rows, mode_hz),
+        )
+        histories.append(history)
+    return histories
 
 
-def _changes(record: Record, rows: NDArray[Any]) -> Iterator[dict[str, Any]]:
+def _changes(record: Record, rows: NDArray[Any]) -> Iterator[StateChange]:
     """Changes of state, and the times at which a supervisor fell silent for longer than the devices' timeout.
 
     The initial state is shadow.
@@ -122,25 +169,24 @@ def _changes(record: Record, rows: NDArray[Any]) -> Iterator[dict[str, Any]]:
         cause = int(rows["cause"][i])
         if changed[i]:
             bound = _bound(record, rows[i], cause)
-            yield {"state": STATES[rows["state"][i]], **_row(record, rows["tick"][i], cause_name(cause), bound)}
+            yield StateChange(
+                STATES[rows["state"][i]], _time_s(record, rows["tick"][i]), cause_name(cause), *(bound or ())
+            )
         if silent[i]:
-            yield {"state": SILENT, **_row(record, ends[i], "", None)}
+            yield StateChange(SILENT, _time_s(record, ends[i]), "")
 
 
-def _refusals(record: Record, rows: NDArray[Any]) -> Iterator[dict[str, Any]]:
+def _refusals(record: Record, rows: NDArray[Any]) -> Iterator[Refusal]:
     """Causes for refusing to arm; values are of the tick before, on which the decision was based."""
     for i in np.flatnonzero(np.diff(rows["refused"], prepend=NO_CAUSE)):
         cause = int(rows["refused"][i])
         if cause != NO_CAUSE:
             bound = _bound(record, rows[max(i - 1, 0)], cause)
-            yield _row(record, rows["tick"][i], cause_name(cause), bound)
+            yield Refusal(_time_s(record, rows["tick"][i]), cause_name(cause), *(bound or ()))
 
 
-def _row(record: Record, tick: int, cause: str, bound: Bound | None) -> dict[str, Any]:
-    """Time and cause of a change, with the value that exceeded its limit."""
-    value, limit, unit = bound or (None, None, None)
-    time_s = int(tick) * NANOSECONDS // record.frame_rate / NANOSECONDS
-    return {"time_s": time_s, "cause": cause, "value": value, "limit": limit, "unit": unit}
+def _time_s(record: Record, tick: int) -> float:
+    return int(tick) * NANOSECONDS // record.frame_rate / NANOSECONDS
 
 
 def _bound(record: Record, row: Any, cause: int) -> Bound | None:
@@ -166,98 +212,94 @@ def _bound(record: Record, row: Any, cause: int) -> Bound | None:
     return found if beyond and math.isfinite(found.value) else None
 
 
-def _probe(rows: NDArray[Any], mode_hz: float | None) -> dict[str, Any] | None:
+def _probe(rows: NDArray[Any], mode_hz: float | None) -> Probe | None:
     """The newest known probe, of the device whose response is known least."""
     known = rows[np.isfinite(rows["probe_gain"])]
     if not len(known):
         return None
     row, margin = known[-1], math.degrees(float(known[-1]["phase_margin"]))
     delay = margin / 360.0 / mode_hz * 1e3 if mode_hz else math.nan
-    figures = {
-        "gain": row["probe_gain"],
-        "phase_deg": math.degrees(float(row["probe_phase"])),
-        "coherence": row["probe_coherence"],
-        "added_damping_per_s": row["added_damping"],
-        "phase_margin_deg": margin,
-        "delay_margin_ms": delay,
-        "gain_margin": row["gain_margin"],
-    }
-    return {name: float(value) if math.isfinite(value) else None for name, value in figures.items()}
+    figures = (
+        row["probe_gain"],
+        math.degrees(float(row["probe_phase"])),
+        row["probe_coherence"],
+        row["added_damping"],
+        margin,
+        delay,
+        row["gain_margin"],
+    )
+    return Probe(*(float(value) if math.isfinite(value) else None for value in figures))
 
 
-def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
-    """Rows of a table of runs: history of each supervised controller, and its probe."""
-    each = [{one["controller"]: one for one in s.get("supervision") or ()} for s in summaries]
-    found = []
-    for name in dict.fromkeys(name for run in each for name in run):
-        histories = [run.get(name) for run in each]
-        found.append((name, ["-" if one is None else history_text(one) for one in histories]))
-        if any(one and one["probe"] for one in histories):
-            found.append((f"{name} probe", [probe_text(one["probe"] if one else None) for one in histories]))
-    return found
-
-
-def history_text(history: Mapping[str, Any]) -> str:
+def history_text(history: SupervisorHistory) -> str:
     """Actions of a supervisor in one line."""
-    parts = sorted([*history["changes"], *history["refusals"]], key=lambda row: float(row["time_s"]))
     texts, seen = [], set()
-    for row in parts:
-        state = row.get("state", "not armed")
-        texts.append(change_text(row, again=state in seen))
-        seen.add(state)
-    if not history["changes"]:
+    for change in actions(history):
+        texts.append(change_text(change, again=change.state in seen))
+        seen.add(change.state)
+    if not history.changes:
         texts.append(f"never armed, {STATES[SHADOW]} to the end")
     if len(texts) > MAXIMUM:
         texts[MAXIMUM - 2 : -1] = [f"{len(texts) - MAXIMUM + 1} more changes"]
     return "; ".join(texts)
 
 
-def change_text(row: Mapping[str, Any], *, again: bool = False) -> str:
+def actions(history: SupervisorHistory) -> list[StateChange | Refusal]:
+    """Changes of state and refusals to arm, by time."""
+    return sorted([*history.changes, *history.refusals], key=lambda action: action.time_s)
+
+
+def change_text(change: StateChange | Refusal, *, again: bool = False) -> str:
     """Text of a change or of a refusal to arm: `tripped at 5.43 s: harm 0.21 1/s, more than 0.03`."""
-    why = "" if row["cause"] in ("", CAUSES[BY_SCHEDULE]) else f": {cause_text(row)}"
-    return f"{row.get('state', 'not armed')}{' again' * again} at {row['time_s']:.2f} s{why}"
+    why = "" if change.cause in ("", CAUSES[BY_SCHEDULE]) else f": {cause_text(change)}"
+    return f"{change.state}{' again' * again} at {change.time_s:.2f} s{why}"
 
 
-def cause_text(row: Mapping[str, Any]) -> str:
+def cause_text(change: StateChange | Refusal) -> str:
     """Text of a cause, with value and limit."""
-    cause, value, limit = row["cause"], row["value"], row["limit"]
-    if value is None:
-        return f"{cause} is over" if cause in MONITORS and row.get("state") == STATES[ARMED] else str(cause)
-    unit = "" if row["unit"] == "-" else f" {row['unit']}"
+    cause, value, limit = change.cause, change.value, change.limit
+    if value is None or limit is None:
+        return f"{cause} is over" if cause in MONITORS and change.state == STATES[ARMED] else cause
+    unit = "" if change.unit == "-" else f" {change.unit}"
     for digits in DIGITS:
-        found, bound = (f"{number:.{digits}g}" for number in (value, limit))
-        if found != bound:
-            return f"{cause} {found}{unit}, {'more' if value > limit else 'less'} than {bound}"
+        shown, bound = (f"{number:.{digits}g}" for number in (value, limit))
+        if shown != bound:
+            return f"{cause} {shown}{unit}, {'more' if value > limit else 'less'} than {bound}"
     return f"{cause} {value:.3g}{unit}, the limit"
 
 
-def probe_text(probe: Mapping[str, Any] | None) -> str:
+def probe_text(probe: Probe | None) -> str:
     """Text of a probe."""
     if probe is None:
         return "-"
-    texts = [f"{probe['gain']:.2f} times the model's response, {probe['phase_deg']:+.0f} deg"]
-    texts.append(f"coherence {probe['coherence']:.2f}")
-    if probe["added_damping_per_s"] is not None:
-        texts.append(f"adds {probe['added_damping_per_s']:.2g} 1/s of damping")
-    if probe["phase_margin_deg"] is not None:
-        delay = "" if probe["delay_margin_ms"] is None else f" ({probe['delay_margin_ms']:.0f} ms)"
-        texts.append(f"phase margin {probe['phase_margin_deg']:.0f} deg{delay}")
-    if probe["gain_margin"] is not None:
-        texts.append(f"gain margin {probe['gain_margin']:.2g}")
+    texts = [f"{probe.gain:.2f} times the model's response, {probe.phase_deg:+.0f} deg"]
+    texts.append(f"coherence {probe.coherence:.2f}")
+    if probe.added_damping_per_s is not None:
+        texts.append(f"adds {probe.added_damping_per_s:.2g} 1/s of damping")
+    if probe.phase_margin_deg is not None:
+        delay = "" if probe.delay_margin_ms is None else f" ({probe.delay_margin_ms:.0f} ms)"
+        texts.append(f"phase margin {probe.phase_margin_deg:.0f} deg{delay}")
+    if probe.gain_margin is not None:
+        texts.append(f"gain margin {probe.gain_margin:.2g}")
     return "; ".join(texts)
 
 
-def trips(histories: Sequence[Mapping[str, Any]]) -> list[tuple[float, str, str]]:
+def trips(histories: Sequence[SupervisorHistory]) -> list[tuple[float, str, str]]:
     """Time (s), controller and cause of each trip."""
     return [
-        (row["time_s"], one["controller"], row["cause"])
-        for one in histories
-        for row in one["changes"]
-        if row["state"] == STATES[TRIPPED]
+        (change.time_s, history.controller, change.cause)
+        for history in histories
+        for change in history.changes
+        if change.state == STATES[TRIPPED]
     ]
 
 
-def tripped_texts(histories: Sequence[Mapping[str, Any]]) -> list[str]:
+def tripped_texts(histories: Sequence[SupervisorHistory]) -> list[str]:
     """One line per tripped controller, about its last trip."""
-    last = {one["controller"]: row for one in histories for row in one["changes"] if row["state"] == STATES[TRIPPED]}
-    return [f"{controller} was {change_text(row)}" for controller, row in last.items()]
+    last = {
+        history.controller: change
+        for history in histories
+        for change in history.changes
+        if change.state == STATES[TRIPPED]
+    }
+    return [f"{controller} was {change_text(change)}" for controller, change in last.items()]

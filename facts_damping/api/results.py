@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping import findings
 from facts_damping.analysis import summary as figures
+from facts_damping.analysis.summary import Summary, as_json
 from facts_damping.api.cases import case_of, short_traceback
 from facts_damping.case.names import asked_label
 from facts_damping.digest import digest
@@ -38,15 +39,18 @@ class Result(Record):
         return asked_label(self.asked) if self.configuration else "recording"
 
     @cached_property
+    def _summary(self) -> Summary:
+        return figures.summarise(self, twin=twin_of(self))
+
+    @cached_property
     def summary(self) -> dict[str, Any]:
         """The figures of the run, as JSON has them (docs/results_json.md)."""
-        return figures.summarise(self, twin=twin_of(self))
+        return as_json(self._summary)
 
     @property
     def indices(self) -> dict[str, float] | None:
         """ITAE, IAE, ITSE, ISE of the speed differences (4.108); None of a run that has lost synchronism."""
-        found: dict[str, float] | None = self.summary["indices"]
-        return found
+        return self._summary.indices
 
     @property
     def digest(self) -> str:
@@ -76,7 +80,9 @@ class Result(Record):
     @cached_property
     def findings(self) -> list[str]:
         """What came out, in lines of words and numbers: those that the commands print."""
-        return findings.findings(self, self.summary) if len(self.time_ns) else ["empty"]
+        if not len(self.time_ns):
+            return ["empty"]
+        return findings.findings(self, self._summary, findings.run_to_compare(self, self._summary))
 
     def __str__(self) -> str:
         """What came out."""

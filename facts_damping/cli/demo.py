@@ -6,12 +6,11 @@ import sys
 import time
 from pathlib import Path
 
-from facts_damping import interruption, report
-from facts_damping.analysis import details
+from facts_damping import interruption
 from facts_damping.analysis.plotting.plots import plot_comparison
-from facts_damping.analysis.summary import table
+from facts_damping.analysis.summary_table import table
 from facts_damping.case import loading
-from facts_damping.cli import runs
+from facts_damping.cli.reporting import detailed, run_result, write_page
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.nodes.launching import graph
 from facts_damping.output.terminal import Progress, note, show
@@ -32,16 +31,15 @@ def run_all(folder: Path) -> None:
             outcome = graph.run(case, "lockstep", place, progress)
         record = seal(outcome.recording)
         named.append((name, record))
-        results.append(runs.summarise(record, None, str(place / "recording")))
+        results.append(run_result(record, recording=str(place / "recording")))
         show(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
     show(f"\ntwo_area in the profile deployment: {EVENT}\n")
-    details.compare(results, 0)
-    show(table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
+    show(table([(name, result.summary) for (name, _), result in zip(named, results, strict=True)]))
     show("")
     for path in plot_comparison(named, folder):
         show(f"plot: {path}")
     show(f"recordings: {folder}/*/recording")
-    report.write(folder / "report.html", named, results)
+    write_page(folder / "report.html", named, detailed(results, [record for _, record in named], 0))
     show(f"report, for a browser: {_newest(folder)}/report.html")
     show("watch a run and change it in a browser: .venv/bin/facts-damping cockpit two_area_deployment --supervised")
 

@@ -7,7 +7,7 @@ from importlib.resources import files as resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from facts_damping.cli.runs import say
+from facts_damping.cli.reporting import say
 from facts_damping.errors import InputError
 from facts_damping.output.writing import write_whole
 from facts_damping.parameters.files import new_folder

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
-from facts_damping.cli.runs import out_folder, say
+from facts_damping.cli.reporting import say
+from facts_damping.cli.runs import out_folder
 from facts_damping.digest import digest
 from facts_damping.errors import InputError, RunError
 from facts_damping.extensions import given
@@ -61,8 +62,8 @@ def replay(arguments: argparse.Namespace) -> None:
         "first_difference": first and first._asdict(),
         "devices": again.beside(case, played, issued),
         "watchdogs": {
-            which: {"releases": releases.releases(one), "refused_setpoints": releases.refused_setpoints(one)}
-            for which, one in (("recorded", played), ("replayed", again.watched(case, played)))
+            which: releases.WatchdogActions(releases.releases(acted), releases.refused_setpoints(acted))
+            for which, acted in (("recorded", played), ("replayed", again.watched(case, played)))
         },
         "notes": again.notes_on(record, played),
         "replayed": recording,

@@ -10,10 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
 from facts_damping.case.names import label
-from facts_damping.digest import digest
-from facts_damping.errors import DegradedError, InputError, check_known
+from facts_damping.cli.reporting import (
+    check_ended_well,
+    detailed,
+    details_lines,
+    page,
+    report,
+    run_result,
+    say,
+    step_times_report,
+    tell_graph,
+)
+from facts_damping.errors import InputError, check_known
 from facts_damping.output.tables import table
-from facts_damping.output.terminal import Progress, note, show
+from facts_damping.output.terminal import Progress, note
 from facts_damping.output.writing import write_json, write_whole
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
@@ -23,16 +33,12 @@ from facts_damping.simulation.replay import check_has_run
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Mapping
+    from collections.abc import Sequence
 
-    from facts_damping.nodes.launching.graph import Outcome
+    from facts_damping.cli.reporting import Named, RunResult
     from facts_damping.record import Record
-    from facts_damping.simulation.policies import StepTimes
 
-    Named = list[tuple[str, Record]]
-    Results = list[dict[str, Any]]
 
-REFUSAL = ("node", "cause", "topic", "source", "count")  # of messages that a node refused
 HOST = "127.0.0.1"  # of a cockpit
 RECORDINGS = (".mcap", ".db3")  # suffixes of a recording's files
 WITH_RUN = "a recording that holds its run"
@@ -54,104 +60,28 @@ def is_recording(what: str | None) -> bool:
     return what is not None and (path.is_dir() or path.suffix in RECORDINGS)
 
 
-def say(arguments: argparse.Namespace, *texts: str) -> None:
-    """Print texts, each on lines of its own, unless standard output is used for JSON."""
-    for text in texts if arguments.json != "-" else ():
-        show(text)
-
-
-def summarise(record: Record, wall_s: float | None, recording: str | None, method: str = "auto") -> dict[str, Any]:
-    """JSON summary of a run (docs/results_json.md)."""
-    from facts_damping.analysis import summary
-    from facts_damping.simulation.twins import twin_of
-
-    more = {"digest": digest(record), "versions": record.versions, "wall_s": wall_s, "recording": recording}
-    return {**summary.summarise(record, method=method, twin=twin_of(record)), **more}
-
-
-def _report(arguments: argparse.Namespace, named: Named, results: Results, folder: Path | None, *more: str) -> None:
-    """Write files first, then print the table: a closed pipe then loses no result. `folder`: exists, or None."""
-    from facts_damping.analysis.summary import table
-    from facts_damping.findings import findings, names_of_seeds
-
-    content = results if arguments.command == "analyze" else results[0]
-    names, records = zip(*named, strict=True)
-    pictures = []
-    if folder is not None:
-        from facts_damping.analysis.plotting.plots import plot_comparison
-
-        labels = names_of_seeds(records)
-        pictures = plot_comparison(list(zip(labels, records, strict=True)), folder)
-        write_json(str(folder / "result.json"), content)
-    write_json(arguments.json, content)
-    for name, record in named:
-        for line in record.notes:
-            note(f"{name}: {line}")
-    for record, result in zip(records, results, strict=True):
-        say(arguments, *findings(record, result), "")
-    heads = names if len(named) > 1 else [""]
-    say(arguments, table(list(zip(heads, results, strict=True))), *(f"plot: {path}" for path in pictures), *more)
-    if getattr(arguments, "digest", False):
-        several = len(named) > 1
-        pairs = zip(names, results, strict=True)
-        say(arguments, *(f"digest: {result['digest']}" + f", {name}" * several for name, result in pairs))
-
-
-def _step_times(took: Mapping[str, StepTimes]) -> tuple[dict[str, Any], list[str]]:
-    """Durations of programs' steps, for JSON and as lines; empty if there are none."""
-    times = {"step_times": {name: times._asdict() for name, times in took.items()}} if took else {}
-    return times, [f"{name}: {times}" for name, times in took.items()]
-
-
-def _missing(outcome: Outcome, record: Record) -> int:
-    """Ticks of a graph that its record lacks, also those after the last message that was recorded."""
-    return max(0, outcome.ticks - len(record.time_ns))
-
-
-def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome | None = None) -> None:
-    """Raise `DegradedError` if a run ended but was degraded; `outcome`: of its graph."""
-    from facts_damping.analysis.releases import joined_text, refused_messages, released_text
-    from facts_damping.analysis.supervision import tripped_texts
-
-    flaws = [
-        *tripped_texts(result["supervision"]),
-        *(f"{row['device']} was released {released_text(row)}" for row in result["releases"]),
-        *(f"{row['node']} joined {joined_text(row)}" for row in result["joined"]),
-    ]
-    if outcome is not None:
-        flaws += outcome.fallen
-        told = [dict(zip(REFUSAL, [*how, n], strict=True)) for how, n in outcome.messages_refused.items()]
-        refused = refused_messages(result["refused_messages"] or told)  # as in the table; nodes count to their end
-        flaws += [f"refused messages: {refused}"] if refused else []
-        flaws += [f"the recorder lost {record.messages_lost} messages"] if record.messages_lost else []
-        missing = _missing(outcome, record)
-        flaws += [f"{missing} of {outcome.ticks} ticks were not recorded"] if missing else []
-        flaws += [f"of tick {record.gap_tick} not all was recorded"] if record.gap_tick is not None else []
-    if flaws:
-        raise DegradedError(f"the run ended, but: {'; '.join(flaws)}")
-
-
 def simulate(arguments: argparse.Namespace) -> None:
     """Run one closed loop in process."""
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     began = time.perf_counter()
     built = loop.build_loop(case)
     record = loop.finish(case, built)
-    result = summarise(record, time.perf_counter() - began, None)
+    result = run_result(record, time.perf_counter() - began)
     if arguments.check_step:
         from facts_damping.analysis import convergence
 
-        result |= convergence.compare(result, summarise(loop.run(loop.with_half_step(case)), None, None))
+        finer = run_result(loop.run(loop.with_half_step(case)))
+        result = replace(result, summary=convergence.compare(result.summary, finer.summary))
     folder, saved = None, []
     if arguments.out is not None:
         folder = files.new_folder(Path(arguments.out))
         for name, weights in adapted_weights.all_adapted(case, built).items():
             saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
             write_whole(folder / f"{name}.weights.yaml", dump(weights.model_dump()))
-    times, lines = _step_times(step_times(built.programs))
-    result |= times
-    _report(arguments, [(label(case.summary()), record)], [result], folder, *saved, *lines)
-    check_ended_well(result, record)
+    times, lines = step_times_report(step_times(built.programs))
+    result = replace(result, more=times)
+    report(arguments, [(label(case.summary()), record)], [result], folder, *saved, *lines)
+    check_ended_well(result.summary, record)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -175,32 +105,8 @@ def run(arguments: argparse.Namespace) -> None:
     tell_graph(arguments, name, outcome, folder)
 
 
-def tell_graph(
-    arguments: argparse.Namespace,
-    name: str,
-    outcome: Outcome,
-    folder: Path,
-    more: Callable[[Record], tuple[dict[str, Any], list[str]]] | None = None,
-) -> None:
-    """Report a graph's results: JSON, table, pictures; `more`: further results from its record, with their lines."""
-    from facts_damping.recording import seal
-
-    record = seal(outcome.recording)
-    result = summarise(record, outcome.wall_s, str(outcome.recording))
-    result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": record.messages_lost}
-    result |= {"ticks_missing": _missing(outcome, record)}
-    times, steps = _step_times(outcome.step_times)
-    result |= {"nodes_ended": outcome.fallen, **times}
-    further, lines = more(record) if more is not None else ({}, [])
-    counts = ("deadline_misses", "messages_lost", "ticks_missing")
-    lines += [*steps, "; ".join(f"{name.replace('_', ' ')}: {result[name]}" for name in counts)]
-    _report(arguments, [(name, record)], [result | further], folder, *lines, f"recording: {outcome.recording}")
-    check_ended_well(result, record, outcome)
-
-
 def analyze(arguments: argparse.Namespace) -> None:
     """Print figures and make plots of recordings."""
-    from facts_damping.analysis import details
     from facts_damping.findings import names, without_control
     from facts_damping.record import Record
     from facts_damping.recording.reader import load
@@ -220,21 +126,26 @@ def analyze(arguments: argparse.Namespace) -> None:
         paths.append(FREE)
         records.append(without_control(records[0]))
     named, baseline = list(zip(names(records), records, strict=True)), paths.index(first)
-    results = [
-        summarise(record, None, str(path), arguments.modes_method) | details.details(record)
-        for record, path in zip(records, paths, strict=True)
-    ]
-    details.compare(results, baseline)
+    results = detailed(
+        [
+            run_result(record, recording=str(path), method=arguments.modes_method)
+            for record, path in zip(records, paths, strict=True)
+        ],
+        records,
+        baseline,
+    )
     folder = Path(arguments.out) if arguments.out is not None else Path(paths[0]).parent / "analysis"
     more = [
-        *details.lines([name for name, _ in named], results, baseline),
+        *details_lines(named, results, baseline),
         *_distributions(arguments, named, results, folder),
         *page(arguments, named, results, baseline),
     ]
-    _report(arguments, named, results, files.new_folder(folder), *more)
+    report(arguments, named, results, files.new_folder(folder), *more)
 
 
-def _distributions(arguments: argparse.Namespace, named: Named, results: Results, folder: Path) -> list[str]:
+def _distributions(
+    arguments: argparse.Namespace, named: Named, results: Sequence[RunResult], folder: Path
+) -> list[str]:
     """Draw time-frequency pictures if asked for; one line each."""
     if arguments.spwvd is None:
         return []
@@ -246,7 +157,7 @@ def _distributions(arguments: argparse.Namespace, named: Named, results: Results
     if arguments.band:
         asked = asked._replace(band=arguments.band)
     records = [
-        (name, record, [mode["frequency_hz"] for mode in result["modes"]])
+        (name, record, [mode.frequency_hz for mode in result.summary.modes])
         for (name, record), result in zip(named, results, strict=True)
     ]
     figures, notes = distribution_figures(records, arguments.spwvd.split(","), asked)
@@ -254,16 +165,6 @@ def _distributions(arguments: argparse.Namespace, named: Named, results: Results
     for line in notes:
         note(line)
     return [f"plot: {path}" for path in paths]
-
-
-def page(arguments: argparse.Namespace, named: Named, results: Results, baseline: int) -> list[str]:
-    """Write the report if asked for; a line with its path."""
-    if arguments.report is None:
-        return []
-    from facts_damping import report
-
-    report.write(Path(arguments.report), named, results, baseline)
-    return [f"report: {arguments.report}"]
 
 
 def _explained(record: Record, path: str, run: str | None) -> Record:

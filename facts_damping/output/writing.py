@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,7 +66,11 @@ def write_text(target: str, text: str) -> None:
 
 
 def finite(content: Any) -> Any:
-    """Content with None in place of numbers that JSON lacks."""
+    """Content for JSON: objects of dataclasses and named tuples, None in place of numbers that JSON lacks."""
+    if is_dataclass(content):
+        content = {field.name: getattr(content, field.name) for field in fields(content)}
+    elif isinstance(content, tuple) and hasattr(content, "_asdict"):
+        content = content._asdict()
     if isinstance(content, dict):
         return {key: finite(value) for key, value in content.items()}
     if isinstance(content, (list, tuple)):

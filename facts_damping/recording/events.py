@@ -14,7 +14,7 @@ import numpy as np
 
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.record import GridEvent, RunChange
+from facts_damping.record import GridEvent, NodeJoined, RefusedMessages, RunChange
 from facts_damping.recording.decode import time_ns
 from facts_damping.signals import NANOSECONDS
 
@@ -84,15 +84,14 @@ def events(blocks: Iterable[Block]) -> list[GridEvent]:
     return [event for _, event in sorted(numbered, key=lambda pair: (pair[1].time_ns, pair[0]))]
 
 
-def refused(blocks: Iterable[Block]) -> list[dict[str, Any]]:
-    """Totals refused by each node: `node`, `topic`, `cause`, `source`, `count` (its largest: counters only grow)."""
+def refused(blocks: Iterable[Block]) -> list[RefusedMessages]:
+    """Totals refused by each node: the largest counts, as counters only grow."""
     maximum: dict[tuple[str, str, str, str], int] = {}
     for block in blocks:
         for entry in block.message.refused:
             key = (block.message.node, entry.topic, entry.cause, entry.source)
             maximum[key] = max(maximum.get(key, 0), int(np.max(entry.count)))
-    names = ("node", "topic", "cause", "source", "count")
-    return [dict(zip(names, (*key, count), strict=True)) for key, count in maximum.items()]
+    return [RefusedMessages(*key, count) for key, count in maximum.items()]
 
 
 def changes(blocks: Iterable[Block]) -> list[RunChange]:
@@ -127,8 +126,8 @@ def run_ended(blocks: Iterable[Block]) -> tuple[str, int] | None:
     return max(ends)[1:] if ends else None
 
 
-def joined(blocks: Iterable[Block]) -> list[dict[str, Any]]:
-    """Nodes that joined during the run, by time: `node`, `time_s`, `armed_s` (None: disarmed to the end)."""
+def joined(blocks: Iterable[Block]) -> list[NodeJoined]:
+    """Nodes that joined during the run, by time."""
     last: dict[tuple[int, str], float | None] = {}
     for block in blocks:
         for status in block.message.status:
@@ -137,4 +136,4 @@ def joined(blocks: Iterable[Block]) -> list[dict[str, Any]]:
             if re.fullmatch(TIME, at):
                 key = (int(at), status.name)
                 last[key] = last.get(key) or (int(armed) / NANOSECONDS if re.fullmatch(TIME, armed) else None)
-    return [{"node": name, "time_s": at / NANOSECONDS, "armed_s": armed} for (at, name), armed in sorted(last.items())]
+    return [NodeJoined(name, at / NANOSECONDS, armed) for (at, name), armed in sorted(last.items())]

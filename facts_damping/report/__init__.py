@@ -3,6 +3,7 @@
 `contents` defines it as plain data; `drawing` makes the charts, `page` the file.
 """
 
+from facts_damping.report.contents import ReportedRun
 from facts_damping.report.page import write
 
-__all__ = ["write"]
+__all__ = ["ReportedRun", "write"]

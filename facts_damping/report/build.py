@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from typing import Any
 
+    from facts_damping.analysis.summary import Summary
     from facts_damping.record import Record
     from facts_damping.report.contents import ReportedRun
 
@@ -71,12 +72,12 @@ def differences(records: Sequence[Record]) -> list[str]:
 def _remarks(run: ReportedRun) -> list[str]:
     """Remarks that a reader needs before a run's figures."""
     found = [f"{run.name}: {note}." for note in run.record.notes]
-    if run.summary["stable"] is False:
+    if run.summary.stable is False:
         end = float(run.record.time_s[-1])
-        found.append(f"{run.name} is not stable: {run.summary['instability']} at {end:.2f} s. It has no indices.")
-    if run.summary["stable"] is None:
-        found.append(f"Whether {run.name} is stable is not known: {run.summary['verdict_because']}. It has no indices.")
-    return [*found, *(f"{run.name}: {line}." for line in run.summary["warnings"])]
+        found.append(f"{run.name} is not stable: {run.summary.instability} at {end:.2f} s. It has no indices.")
+    if run.summary.stable is None:
+        found.append(f"Whether {run.name} is stable is not known: {run.summary.verdict_because}. It has no indices.")
+    return [*found, *(f"{run.name}: {line}." for line in run.summary.warnings)]
 
 
 def _events(run: ReportedRun, name: str) -> Iterator[tuple[float, str]]:
@@ -88,10 +89,10 @@ def _events(run: ReportedRun, name: str) -> Iterator[tuple[float, str]]:
     for event in record.events:
         if event.time_ns <= record.time_ns[-1]:
             yield event.time_ns / NANOSECONDS, f"{event.kind.replace('_', ' ')} {event.element}".strip()
-    for time, controller, cause in trips(run.summary.get("supervision") or ()):
+    for time, controller, cause in trips(run.summary.supervision):
         yield round(time, 3), f"{name}{controller} tripped by {cause}"
-    for row in run.summary.get("releases") or ():
-        yield round(row["time_s"], 3), f"{name}{row['device']} released"
+    for release in run.summary.releases:
+        yield round(release.time_s, 3), f"{name}{release.device} released"
     for stage in _stages(record.configuration):
         if stage.get("loss") == 1.0 and stage.get("duration") is not None:
             for time, what in ((stage["start"], "cut"), (stage["start"] + stage["duration"], "back")):
@@ -120,19 +121,19 @@ def lead(runs: Sequence[ReportedRun], baseline: int, comparable: bool) -> str:
 
 def _alone(run: ReportedRun) -> str:
     """One run: whether it is damped, its damping, its swing."""
-    if run.summary["stable"] is False:
+    if run.summary.stable is False:
         return _lost(run)
-    parts = [f"{run.name}: {run.summary['verdict']}"]
-    if run.summary["modes"]:
+    parts = [f"{run.name}: {run.summary.verdict}"]
+    if run.summary.modes:
         parts.append(f"{_mode(run)} has a damping ratio of {_percent(_ratio(run))}")
-    if run.summary["indices"]:
-        parts.append(f"ITAE is {run.summary['indices']['ITAE']:.3g}")
+    if run.summary.indices:
+        parts.append(f"ITAE is {run.summary.indices['ITAE']:.3g}")
     return ", ".join(parts)
 
 
 def _beside(run: ReportedRun, base: ReportedRun, *, first: bool) -> str:
     """A run against the baseline: change of damping and of ITAE."""
-    if run.summary["stable"] is False:
+    if run.summary.stable is False:
         return _lost(run)
     now, before = _ratio(run), _ratio(base)
     if now is None or before is None:
@@ -140,20 +141,20 @@ def _beside(run: ReportedRun, base: ReportedRun, *, first: bool) -> str:
     verb = "raises" if now > before else "lowers"
     what = f"the damping ratio of {_mode(base)} from {_percent(before)}" if first else "it"
     text = f"{run.name} {verb} {what} to {_percent(now)}"
-    less = (run.summary.get("improvement_percent") or {}).get("ITAE")
+    less = (run.improvement_percent or {}).get("ITAE")
     return text if less is None else f"{text} and {'raises' if less < 0 else 'lowers'} ITAE by {abs(less):.0f} %"
 
 
 def _lost(run: ReportedRun) -> str:
-    return f"{run.name}: {run.summary['instability']} at {float(run.record.time_s[-1]):.1f} s"
+    return f"{run.name}: {run.summary.instability} at {float(run.record.time_s[-1]):.1f} s"
 
 
 def _ratio(run: ReportedRun) -> float | None:
-    return run.summary["modes"][0]["damping_ratio"] if run.summary["modes"] else None
+    return run.summary.modes[0].damping_ratio if run.summary.modes else None
 
 
 def _mode(run: ReportedRun) -> str:
-    return f"the {run.summary['modes'][0]['frequency_hz']:.2f} Hz mode"
+    return f"the {run.summary.modes[0].frequency_hz:.2f} Hz mode"
 
 
 def _percent(value: float | None) -> str:
@@ -169,12 +170,11 @@ def tiles(runs: Sequence[ReportedRun]) -> list[Tile]:
     ]
 
 
-def _itae(summary: Mapping[str, Any]) -> str:
-    return f"{summary['indices']['ITAE']:.3g}" if summary["indices"] else NONE
+def _itae(summary: Summary) -> str:
+    return f"{summary.indices['ITAE']:.3g}" if summary.indices else NONE
 
 
-def _latency(summary: Mapping[str, Any]) -> str:
-    mean = (summary.get("latency_ms") or {}).get("mean")
-    lost = summary.get("frames_lost") or 0
+def _latency(summary: Summary) -> str:
+    mean, lost = summary.latency_ms.mean, summary.frames_lost
     text = NONE if mean is None else f"{mean:.0f} ms"
     return f"{text}, {lost} frames lost" if lost else text

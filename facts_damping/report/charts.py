@@ -5,7 +5,7 @@ Long traces and large distributions are thinned for display.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +17,13 @@ from facts_damping.errors import InputError
 from facts_damping.report.contents import SENTENCES, Chart, Curve, Map, Maps, Panel
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
     from facts_damping.analysis.plotting import pictures as analysed
     from facts_damping.analysis.plotting.pictures import Picture
+    from facts_damping.analysis.summary import ModeFit
     from facts_damping.analysis.time_frequency import Distribution
     from facts_damping.report.contents import ReportedRun
 
@@ -73,15 +74,15 @@ def _panel(
 
 def modes(runs: Sequence[ReportedRun]) -> list[Chart]:
     """Frequency over damping ratio of each mode, with 95 % intervals; empty if no run has modes."""
-    curves = [curve for i, run in enumerate(runs) for mode in run.summary["modes"] for curve in _cross(i, mode)]
+    curves = [curve for i, run in enumerate(runs) for mode in run.summary.modes for curve in _cross(i, mode)]
     texts = "modes", "Damping of the modes", SENTENCES["modes"], "damping ratio [%]", "f [Hz]"
     return [Chart(*texts, [Panel("", curves)], over_time=False)] if curves else []
 
 
-def _cross(run: int, mode: Mapping[str, Any]) -> list[Curve]:
-    ratio, frequency = 100 * mode["damping_ratio"], mode["frequency_hz"]
+def _cross(run: int, mode: ModeFit) -> list[Curve]:
+    ratio, frequency = 100 * mode.damping_ratio, mode.frequency_hz
     at = Curve(run, np.array([ratio]), np.array([frequency]), "points")
-    errors = 100 * (mode["damping_ratio_error"] or 0.0), mode["frequency_error_hz"] or 0.0
+    errors = 100 * (mode.damping_ratio_error or 0.0), mode.frequency_error_hz or 0.0
     across, along = np.array(interval(ratio, errors[0])), np.array(interval(frequency, errors[1]))
     return [at, Curve(run, across, np.full(2, frequency)), Curve(run, np.full(2, ratio), along)]
 
@@ -101,7 +102,7 @@ def _map(index: int, run: ReportedRun) -> list[Map]:
         found = analyse(run.record.time_s, 1e3 * values).distribution
     except InputError:
         return []
-    lines = [mode["frequency_hz"] for mode in run.summary["modes"]]
+    lines = [mode.frequency_hz for mode in run.summary.modes]
     return [Map(index, f"{name}, {run.name} [{UNIT}]", *_thinned(found), UNIT, lines)]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from facts_damping.input_files import read_text
 from facts_damping.parameters.yaml_text import parse
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from facts_damping.analysis.summary import Summary
     from facts_damping.record import Record
 
 SENTENCES: dict[str, str] = parse(read_text(Path(__file__).with_name("sentences.yaml")))
@@ -21,12 +22,13 @@ Mark = Literal["", "best", "worst"]
 
 
 class ReportedRun(NamedTuple):
-    """A recording in the report: name, record, figures of `analysis.summarise`, path."""
+    """A recording in the report: name, record, figures, path, and improvement over the baseline in percent."""
 
     name: str
     record: Record
-    summary: Mapping[str, Any]
-    path: str
+    summary: Summary
+    path: str = "-"
+    improvement_percent: Mapping[str, float | None] | None = None
 
 
 class Cell(NamedTuple):

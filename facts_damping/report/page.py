@@ -16,7 +16,7 @@ from facts_damping.errors import InputError
 from facts_damping.escaping import escaped
 from facts_damping.output.writing import write_whole
 from facts_damping.report.build import MAX_EVENTS, build
-from facts_damping.report.contents import ReportedRun, ReportTable
+from facts_damping.report.contents import ReportTable
 from facts_damping.report.drawing import draw
 from facts_damping.version import __version__
 
@@ -26,25 +26,17 @@ if TYPE_CHECKING:
 
     from bokeh.models import Model
 
-    from facts_damping.record import Record
-    from facts_damping.report.contents import Report
+    from facts_damping.report.contents import Report, ReportedRun
 
 LONG = 24  # characters: longer table entries are wrapped
 MARKS = {"best": "▲", "worst": "▼"}
 
 
-def write(
-    path: Path, records: Sequence[tuple[str, Record]], summaries: Sequence[dict[str, Any]], baseline: int = 0
-) -> None:
-    """Write the report of several records (name, record) and their figures (`analysis.summarise`).
+def write(path: Path, runs: Sequence[ReportedRun], baseline: int = 0) -> None:
+    """Write the report of several runs.
 
-    The summaries may have the path of the `recording` and `improvement_percent` over the `baseline`. Raises InputError
-    if the file cannot be written.
+    `baseline`: index of the run that improvement refers to. Raises InputError if the file cannot be written.
     """
-    runs = [
-        ReportedRun(name, record, summary, summary.get("recording") or "-")
-        for (name, record), summary in zip(records, summaries, strict=True)
-    ]
     text = page(build(runs, baseline))
     try:
         write_whole(path, text)

@@ -10,25 +10,25 @@ from facts_damping.analysis.details import JUDGED, together
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.modes.ringdown import COVERED
-from facts_damping.analysis.summary import ROWS, find, more_rows, row_text
-from facts_damping.analysis.supervision import cause_text, probe_text
+from facts_damping.analysis.summary_table import ROWS, more_rows, row_text
+from facts_damping.analysis.supervision import actions, cause_text, probe_text
 from facts_damping.digest import digest
 from facts_damping.findings import clause
 from facts_damping.monitor_table import STATES
 from facts_damping.report.contents import SENTENCES, Cell, ReportTable
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.analysis.summary import ModeFit
     from facts_damping.report.contents import Mark, ReportedRun
 
 # Rows of the summary in which runs are compared, and whether the largest value is best. Low device effort and
 # low link latency do not count as best.
 LARGEST_IS_BEST = dict.fromkeys(("in synchronism", "verdict", "  its damping ratio"), True)
 LARGEST_IS_BEST |= dict.fromkeys((*INDICES, "settling time [s]"), False)
-JUDGED_BY = {"verdict": ("damped",)}  # paths of the compared values, if not those shown in the row
 STATISTICS = {"mean": "mean [ms]", "p50": "median [ms]", "p99": "99 % [ms]", "max": "max [ms]"}
 NONE = "-"
 UNMARKED: Mark = ""
@@ -37,15 +37,15 @@ UNMARKED: Mark = ""
 def summary(runs: Sequence[ReportedRun], comparable: bool) -> ReportTable:
     """Figures of all runs; if comparable, with the best and worst of each row marked."""
     rows = []
-    for label, path, form in ROWS:
-        texts = [row_text(run.summary, path, form) for run in runs]
+    for row in ROWS:
+        texts = [row_text(run.summary, row) for run in runs]
         if all(text == NONE for text in texts):
             continue
         marks = [UNMARKED] * len(runs)
-        if comparable and label in LARGEST_IS_BEST:
-            worth = [find(run.summary, JUDGED_BY.get(label, path)) for run in runs]
-            marks = ranked(worth, LARGEST_IS_BEST[label])
-        rows.append([Cell(label.strip()), *map(Cell, texts, marks)])
+        if comparable and row.label in LARGEST_IS_BEST:
+            worth = [run.summary.damped if row.label == "verdict" else row.value(run.summary) for run in runs]
+            marks = ranked(worth, LARGEST_IS_BEST[row.label])
+        rows.append([Cell(row.label.strip()), *map(Cell, texts, marks)])
     rows += [[Cell(label), *map(Cell, cells)] for label, cells in more_rows([run.summary for run in runs])]
     sentence = SENTENCES["summary"] + SENTENCES["summary_marks"] * (comparable and len(runs) > 1)
     return ReportTable("summary", "Summary", sentence, ["", *(run.name for run in runs)], rows, runs=True)
@@ -63,7 +63,7 @@ def ranked(values: Sequence[float | bool | None], largest_is_best: bool) -> list
 
 def improvements(runs: Sequence[ReportedRun], baseline: int) -> list[ReportTable]:
     """Improvement of the other runs over the baseline; empty unless two runs have the figures."""
-    parts = [run.summary.get("improvement_percent") for run in runs]
+    parts = [run.improvement_percent for run in runs]
     if sum(part is not None for part in parts) < 2:
         return []
     name = runs[baseline].name
@@ -76,11 +76,11 @@ def improvements(runs: Sequence[ReportedRun], baseline: int) -> list[ReportTable
 def modes(runs: Sequence[ReportedRun]) -> ReportTable:
     """Modes of all runs with their intervals."""
     rows = [
-        list(map(Cell, [run.name, *_mode(mode), _number(find(run.summary, ("ringdown", "snr_db")), ".0f")]))
+        list(map(Cell, [run.name, *_mode(mode), _number(run.summary.ringdown and run.summary.ringdown.snr_db, ".0f")]))
         for run in runs
-        for mode in run.summary["modes"]
+        for mode in run.summary.modes
     ]
-    without = [run.name for run in runs if not run.summary["modes"]]
+    without = [run.name for run in runs if not run.summary.modes]
     sentence = SENTENCES["mode_table"]
     if without:
         sentence += SENTENCES["mode_table_none"].format(runs=", ".join(without))
@@ -88,17 +88,17 @@ def modes(runs: Sequence[ReportedRun]) -> ReportTable:
     return ReportTable("mode_table", "Mode table", sentence, head, rows)
 
 
-def _mode(mode: Mapping[str, Any]) -> list[str]:
-    frequency = _interval(mode["frequency_hz"], mode["frequency_error_hz"], 1.0, ".3f")
-    ratio = _interval(mode["damping_ratio"], mode["damping_ratio_error"], 100.0, ".2f")
-    return [frequency, ratio, format(1e3 * max(mode["amplitude"]), ".3g")]
+def _mode(mode: ModeFit) -> list[str]:
+    frequency = _interval(mode.frequency_hz, mode.frequency_error_hz, 1.0, ".3f")
+    ratio = _interval(mode.damping_ratio, mode.damping_ratio_error, 100.0, ".2f")
+    return [frequency, ratio, format(1e3 * max(mode.amplitude), ".3g")]
 
 
 def effort(runs: Sequence[ReportedRun]) -> ReportTable:
     """Setpoints and effort of each device."""
     rows = []
     for run in runs:
-        table, duty = run.record.devices, run.summary["saturation_duty"]
+        table, duty = run.record.devices, run.summary.saturation_duty
         for i, device in enumerate(run.record.device_names):
             setpoint = table["setpoint"][:, i]
             figures = np.abs(setpoint).max(), np.sqrt(np.mean(setpoint**2))
@@ -110,17 +110,22 @@ def effort(runs: Sequence[ReportedRun]) -> ReportTable:
 
 def supervision(runs: Sequence[ReportedRun]) -> list[ReportTable]:
     """Actions of supervisors and their causes; empty without supervisors."""
-    found = [(run.name, one) for run in runs for one in run.summary.get("supervision") or ()]
-    if not found:
+    histories = [(run.name, history) for run in runs for history in run.summary.supervision]
+    if not histories:
         return []
     fractions = [
-        [run, one["controller"], *(f"{100 * part:.1f}" for part in one["fractions"].values()), probe_text(one["probe"])]
-        for run, one in found
+        [
+            run,
+            history.controller,
+            *(f"{100 * part:.1f}" for part in history.fractions.values()),
+            probe_text(history.probe),
+        ]
+        for run, history in histories
     ]
     changes = [
-        [run, one["controller"], f"{row['time_s']:.2f}", row.get("state", "not armed"), cause_text(row) or NONE]
-        for run, one in found
-        for row in sorted([*one["changes"], *one["refusals"]], key=lambda row: float(row["time_s"]))
+        [run, history.controller, f"{action.time_s:.2f}", action.state, cause_text(action) or NONE]
+        for run, history in histories
+        for action in actions(history)
     ]
     head = ["run", "controller"]
     states, causes = [*head, *(f"{state} [%]" for state in STATES), "probe"], [*head, "time [s]", "state", "cause"]
@@ -141,7 +146,7 @@ def links(runs: Sequence[ReportedRun]) -> ReportTable:
         for hop, parts in hops_ms(run.record).items()
         for texts, names in alike({name: _latencies(values) for name, values in parts.items()}).items()
     ]
-    lost = ", ".join(f"{run.name} {run.summary['frames_lost']}" for run in runs)
+    lost = ", ".join(f"{run.name} {run.summary.frames_lost}" for run in runs)
     sentence = SENTENCES["links"].format(lost=lost) + "".join(map(_modelled_twice, runs))
     head = ["run", "hop", "of", "n", *STATISTICS.values()]
     return ReportTable("links", "Link statistics", sentence, head, rows)
@@ -159,7 +164,7 @@ def _modelled_twice(run: ReportedRun) -> str:
 
 
 def _latencies(values: NDArray[np.float64]) -> tuple[str, ...]:
-    return str(len(values)), *(_number(value, ".2f") for value in statistics(values).values())
+    return str(len(values)), *(_number(value, ".2f") for value in statistics(values))
 
 
 def conditions(runs: Sequence[ReportedRun]) -> ReportTable:

@@ -28,7 +28,7 @@ def add_to(add: Add) -> None:
 
 def bench(arguments: argparse.Namespace) -> None:
     """Time and error of a run, a sweep and lockstep beside other programs, those that are installed, in one run."""
-    from facts_damping.cli.runs import say
+    from facts_damping.cli.reporting import say
     from facts_damping.errors import check_known
     from facts_damping.interruption import clean_up_first
     from facts_damping.output.terminal import Progress

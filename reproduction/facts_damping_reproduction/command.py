@@ -36,7 +36,7 @@ def add_to(add: Add) -> None:
 
 def reproduce(arguments: argparse.Namespace) -> None:
     """The thesis's tables, ours beside them: agreement, ensembles, explanations, pictures."""
-    from facts_damping.cli.runs import say
+    from facts_damping.cli.reporting import say
     from facts_damping.interruption import CONTINUES, clean_up_first
     from facts_damping.output.writing import write_json
     from facts_damping.parameters import files
@@ -66,7 +66,7 @@ def reproduce(arguments: argparse.Namespace) -> None:
 
 def _what_holds(arguments: argparse.Namespace) -> None:
     """Whether learning helps in a deployment: the experiment, its page and its figures."""
-    from facts_damping.cli.runs import say
+    from facts_damping.cli.reporting import say
     from facts_damping.errors import InputError, check_known
     from facts_damping.interruption import CONTINUES, clean_up_first
     from facts_damping.output.writing import write_json

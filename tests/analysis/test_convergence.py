@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.analysis import convergence
-from facts_damping.analysis.summary import summarise, table
+from facts_damping.analysis.summary import Summary, summarise
+from facts_damping.analysis.summary_table import table
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
@@ -49,20 +50,22 @@ def test_digits_by_hand(value: float, change: float, text: str) -> None:
     assert convergence.text(value, change) == text
 
 
-def checked(sets: list[str]) -> dict[str, Any]:
+def checked(sets: list[str]) -> Summary:
     case = load_case(None, sets)
     told, finer = (summarise(loop.run(one)) for one in (case, loop.with_half_step(case)))
-    return {**told, **convergence.compare(told, finer)}
+    return convergence.compare(told, finer)
 
 
 def test_lead_lag_converges_and_a_network_that_chatters_does_not() -> None:
     smooth, rough = checked(["scenario=multiple"]), checked([*CHATTERS, "duration=40"])
-    assert smooth["converged"]
-    assert max(smooth["step_change"].values()) < 1e-3
-    assert not any("converged" in line for line in smooth["warnings"])
-    assert not rough["converged"]
-    assert rough["step_change"]["ITAE"] > 0.05
-    assert "not converged: at half the integration step" in rough["warnings"][-1]
+    assert smooth.converged
+    assert smooth.step_change is not None
+    assert max(smooth.step_change.values()) < 1e-3
+    assert not any("converged" in line for line in smooth.warnings)
+    assert not rough.converged
+    assert rough.step_change is not None
+    assert rough.step_change["ITAE"] > 0.05
+    assert "not converged: at half the integration step" in rough.warnings[-1]
     lines = {line.split("  ")[0]: line.split() for line in table([("a", smooth), ("b", rough)]).splitlines()}
     assert lines["converged"][1:] == ["yes", "no"]
     assert lines["ITAE"][2].startswith("~")

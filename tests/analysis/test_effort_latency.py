@@ -68,9 +68,9 @@ def test_latency(swing_record: Callable[..., Record]) -> None:
     applied = np.zeros(101, SETPOINT)
     applied["effective_ns"] = np.arange(101) * 1_000_000
     found = latency(swing_record(applied=applied))
-    assert found == pytest.approx({"mean": 50, "p50": 50, "p99": 99, "max": 100})
+    assert found._asdict() == pytest.approx({"mean": 50, "p50": 50, "p99": 99, "max": 100})
     nothing = latency(swing_record(applied=applied[:0]))
-    assert nothing == {"mean": None, "p50": None, "p99": None, "max": None}
+    assert nothing == (None, None, None, None)
 
 
 def test_latencies_that_cannot_be_are_left_out(swing_record: Callable[..., Record]) -> None:
@@ -78,10 +78,10 @@ def test_latencies_that_cannot_be_are_left_out(swing_record: Callable[..., Recor
     applied["effective_ns"] = applied["measured_ns"] + 20_000_000
     applied["measured_ns"][1:3] = [2**60, -5]  # a clock of another year, and of a time before the run
     record = swing_record(applied=applied)
-    assert latency(record) == pytest.approx({"mean": 20, "p50": 20, "p99": 20, "max": 20})
+    assert latency(record)._asdict() == pytest.approx({"mean": 20, "p50": 20, "p99": 20, "max": 20})
     assert left_out(record) == 2
     applied["tick"][3] = 600  # a node that stood still for ten seconds: its setpoint acts when it comes
-    assert latency(record)["max"] == pytest.approx(1e4)
+    assert latency(record).max == pytest.approx(1e4)
     assert hops_ms(record)["whole"]["sssc"].tolist() == pytest.approx([20, 1e4])
 
 

@@ -29,7 +29,7 @@ from tests.chromium import CHROMIUM, START, needs_browser
 from tests.passed import inputs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from facts_damping.record import Record
     from facts_damping.report.contents import Report
@@ -44,18 +44,20 @@ IDLE = "Bokeh.documents.length > 0 && Bokeh.documents.every((one) => one.is_idle
 TIME = "(() => { const t = Bokeh.documents[0].get_model_by_name('time'); return [t.start, t.end]; })()"
 
 
+def runs(named: Sequence[tuple[str, Record]]) -> list[ReportedRun]:
+    summaries = [summarise(record) for _, record in named]
+    rows = zip(named, summaries, details.improvements(summaries, 0), strict=True)
+    return [ReportedRun(name, record, summary, "-", percent) for (name, record), summary, percent in rows]
+
+
 def said(*named: tuple[str, Record]) -> Report:
     """What the report says of records."""
-    summaries = [summarise(record) for _, record in named]
-    details.compare(summaries, 0)
-    return build([ReportedRun(name, record, one, "-") for (name, record), one in zip(named, summaries, strict=True)])
+    return build(runs(named))
 
 
 def written(folder: Path, *named: tuple[str, Record]) -> Path:
     """The report of records, as `analyze` writes it."""
-    summaries = [summarise(record) for _, record in named]
-    details.compare(summaries, 0)
-    report.write(folder / "report.html", named, summaries)
+    report.write(folder / "report.html", runs(named))
     return folder / "report.html"
 
 

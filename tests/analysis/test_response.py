@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from facts_damping.analysis.judging import AMBIENT, LOST_TWIN, PULSE, RESPONSE, RUN, judge_ambient
 from facts_damping.analysis.modes.ambient import fit_ambient
 from facts_damping.analysis.response import MIRROR, WITHOUT_EVENTS, Swings, Twin, variance_ratio
-from facts_damping.analysis.summary import summarise
+from facts_damping.analysis.summary import Summary, summarise
 from facts_damping.record import GridEvent
 from facts_damping.signals import NANOSECONDS
 
@@ -72,40 +72,40 @@ def test_verdict_is_that_of_the_response_whatever_the_noise(
 ) -> None:
     record, twin = pair(swing(sigma), noise(seed), mirror=mirror)
     found = summarise(record, twin=twin)
-    assert (found["verdict"], found["verdict_of"]) == (verdict, RESPONSE)
+    assert (found.verdict, found.verdict_of) == (verdict, RESPONSE)
     if verdict != "limit cycle":
-        assert found["modes"][0]["damping_ratio"] == pytest.approx(-sigma / np.hypot(sigma, np.pi), abs=1e-4)
+        assert found.modes[0].damping_ratio == pytest.approx(-sigma / np.hypot(sigma, np.pi), abs=1e-4)
 
 
 def test_indices_are_those_of_the_run_itself(pair: Any) -> None:
     record, twin = pair(swing(-0.2), noise(1))
-    assert summarise(record, twin=twin)["indices"] == summarise(record)["indices"]
+    assert summarise(record, twin=twin).indices == summarise(record).indices
 
 
 def test_verdict_without_a_mirror_says_that_noise_is_in_it(pair: Any) -> None:
     found = summarise(pair(swing(-0.2), noise(1))[0])
-    assert found["verdict_of"] == RUN
-    assert found["verdict_because"].endswith("; noise is in it")
+    assert found.verdict_of == RUN
+    assert str(found.verdict_because).endswith("; noise is in it")
 
 
 def test_mirror_that_loses_synchronism_leaves_the_verdict_to_the_run(pair: Any) -> None:
     record, twin = pair(swing(0.08), noise(2, 1e-5))
     twin.record.in_synchronism[-1] = False
-    assert summarise(record, twin=twin)["verdict"] == "growing"
+    assert summarise(record, twin=twin).verdict == "growing"
     calm, twin = pair(swing(-0.2), noise(2, 1e-5))
     twin.record.in_synchronism[-1] = False
     found = summarise(calm, twin=twin)
-    assert (found["verdict"], found["verdict_because"]) == ("undecided", LOST_TWIN)
+    assert (found.verdict, found.verdict_because) == ("undecided", LOST_TWIN)
 
 
 def test_mirror_that_is_shorter_is_compared_as_far_as_it_goes(pair: Any) -> None:
     record, twin = pair(swing(-0.2), noise(3))
     names = ("time_ns", "frames", "measured_ns", "status", "machines", "devices", "in_synchronism")
     short = replace(twin.record, **{name: getattr(twin.record, name)[:1500] for name in names})
-    assert summarise(record, twin=Twin(short, WITHOUT_EVENTS))["verdict"] == "damped"
+    assert summarise(record, twin=Twin(short, WITHOUT_EVENTS)).verdict == "damped"
 
 
-def judged(record: Record, twin: Twin) -> dict[str, Any]:
+def judged(record: Record, twin: Twin) -> Summary:
     return summarise(record, twin=twin)
 
 
@@ -134,8 +134,8 @@ def test_noise_that_grows_late_is_growth(pair: Any, seed: int, mirror: bool) -> 
     """The response has decayed before the loop changes; what grows then is noise."""
     late = noise(seed, 1e-4) * np.exp(0.25 * np.maximum(T - 22.0, 0.0))
     found = judged(*pair(swing(-0.5), late, mirror=mirror))
-    assert (found["verdict"], found["verdict_of"]) == ("growing", RUN)
-    assert judged(*pair(swing(-0.5), noise(seed, 1e-4), mirror=mirror))["verdict"] == "damped"
+    assert (found.verdict, found.verdict_of) == ("growing", RUN)
+    assert judged(*pair(swing(-0.5), noise(seed, 1e-4), mirror=mirror)).verdict == "damped"
 
 
 def test_interval_of_a_ratio_of_variances_holds_the_ratio() -> None:

@@ -91,10 +91,10 @@ def test_drift_that_nothing_holds(calm: Callable[..., Record]) -> None:
 
 def test_load_step_without_governors_drifts_and_with_them_does_not() -> None:
     told = summarise(simulate())
-    (line,) = told["warnings"]
+    (line,) = told.warnings
     assert line.startswith("the common frequency has moved by +2.4")
     held: dict[str, Any] = {f"system.governors.{i}.enabled": True for i in range(4)}
-    assert summarise(simulate(**held))["warnings"] == []
+    assert summarise(simulate(**held)).warnings == []
 
 
 def test_island_is_told() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from matplotlib.image import imread
 from facts_damping.analysis import summarise, table
 from facts_damping.analysis.measures import event_times, speed_differences
 from facts_damping.analysis.plotting.plots import plot_comparison
+from facts_damping.analysis.summary import as_json
 from facts_damping.errors import InputError
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH
 
@@ -38,49 +39,50 @@ WEIGHTS = {"local": {"w12": {"G1": 1.0, "G2": -1.0}}, "interarea": {}}
 
 
 def test_damped_run(swing_record: Callable[..., Record]) -> None:
-    found = summarise(swing_record())
-    assert set(found) >= KEYS
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
-    assert found["run"] == {"system": "pair", "controllers": []}
-    assert found["stable"] is found["damped"] is True
-    assert found["duration_s"] == 20.0
-    assert found["latency_ms"]["p99"] == 120.0
-    assert found["frames_lost"] == 0
-    assert found["max_injected_voltage_pu"] == pytest.approx(0.04 * np.exp(-0.15), rel=0.01)
-    (mode,) = found["modes"]
-    assert mode["frequency_hz"] == pytest.approx(0.5, rel=1e-6)
-    assert mode["damping_ratio"] == pytest.approx(0.3 / np.hypot(0.3, np.pi), rel=1e-6)
-    assert found["indices"]["ITAE"] > found["indices_since_event"]["ITAE"]
-    assert found["indices"]["IAE"] == pytest.approx(found["indices_since_event"]["IAE"])
+    found: Any = summarise(swing_record())
+    content = as_json(found)
+    assert set(content) >= KEYS
+    assert json.loads(json.dumps(content, allow_nan=False)) == content
+    assert found.run == {"system": "pair", "controllers": []}
+    assert found.stable is found.damped is True
+    assert found.duration_s == 20.0
+    assert found.latency_ms.p99 == 120.0
+    assert found.frames_lost == 0
+    assert found.max_injected_voltage_pu == pytest.approx(0.04 * np.exp(-0.15), rel=0.01)
+    (mode,) = found.modes
+    assert mode.frequency_hz == pytest.approx(0.5, rel=1e-6)
+    assert mode.damping_ratio == pytest.approx(0.3 / np.hypot(0.3, np.pi), rel=1e-6)
+    assert found.indices["ITAE"] > found.indices_since_event["ITAE"]
+    assert found.indices["IAE"] == pytest.approx(found.indices_since_event["IAE"])
 
 
 def test_growing_run(swing_record: Callable[..., Record]) -> None:
-    found = summarise(swing_record(damping=-0.1))
-    assert found["stable"] is True
-    assert found["damped"] is False
-    assert found["settling_time_s"] is None
+    found: Any = summarise(swing_record(damping=-0.1))
+    assert found.stable is True
+    assert found.damped is False
+    assert found.settling_time_s is None
 
 
 def test_unstable_run(swing_record: Callable[..., Record]) -> None:
     lost = np.ones(1200, np.bool_)
     lost[-1] = False
-    found = summarise(swing_record(in_synchronism=lost))
-    assert found["stable"] is found["damped"] is False
-    assert found["indices"] is None
-    assert found["modes"] == []
-    json.dumps(found, allow_nan=False)
+    found: Any = summarise(swing_record(in_synchronism=lost))
+    assert found.stable is found.damped is False
+    assert found.indices is None
+    assert not found.modes
+    json.dumps(as_json(found), allow_nan=False)
 
 
 def test_single_tick(swing_record: Callable[..., Record]) -> None:
-    found = summarise(swing_record(7, configuration={"measures": WEIGHTS}, events=[]))
-    json.dumps(found, allow_nan=False)
+    found: Any = summarise(swing_record(7, configuration={"measures": WEIGHTS}, events=[]))
+    json.dumps(as_json(found), allow_nan=False)
 
 
 def test_weights_given_directly(swing_record: Callable[..., Record]) -> None:
     inline = speed_differences(swing_record())["w12"]
     direct = speed_differences(swing_record(configuration={"measures": WEIGHTS}))["w12"]
     assert np.array_equal(inline, direct)
-    assert summarise(swing_record(configuration={}), {"w12": inline})["indices"] is not None
+    assert summarise(swing_record(configuration={}), {"w12": inline}).indices is not None
 
 
 @pytest.mark.parametrize(
@@ -135,13 +137,13 @@ def test_empty_pictures_are_left_out(tmp_path: Path, swing_record: Callable[...,
 
 
 def test_why_a_run_was_unstable(swing_record: Callable[..., Record]) -> None:
-    assert summarise(swing_record())["instability"] is None
+    assert summarise(swing_record()).instability is None
     ends = np.ones(1200, np.bool_)
     ends[-1] = False
     apart, collapsed = (swing_record(in_synchronism=ends) for _ in range(2))
     collapsed.machines["terminal_voltage"][-1] = np.nan
-    assert summarise(apart)["instability"] == "loss of synchronism"
-    assert summarise(collapsed)["instability"] == "voltage collapse: the network equations have no solution"
+    assert summarise(apart).instability == "loss of synchronism"
+    assert summarise(collapsed).instability == "voltage collapse: the network equations have no solution"
     assert "voltage collapse" in table([("x", summarise(collapsed))])
 
 

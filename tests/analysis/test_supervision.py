@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis.latency import hops_ms, latency, left_out
-from facts_damping.analysis.summary import summarise, table
-from facts_damping.analysis.supervision import history_text, limits, rows, supervision, tripped_texts
+from facts_damping.analysis.summary import summarise
+from facts_damping.analysis.summary_table import supervision_rows, table
+from facts_damping.analysis.supervision import SupervisorHistory, history_text, limits, supervision, tripped_texts
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import (
     ARMED,
@@ -51,10 +52,10 @@ def told(ticks: int, **changes: Any) -> Any:
 
 
 @pytest.fixture
-def watched(swing_record: Callable[..., Record]) -> Callable[[Any], dict[str, Any]]:
+def watched(swing_record: Callable[..., Record]) -> Callable[[Any], Any]:
     """What is told of the only supervisor of a record of 20 s, whose limits are the table's but for one."""
 
-    def find(own: Any) -> dict[str, Any]:
+    def find(own: Any) -> SupervisorHistory:
         record = swing_record(supervision=own)
         record.configuration["supervision"] = {"monitors": {"harm": {"limit": 0.05}, "jitter": None}}
         (found,) = supervision(record, 0.5)
@@ -63,7 +64,7 @@ def watched(swing_record: Callable[..., Record]) -> Callable[[Any], dict[str, An
     return find
 
 
-def test_changes_have_time_cause_value_and_the_run_s_limit(watched: Callable[[Any], dict[str, Any]]) -> None:
+def test_changes_have_time_cause_value_and_the_run_s_limit(watched: Callable[[Any], Any]) -> None:
     own = told(1200)
     own["state"][30:300], own["cause"][30:300] = ARMED, BY_SCHEDULE
     own["state"][300:480], own["cause"][300:480], own["values"][300, CODES["stale"]] = FALLBACK, CODES["stale"], 0.41
@@ -71,20 +72,20 @@ def test_changes_have_time_cause_value_and_the_run_s_limit(watched: Callable[[An
     own["state"][600:900], own["cause"][600:900], own["values"][600, CODES["harm"]] = TRIPPED, CODES["harm"], 0.21
     own["state"][900:], own["cause"][900:] = DISARMED, BY_OPERATOR
     found = watched(own)
-    assert [(row["time_s"], row["state"], row["cause"]) for row in found["changes"]] == [
+    assert [(row.time_s, row.state, row.cause) for row in found.changes] == [
         (0.5, "armed", "schedule"),
         (5.0, "fallback", "stale"),
         (8.0, "armed", "stale"),
         (10.0, "tripped", "harm"),
         (15.0, "disarmed", "operator"),
     ]
-    assert [row["value"] for row in found["changes"]] == [None, 0.41, None, 0.21, None]
-    assert (found["changes"][1]["limit"], found["changes"][1]["unit"]) == (0.4, "s")
-    assert found["changes"][3]["limit"] == 0.05
-    assert found["fractions"] == pytest.approx(
+    assert [row.value for row in found.changes] == [None, 0.41, None, 0.21, None]
+    assert (found.changes[1].limit, found.changes[1].unit) == (0.4, "s")
+    assert found.changes[3].limit == 0.05
+    assert found.fractions == pytest.approx(
         {"disarmed": 0.25, "shadow": 0.025, "armed": 0.325, "fallback": 0.15, "tripped": 0.25}
     )
-    assert (found["controller"], found["state"], found["trips"], found["probe"]) == (
+    assert (found.controller, found.state, found.trips, found.probe) == (
         "controller_0_LLC",
         "disarmed",
         1,
@@ -99,9 +100,9 @@ def test_changes_have_time_cause_value_and_the_run_s_limit(watched: Callable[[An
     ]
 
 
-def test_supervisor_that_never_arms_says_so(watched: Callable[[Any], dict[str, Any]]) -> None:
+def test_supervisor_that_never_arms_says_so(watched: Callable[[Any], Any]) -> None:
     found = watched(told(1200))
-    assert (found["changes"], found["state"], tripped_texts([found])) == ([], "shadow", [])
+    assert (found.changes, found.state, tripped_texts([found])) == ([], "shadow", [])
     assert history_text(found) == "never armed, shadow to the end"
 
 
@@ -120,40 +121,38 @@ def test_supervisor_that_never_arms_says_so(watched: Callable[[Any], dict[str, A
         (CODES["range"], {"values": math.inf}, "range"),
     ],
 )
-def test_why_it_was_not_armed(
-    watched: Callable[[Any], dict[str, Any]], cause: int, values: dict[str, float], text: str
-) -> None:
+def test_why_it_was_not_armed(watched: Callable[[Any], Any], cause: int, values: dict[str, float], text: str) -> None:
     own = told(1200)
     for name, value in values.items():
         own[name][119] = value  # what was known when it was asked for
     own["refused"][120:] = cause
     found = watched(own)
-    assert (len(found["refusals"]), found["refusals"][0]["time_s"]) == (1, 2.0)
+    assert (len(found.refusals), found.refusals[0].time_s) == (1, 2.0)
     assert history_text(found).startswith(f"not armed at 2.00 s: {text}; never armed, shadow to the end")
 
 
-def test_supervisor_that_fails_is_silent(watched: Callable[[Any], dict[str, Any]]) -> None:
+def test_supervisor_that_fails_is_silent(watched: Callable[[Any], Any]) -> None:
     """Single ticks that are missing are not: devices wait for 0.2 s."""
     own = told(1200)
     own["state"][60:] = ARMED
     kept = np.delete(own, [*range(120, 180), 600, 601])[:-30]
     found = watched(kept)
-    assert [(row["time_s"], row["state"]) for row in found["changes"]] == [
+    assert [(row.time_s, row.state) for row in found.changes] == [
         (1.0, "armed"),
         (2.0, "silent"),
         (3.0, "armed"),
         (19.5, "silent"),
     ]
-    assert found["state"] == "silent"
-    assert sum(found["fractions"].values()) == pytest.approx(len(kept) / 1200)
+    assert found.state == "silent"
+    assert sum(found.fractions.values()) == pytest.approx(len(kept) / 1200)
 
 
-def test_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:
+def test_newest_probe(watched: Callable[[Any], Any]) -> None:
     own = told(1200)
     own["probe_gain"][60:], own["probe_gain"][600:] = 2.0, 1.1
     own["probe_phase"][60:], own["probe_coherence"][60:] = 0.1, 0.9
     own["added_damping"][60:], own["phase_margin"][60:], own["gain_margin"][60:] = 0.2, math.pi / 3, 0.25
-    found = watched(own)["probe"]
+    found = watched(own).probe._asdict()
     assert found == pytest.approx(
         {
             "gain": 1.1,
@@ -165,7 +164,7 @@ def test_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:
             "gain_margin": 0.25,
         }
     )
-    texts = dict(rows([{"supervision": [watched(own)]}, {}]))
+    texts = dict(supervision_rows([[watched(own)], []]))
     assert texts["controller_0_LLC"] == ["never armed, shadow to the end", "-"]
     assert texts["controller_0_LLC probe"] == [
         (
@@ -176,7 +175,7 @@ def test_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:
     ]
 
 
-def test_many_changes_are_counted(watched: Callable[[Any], dict[str, Any]]) -> None:
+def test_many_changes_are_counted(watched: Callable[[Any], Any]) -> None:
     own = told(1200)
     own["state"] = np.where(np.arange(1200) // 60 % 2, ARMED, SHADOW)
     own["cause"][60:] = BY_OPERATOR
@@ -188,19 +187,19 @@ def test_many_changes_are_counted(watched: Callable[[Any], dict[str, Any]]) -> N
 
 def test_run_whose_controller_turns_its_sign_is_tripped_and_told() -> None:
     record = loop.run(load_case("two_area_small", [*SETTLED, "duration=8", WRONG_SIGN]))
-    result = summarise(record)
-    (found,) = result["supervision"]
-    assert (found["state"], found["trips"], found["changes"][-1]["cause"]) == ("tripped", 1, "harm")
-    assert found["changes"][-1]["value"] > found["changes"][-1]["limit"] == 0.03
-    assert found["changes"][0]["time_s"] == 0.5
+    result: Any = summarise(record)
+    (found,) = result.supervision
+    assert (found.state, found.trips, found.changes[-1].cause) == ("tripped", 1, "harm")
+    assert found.changes[-1].value > found.changes[-1].limit == 0.03
+    assert found.changes[0].time_s == 0.5
     assert "tripped at 5.43 s: harm" in table([("it", result)])
     assert limits(record)["harm"] == 0.03
 
 
 def test_without_a_supervisor_nothing_is_told(swing_record: Callable[..., Record]) -> None:
-    result = summarise(swing_record())
-    assert result["supervision"] == []
-    assert rows([result]) == []
+    result: Any = summarise(swing_record())
+    assert result.supervision == []
+    assert supervision_rows([result.supervision]) == []
 
 
 @pytest.mark.parametrize("rate", [60, 50, 7])
@@ -209,9 +208,9 @@ def test_zeros_of_supervisors_have_no_latency(rate: int) -> None:
     given = [*SETTLED, "duration=3", f"frame_rate={rate}", "link={up: [{model: constant, delay: 0.1}]}"]
     record = loop.run(load_case("two_area_small", given))
     own = record.applied[record.applied["effective_ns"] > 700_000_000]
-    assert latency(record)["mean"] == pytest.approx(100.0, abs=0.01)
+    assert latency(record).mean == pytest.approx(100.0, abs=0.01)
     assert left_out(record) == 0
     assert len(own) <= len(hops_ms(record)["whole"]["sssc"]) < len(record.applied)
     in_shadow = loop.run(load_case("two_area_small", ["supervision=standard", "duration=1"]))
     assert len(in_shadow.applied) > 0
-    assert latency(in_shadow)["mean"] is None
+    assert latency(in_shadow).mean is None

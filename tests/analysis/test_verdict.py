@@ -99,7 +99,7 @@ def test_mode_that_changes_with_its_amplitude_does_not_grow() -> None:
     record = simulate(scenario="multiple", duration=40, link={"up": [{"stage": "network", "delay": 0.159}]})
     w13 = speed_differences(record)["w13"]
     assert np.ptp(w13[record.time_s > 35]) < 0.85 * np.ptp(w13[(record.time_s > 11) & (record.time_s < 16)])
-    assert summarise(record)["verdict"] in (DAMPED, UNDECIDED)
+    assert summarise(record).verdict in (DAMPED, UNDECIDED)
 
 
 @given(decay=st.sampled_from([0.2, 0.5]), frequency=st.floats(0.5, 0.8), a=PHASE, b=PHASE)
@@ -159,16 +159,16 @@ def test_still_signal_is_damped_and_noisy_or_short_ones_are_undecided() -> None:
 
 
 def test_of_a_summary(swing_record: Callable[..., Record]) -> None:
-    found = summarise(swing_record(damping=0.0))
-    assert (found["verdict"], found["damped"]) == (LIMIT_CYCLE, False)
-    assert found["limit_cycle"]["amplitude_pu"] == pytest.approx(2e-3, rel=0.05)
-    assert set(found["limit_cycle"]["saturation_duty"]) == {"sssc"}
-    grows = summarise(swing_record(damping=-0.1))
-    assert (grows["verdict"], grows["limit_cycle"]) == (GROWING, None)
-    assert grows["growth_per_s"]["low"] <= 0.1 <= grows["growth_per_s"]["high"]
-    assert grows["growth_per_s"]["signal"] == "w12"
+    found: Any = summarise(swing_record(damping=0.0))
+    assert (found.verdict, found.damped) == (LIMIT_CYCLE, False)
+    assert found.limit_cycle.amplitude_pu == pytest.approx(2e-3, rel=0.05)
+    assert set(found.limit_cycle.saturation_duty) == {"sssc"}
+    grows: Any = summarise(swing_record(damping=-0.1))
+    assert (grows.verdict, grows.limit_cycle) == (GROWING, None)
+    assert grows.growth_per_s.low <= 0.1 <= grows.growth_per_s.high
+    assert grows.growth_per_s.signal == "w12"
     early = summarise(swing_record(600, configuration={**swing_record().configuration, "duration": 20}))
-    assert (early["verdict"], early["damped"]) == (UNDECIDED, False)
+    assert (early.verdict, early.damped) == (UNDECIDED, False)
 
 
 # Fault in the middle of line 1, cleared by its opening; tie power 404 MW.
@@ -205,10 +205,10 @@ def test_swing_grows_whose_first_one_is_larger_than_what_follows() -> None:
 def test_tuned_lead_lag_far_from_its_training_is_a_limit_cycle() -> None:
     less: dict[str, Any] = {"system.machines.0.P": 500}
     record = simulate(scenario=TRIP, duration=40, controllers=[{"name": "LLC-tuned"}], **less)
-    found = summarise(record)
-    assert found["verdict"] == LIMIT_CYCLE
-    assert found["limit_cycle"]["amplitude_pu"] > 5e-4
-    assert summarise(tripped(40, name="LLC-tuned"))["verdict"] == DAMPED
+    found: Any = summarise(record)
+    assert found.verdict == LIMIT_CYCLE
+    assert found.limit_cycle.amplitude_pu > 5e-4
+    assert summarise(tripped(40, name="LLC-tuned")).verdict == DAMPED
 
 
 @FEW

@@ -21,11 +21,13 @@ import pytest
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
-from facts_damping.cli.runs import check_ended_well, out_folder
+from facts_damping.cli.reporting import check_ended_well
+from facts_damping.cli.runs import out_folder
 from facts_damping.errors import DegradedError
 from facts_damping.input_files import share_folder
 from facts_damping.nodes.launching.graph import Outcome
 from facts_damping.parameters.files import new_folder
+from facts_damping.record import NodeJoined, RefusedMessages
 from facts_damping.simulation import loop
 from facts_damping_studies.sweeps import results
 from facts_damping_studies.sweeps.journal import Journal
@@ -290,14 +292,14 @@ def test_degraded_run_is_told_in_one_line() -> None:
         "refused messages: 3 by publisher; the recorder lost 2 messages; 5 of 17 ticks were not recorded; "
         "of tick 7 not all was recorded"
     )
-    joined = {**result, "joined": [{"node": "/n", "time_s": 1.0, "armed_s": None}]}
+    joined = replace(result, joined=[NodeJoined("/n", 1.0, None)])
     with pytest.raises(DegradedError) as caught:
         check_ended_well(joined, replace(record, gap_tick=7, messages_lost=2), bad)
     assert str(caught.value) == said
-    recorded = [{"node": "/wan_link", "cause": "publisher", "topic": "/pmu/frames", "source": "/forger", "count": 2}]
+    recorded = [RefusedMessages("/wan_link", "/pmu/frames", "publisher", "/forger", 2)]
     told = r"refused messages: 2 by publisher; 5 of 17 ticks were not recorded$"  # as the table of the recording
     with pytest.raises(DegradedError, match=told):
-        check_ended_well({**result, "refused_messages": recorded}, record, bad)
+        check_ended_well(replace(result, refused_messages=recorded), record, bad)
 
 
 ADAPTS = ["simulate", "two_area_small", "--set", "controllers.0.name=HBsWC", "--set", "duration=0.2"]

@@ -167,4 +167,4 @@ def test_node_is_killed_and_restarted_on_the_page(domain: int, tmp_path: Path) -
         one.until(f"status.nodes['{NODE}'] === 'dead'")
         one.press(f"nodes/{NODE}/restart", "Enter")
         one.until(f"status.nodes['{NODE}'] === 'alive'")
-    assert [row["node"] for row in load(tmp_path / "recording").joined] == [NODE]
+    assert [joined.node for joined in load(tmp_path / "recording").joined] == [NODE]

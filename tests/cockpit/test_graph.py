@@ -98,8 +98,8 @@ def test_requests_of_the_cockpit_page_are_in_the_recording(domain: int, tmp_path
     assert [stage["model"] for stage in links[0]["up"]][-1] == "constant"
     assert [link["up"][-1].get("delay") for link in links] == [0.4, None, 0.4]
     assert links[1]["up"][-1]["loss"] == links[1]["down"][-1]["loss"] == 1.0
-    assert [row["node"] for row in record.joined] == [NODE]
-    assert record.joined[0]["armed_s"] is not None
+    assert [joined.node for joined in record.joined] == [NODE]
+    assert record.joined[0].armed_s is not None
     assert [change.kind for change in record.changes if change.role == "plant"] == ["pause", "resume"]
     assert len(page.frames) > 50
     times = np.array([frame[0] for frame in page.frames])

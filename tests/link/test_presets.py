@@ -63,8 +63,8 @@ def test_preset_has_the_delays_that_it_stands_for(name: str) -> None:
 def test_loop_over_a_preset_reports_its_latency() -> None:
     """A setpoint rests on the newest frame of any PMU, so it is not older than entries are on average."""
     found = latency(run("pdci"))
-    assert 69.0 <= float(found["mean"] or 0.0) <= 82.0
-    assert float(found["max"] or 0.0) < 150.0
+    assert 69.0 <= float(found.mean or 0.0) <= 82.0
+    assert float(found.max or 0.0) < 150.0
 
 
 def test_lag_of_an_identifier_is_the_links_mean_delay() -> None:

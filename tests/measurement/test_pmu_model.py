@@ -243,9 +243,9 @@ def test_linear_loop_knows_the_filter(name: str) -> None:
     case = load_case(None, [*sets, f"scenario={json.dumps(pulse)}"])
     linear = eigen(delayed_loop(case), sampled(delayed_loop(case), 0.03))
     swings = [s for s in linear.values if 3.5 < s.imag < 4.6]
-    (mode, *_) = summarise(loop.run(case))["modes"]
-    assert mode["frequency_hz"] == pytest.approx(swings[0].imag / (2 * np.pi), abs=5e-4)
-    assert mode["damping_ratio"] == pytest.approx(-swings[0].real / abs(swings[0]), abs=5e-4)
+    (mode, *_) = summarise(loop.run(case)).modes
+    assert mode.frequency_hz == pytest.approx(swings[0].imag / (2 * np.pi), abs=5e-4)
+    assert mode.damping_ratio == pytest.approx(-swings[0].real / abs(swings[0]), abs=5e-4)
 
 
 def test_filter_s_gain_is_its_delay_and_little_else_at_swings() -> None:
@@ -305,13 +305,13 @@ def test_wrong_clock_loses_no_frames(offset: float) -> None:
     record = record_of(f"measurement.clock.offset={offset}", "duration=2")
     assert (record.measured_ns >= 0).all()
     assert (record.measured_ns != NEVER).sum() == len(record.delivered)
-    assert summarise(record)["frames_lost"] == 0
+    assert summarise(record).frames_lost == 0
 
 
 def test_behind_a_filter_a_fault_is_no_low_voltage_without_one() -> None:
     sets = ["controllers=[]", "duration=2", "scenario=large"]
     for more in ("measurement=p_class", "measurement=m_class", "measurement.bad_data=[{kind: swapped_phases}]"):
-        warnings = summarise(loop.run(load_case(None, [*sets, more])))["warnings"]
+        warnings = summarise(loop.run(load_case(None, [*sets, more]))).warnings
         assert not any("without a fault" in line for line in warnings), warnings
 
 

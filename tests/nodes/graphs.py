@@ -227,4 +227,4 @@ def assert_let_go(case: Case, record: Record, deadline_misses: int) -> None:
         ramp = case.system.device(name).setpoint_max / watchdog.release_rate
         rest = record.time_ns > record.time_ns[first] + int(ramp * NANOSECONDS) + slack
         assert not record.devices["reference"][rest, d].any()
-    assert [row["rearmed_s"] for row in summarise(record)["releases"]] == [None] * len(case.run.devices)
+    assert [release.rearmed_s for release in summarise(record).releases] == [None] * len(case.run.devices)

@@ -90,8 +90,8 @@ def assert_all_refused(sent: Counter[str], outcome: Outcome, recorded: Any) -> N
         for listener in {"recorder"} | LATEST.get(topic, set()):
             assert refused[listener, topic if topic.startswith("/") else f"/{topic}"] == count, (listener, topic)
     for row in recorded.refused:
-        key = row["node"].strip("/"), row["cause"], row["topic"], row["source"]
-        assert row["count"] == outcome.messages_refused[key]
+        key = row.node.strip("/"), row.cause, row.topic, row.source
+        assert row.count == outcome.messages_refused[key]
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
@@ -210,5 +210,5 @@ def test_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: Pa
     if not record.notes:
         assert len(record.time_ns) == case.ticks
         assert set(record.applied["value"].tolist()) <= set(record.issued["value"].tolist())
-    if not summary["releases"]:
-        assert summary["stable"] == summarise(computed)["stable"]
+    if not summary.releases:
+        assert summary.stable == summarise(computed).stable

@@ -88,12 +88,13 @@ def test_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     assert first / RATE < joined[0]
     reference = record.devices["reference"][:, 0]
     assert np.all(reference[record.time_s < joined[0]] == 0.0)
-    (release,) = summarise(record)["releases"]
-    assert 30 * part < release["time_s"] < joined[1]
-    assert joined[1] < release["rearmed_s"]
-    between = (record.time_s > joined[0] + 1.0) & (record.time_s < release["time_s"])
+    release: Any
+    (release,) = summarise(record).releases
+    assert 30 * part < release.time_s < joined[1]
+    assert joined[1] < release.rearmed_s
+    between = (record.time_s > joined[0] + 1.0) & (record.time_s < release.time_s)
     assert np.any(reference[between] != 0.0)
-    at_rest = (record.time_s > release["time_s"] + 0.6) & (record.time_s < release["rearmed_s"])
+    at_rest = (record.time_s > release.time_s + 0.6) & (record.time_s < release.rearmed_s)
     assert np.all(reference[at_rest] == 0.0)
     assert np.any(record.issued["tick"] / RATE > joined[1])
     assert record.gap_tick is None
@@ -130,7 +131,7 @@ def test_ten_minutes_at_rest_and_a_swing_that_settles() -> None:
     swing = loop.run(load_case("two_area_free", [step, "duration=120"]))
     assert np.abs(swing.machines["speed_deviation"][-1]).max() < 0.002
     drifts = summarise(loop.run(load_case(None, [step, "duration=120"])))
-    assert (drifts["verdict"], drifts["instability"]) == ("lost synchronism", "frequency beyond 48 to 72 Hz")
+    assert (drifts.verdict, drifts.instability) == ("lost synchronism", "frequency beyond 48 to 72 Hz")
 
 
 @pytest.mark.parametrize("stamp", ["simulated", "wall"])
@@ -205,7 +206,7 @@ def test_stamps_may_be_wall_time(loopback: Any, start: Any, tmp_path: Path) -> N
     record = load(tmp_path / "recording")
     assert record.notes == []
     assert record.time_ns.tolist() == [tick * 10**9 // RATE for tick in range(180)]
-    assert summarise(record)["latency_ms"]["max"] < 1000.0
+    assert (summarise(record).latency_ms.max or 0.0) < 1000.0
     assert record.events[0].time_ns == 10**9
     assert len(record.estimates) > 150
     assert record.estimates["measured_ns"].max() < 3 * 10**9

@@ -80,19 +80,19 @@ def test_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client:
     second.wait(lambda: "armed at" in second.texts()[0], PATIENCE_S)
     assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
     record = run.finish()
-    summary = summarise(record)
-    (row,) = summary["joined"]
-    assert row["node"] == "controller"
-    release = summary["releases"][0]  # on a loaded machine others may follow
-    assert release["time_s"] < row["armed_s"]
-    assert release["rearmed_s"] > row["armed_s"]
+    summary: Any = summarise(record)
+    (row,) = summary.joined
+    assert row.node == "controller"
+    release = summary.releases[0]  # on a loaded machine others may follow
+    assert release.time_s < row.armed_s
+    assert release.rearmed_s > row.armed_s
     issued = record.issued["tick"] / RATE
-    assert not np.any((issued > release["time_s"]) & (issued < row["armed_s"]))
-    assert np.any(issued >= row["armed_s"])
+    assert not np.any((issued > release.time_s) & (issued < row.armed_s))
+    assert np.any(issued >= row.armed_s)
     reference = record.devices["reference"][:, 0]
-    at_rest = (record.time_s > release["time_s"] + 0.6) & (record.time_s < release["rearmed_s"])
+    at_rest = (record.time_s > release.time_s + 0.6) & (record.time_s < release.rearmed_s)
     assert np.all(reference[at_rest] == 0.0)
-    assert np.any(reference[record.time_s > release["rearmed_s"]] != 0.0)
+    assert np.any(reference[record.time_s > release.rearmed_s] != 0.0)
     assert_replayed(record)
 
 
@@ -120,14 +120,14 @@ def test_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, client
         one.wait(lambda one=one: "armed at" in one.texts()[0], PATIENCE_S)
     assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
     record = run.finish()
-    summary = summarise(record)
-    at = {row["node"]: row for row in summary["joined"]}
+    summary: Any = summarise(record)
+    at = {row.node: row for row in summary.joined}
     assert set(at) == {"wan_link", "identifier"}
     applied, estimated = record.applied["tick"] / RATE, record.estimates["tick"] / RATE
-    assert applied.max() > at["wan_link"]["armed_s"]
-    assert estimated.max() > at["identifier"]["armed_s"]
-    assert not np.any((applied > summary["releases"][0]["time_s"]) & (applied < at["wan_link"]["armed_s"]))
-    assert not np.any((estimated > at["identifier"]["time_s"]) & (estimated < at["identifier"]["armed_s"]))
+    assert applied.max() > at["wan_link"].armed_s
+    assert estimated.max() > at["identifier"].armed_s
+    assert not np.any((applied > summary.releases[0].time_s) & (applied < at["wan_link"].armed_s))
+    assert not np.any((estimated > at["identifier"].time_s) & (estimated < at["identifier"].armed_s))
     assert len(read_table(weights)["identifier"]) == len(learnt)
     assert_replayed(record)
 

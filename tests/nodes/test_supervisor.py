@@ -264,9 +264,9 @@ def test_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_by_
     of_second = [(STATES[r["state"]], cause_name(int(r["cause"]))) for r in record.supervision if r["tick"] >= began]
     assert of_second[0] == ("shadow", "")
     assert ("armed", "operator") in of_second
-    release = next(one for one in summarise(record)["releases"] if one["time_s"] > killed / 60)
-    assert release["time_s"] < began / 60 + 0.3
+    release = next(one for one in summarise(record).releases if one.time_s > killed / 60)
+    assert release.time_s < began / 60 + 0.3
     armed = record.supervision[record.supervision["state"] == STATES.index("armed")]["tick"]
     acts, armed_s = record.devices["reference"][:, 0] != 0.0, armed[armed >= began][0] / 60
-    assert not np.any(acts[(record.time_s > release["time_s"] + 0.6) & (record.time_s < armed_s)])
+    assert not np.any(acts[(record.time_s > release.time_s + 0.6) & (record.time_s < armed_s)])
     assert np.any(acts[record.time_s > armed_s])

@@ -32,8 +32,8 @@ def test_release_and_return_of_a_graph_are_those_of_the_in_process_run(loopback:
     recorded = load(tmp_path / "recording")
     issued = replay.play(case, replay.fitted(recorded, case)).issued
     assert replay.first_difference(recorded, issued) is None
-    (row,) = summarise(recorded)["releases"]
-    assert row["rearmed_s"] is not None
+    (row,) = summarise(recorded).releases
+    assert row.rearmed_s is not None
 
 
 def test_plant_that_is_slow_lets_go_by_the_clock(
@@ -53,8 +53,8 @@ def test_plant_that_is_slow_lets_go_by_the_clock(
     record = load(graph.run(load_case(None, ["duration=2"]), "realtime", tmp_path, strike).recording)
     (change,) = record.changes
     assert (change.role, change.kind, change.name) == ("plant", "release", "sssc")
-    (row,) = summarise(record)["releases"]
-    assert row["time_s"] == pytest.approx(change.tick / 60, abs=1e-6)
+    (row,) = summarise(record).releases
+    assert row.time_s == pytest.approx(change.tick / 60, abs=1e-6)
     assert 2 <= change.tick - record.applied["tick"].max() <= 4  # 0.2 s by the clock, not 12 ticks
 
 
@@ -75,10 +75,10 @@ def test_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(
     controller.send_signal(signal.SIGKILL)
     recorder.stop()
     record = load(tmp_path / "bag")
-    first, second = summarise(record)["releases"]  # it lets go again: nobody has come back
-    assert first["rearmed_s"] is not None
-    assert second["rearmed_s"] is None
+    first, second = summarise(record).releases  # it lets go again: nobody has come back
+    assert first.rearmed_s is not None
+    assert second.rearmed_s is None
     released = record.devices["released"][:, 0] == 1.0
-    at_rest = (record.time_s > first["time_s"] + 0.6) & (record.time_s < first["rearmed_s"])
+    at_rest = (record.time_s > first.time_s + 0.6) & (record.time_s < first.rearmed_s)
     assert released[at_rest].all()
     assert np.abs(record.devices["reference"][at_rest, 0]).max(initial=0.0) == 0.0

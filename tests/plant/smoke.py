@@ -35,10 +35,10 @@ def damps(device: dict[str, Any], signal: str = "w_area_1_area_2", damping: floa
     found = design.design(task, 1, _quiet)
     assert found.tuned.reached
     run = {**found.run, "system": found.content, "scenario": SCENARIO, "duration": 15.0}
-    controlled = summarise(loop.run(make_case(run, "test")))
-    free = summarise(loop.run(make_case({**run, "controllers": []}, "test")))
-    assert controlled["stable"]
-    assert controlled["indices"]["ITAE"] < 0.5 * free["indices"]["ITAE"]
+    controlled: Any = summarise(loop.run(make_case(run, "test")))
+    free: Any = summarise(loop.run(make_case({**run, "controllers": []}, "test")))
+    assert controlled.stable
+    assert controlled.indices["ITAE"] < 0.5 * free.indices["ITAE"]
     return found
 
 

@@ -189,8 +189,8 @@ def test_shipped_run_damps_what_grows_without_it() -> None:
     """LLC from the difference of speeds: the interarea mode of 0.64 Hz; more speed in area 1 asks for more power."""
     with_it = summarise(loop.run(load_case("two_area_hvdc", [])))
     without = summarise(loop.run(load_case("two_area_hvdc", ["controllers=[]"])))
-    assert 0.08 < with_it["modes"][0]["damping_ratio"] < 0.13
-    assert without["modes"][0]["damping_ratio"] < 0.0
+    assert 0.08 < with_it.modes[0].damping_ratio < 0.13
+    assert without.modes[0].damping_ratio < 0.0
     swing = min(analyse(shipped("two_area_hvdc"), ["hvdc"]).swings, key=lambda mode: mode.damping_ratio)
     (w13,) = [r for r in swing.residues if r.signal == "w13"]
     assert (swing.label, w13.sign) == ("interarea", 1)

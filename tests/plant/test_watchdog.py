@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.analysis.summary import summarise, table
+from facts_damping.analysis.summary import summarise
+from facts_damping.analysis.summary_table import table
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.parameters.plant.watchdog import Watchdog
@@ -131,7 +132,7 @@ def test_device_lets_go_to_the_instant_and_stays_at_zero(timeout: float) -> None
 def test_device_that_never_had_a_setpoint_is_not_released() -> None:
     record = loop.run(load_case(None, ["controllers=[]", "duration=2"]))
     assert not record.devices["released"].any()
-    assert summarise(record)["releases"] == []
+    assert summarise(record).releases == []
 
 
 def gap(more: list[str]) -> Any:
@@ -144,10 +145,10 @@ def test_released_device_is_latched_or_comes_back_after_good_setpoints() -> None
     latched, back = gap([]), gap(["watchdog.good=30"])
     assert (latched.devices["released"][latched.time_s > 2.8, 0] == 1.0).all()
     assert (latched.devices["reference"][latched.time_s > 4.0, 0] == 0.0).all()
-    (row,) = summarise(back)["releases"]
-    assert row["device"] == "sssc"
-    assert row["time_s"] == pytest.approx(2.5 - 1 / RATE + 0.2, abs=1 / RATE)
-    assert row["rearmed_s"] == pytest.approx(3.0 + 30 / RATE, abs=0.5 / RATE)  # with the 30th that came
+    (row,) = summarise(back).releases
+    assert row.device == "sssc"
+    assert row.time_s == pytest.approx(2.5 - 1 / RATE + 0.2, abs=1 / RATE)
+    assert row.rearmed_s == pytest.approx(3.0 + 30 / RATE, abs=0.5 / RATE)  # with the 30th that came
     again = back.devices["reference"][back.time_s > 4.0, 0]
     assert np.abs(again).max() > 0.001
 
@@ -176,7 +177,7 @@ def test_table_says_when_a_device_was_released_and_why() -> None:
 def test_overtaken_setpoints_are_refused_and_told() -> None:
     link = json.dumps({"down": [{"model": "normal", "mean": 0.1, "std": 0.03}]})
     record = loop.run(load_case(None, [f"link={link}", "duration=5"]))
-    counts = summarise(record)["refused_setpoints"]["sssc"]
+    counts = summarise(record).refused_setpoints["sssc"]
     assert counts["order"] > 10
     assert counts["value"] == counts["stamp"] == 0
     assert f"{counts['order']} by order" in table([("run", summarise(record))])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from facts_damping.record import NodeJoined
 from facts_damping.recording import RecordingWriter, events, load
 from facts_damping.recording.columns import Block
 from facts_damping.recording.scan import scan
@@ -145,8 +146,8 @@ def test_joins_are_read_and_odd_ones_are_not() -> None:
         [*odd, told("2000000000", ""), told("2000000000", "3000000000"), told("1000000000", "9" * 99)]
     )
     assert found == [
-        {"node": "/n", "time_s": 1.0, "armed_s": None},
-        {"node": "/n", "time_s": 2.0, "armed_s": 3.0},
+        NodeJoined("/n", 1.0, None),
+        NodeJoined("/n", 2.0, 3.0),
     ]
 
 

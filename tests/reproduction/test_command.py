@@ -95,4 +95,4 @@ def test_cells_are_those_of_a_run(folder: Path) -> None:
     for row in rows:
         sets = [f"scenario={row['scenario']}", "controllers.0.name=ANFTSC", "link=ideal"]
         told = summarise(loop.run(load_case("two_area_centralised", sets)))
-        assert float(row["ours"]) == pytest.approx(told["roughness"], rel=1e-9)
+        assert float(row["ours"]) == pytest.approx(told.roughness, rel=1e-9)

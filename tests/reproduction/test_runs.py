@@ -34,7 +34,7 @@ def test_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tmp_
             assert ours == {name: row[name] for name in (*THESIS_INDICES, "roughness")}
         both = ["controllers.0.name=ANFTSC", f"scenario={scenario}", "link=ideal", "duration=4"]
         told = summarise(loop.run(load_case("two_area_centralised", both)))
-        expected = {**told["indices"], "roughness": told["roughness"]}
+        expected = {**(told.indices or {}), "roughness": told.roughness}
         assert found[ComparedRun("two_area", scenario, asked[2])] == expected
 
 

@@ -244,7 +244,9 @@ def test_another_watchdog_is_judged_on_what_was_applied() -> None:
     times = []
     for sets in ([], ["watchdog.timeout=0.4"], ["watchdog.timeout=0.7"], ["watchdog=null"]):
         case = replay.case_of(record, "recording", None, sets)
-        times.append([row["time_s"] for row in releases.releases(replay.watched(case, replay.fitted(record, case)))])
+        times.append(
+            [release.time_s for release in releases.releases(replay.watched(case, replay.fitted(record, case)))]
+        )
     assert times[1][0] == pytest.approx(times[0][0] + 0.2, abs=1 / 60)
     assert times[2:] == [[], []]
 

@@ -126,5 +126,5 @@ def test_response_is_damped_as_the_linear_loop(delay: float, seed: int) -> None:
     linear = min(mode.damping_ratio for mode in modes if mode.swings)
     record = loop.run(case)
     found = summarise(record, twin=twin_of(record))
-    assert found["verdict"] == "damped"
-    assert found["modes"][0]["damping_ratio"] == pytest.approx(linear, abs=0.005)
+    assert found.verdict == "damped"
+    assert found.modes[0].damping_ratio == pytest.approx(linear, abs=0.005)

@@ -135,8 +135,8 @@ def test_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> None:
     assert found.stable.high == pytest.approx(margin.stable[0][1], abs=1e-5)
     run["scenario"] = [{"time": 1.0, "kind": "load_step", "load": "load_1", "change": 0.01}]
     result = summarise(loop.run(make_case({**run, "duration": 25.0}, "test")))
-    slow = min((mode for mode in result["modes"]), key=lambda mode: abs(mode["frequency_hz"] - 0.64))
-    assert slow["damping_ratio"] == pytest.approx(0.1, abs=0.015)
+    slow = min((mode for mode in result.modes), key=lambda mode: abs(mode.frequency_hz - 0.64))
+    assert slow.damping_ratio == pytest.approx(0.1, abs=0.015)
 
 
 def test_predicted_damping_of_other_modes_agrees_with_the_closed_loop() -> None:
@@ -172,7 +172,7 @@ def test_files_run(found: design.Design, tmp_path: Path) -> None:
     assert case.controllers[0].parameters["gain"] == found.chosen.law.parameters(found.tuned.gain)["gain"]
     assert case.scenario.name in found.scenarios
     result = summarise(loop.run(case))
-    assert result["verdict"] == "damped"
+    assert result.verdict == "damped"
     assert design_pages.plot(found, tmp_path / "places.png").stat().st_size > 10_000
     text = "\n".join(design_pages.text(found))
     assert "damping ratio: 0.1" in text

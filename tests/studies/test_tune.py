@@ -148,7 +148,7 @@ def test_system_of_the_users_own_is_tuned_on_a_scenario_of_their_own(tmp_path: P
     run = {"system": str(system), "scenario": str(scenario), "devices": ["own"]}
     own = {"name": "LLC-tuned", "devices": ["own"], "signals": ["w12"], "parameters": found.controllers[0].parameters}
     with_it, without = (
-        summarise(loop.run(make_case({**run, "controllers": controllers}, "mine")))["indices"]["ITAE"]
+        (summarise(loop.run(make_case({**run, "controllers": controllers}, "mine"))).indices or {})["ITAE"]
         for controllers in ([own], [])
     )
     assert with_it < 0.7 * without

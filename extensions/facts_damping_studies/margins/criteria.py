@@ -11,8 +11,10 @@ from facts_damping_studies.margins.delay_margin import STILL
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
+    from facts_damping.analysis.modes.ringdown import RingdownMode
+    from facts_damping.analysis.summary import ModeFit, Summary
     from facts_damping.case.model import Case
 
 STRONG = 0.1  # of the amplitude of the largest mode; weaker modes do not count for `damping`
@@ -53,13 +55,10 @@ def fails(criterion: str, row: Mapping[str, Any], ratio: float = DAMPING_RATIO) 
     return CRITERIA[criterion].fails(row, ratio)
 
 
-def lowest_damping_ratio(summary: Mapping[str, Any]) -> float | None:
+def lowest_damping_ratio(modes: Sequence[ModeFit | RingdownMode]) -> float | None:
     """Smallest damping ratio of the modes that matter in a run's ringdown; None if none is seen."""
-    sizes = [max(mode["amplitude"]) for mode in summary["modes"]]
-    ratios = [
-        m["damping_ratio"] for m, size in zip(summary["modes"], sizes, strict=True) if size >= STRONG * max(sizes)
-    ]
-    return min(ratios, default=None)
+    largest = max((max(mode.amplitude) for mode in modes), default=0.0)
+    return min((mode.damping_ratio for mode in modes if max(mode.amplitude) >= STRONG * largest), default=None)
 
 
 def linear_growth(case: Case) -> float:
@@ -71,9 +70,8 @@ def linear_growth(case: Case) -> float:
     return float(eigen(loop, sampled(loop, min(link_delays(case), default=0.0))).growth)
 
 
-def itae_ratio(summary: Mapping[str, Any], free: Mapping[str, Any]) -> float | None:
+def itae_ratio(summary: Summary, free: Summary) -> float | None:
     """ITAE relative to the run without control, with noise that of the responses; None if either is lost."""
-    both = (summary, free)
-    of = "indices_of_response" if all(one["indices_of_response"] for one in both) else "indices"
-    own, other = (one[of] for one in both)
-    return None if own is None or other is None else float(own["ITAE"] / other["ITAE"])
+    if summary.indices_of_response and free.indices_of_response:
+        return summary.indices_of_response["ITAE"] / free.indices_of_response["ITAE"]
+    return summary.indices["ITAE"] / free.indices["ITAE"] if summary.indices and free.indices else None

@@ -112,9 +112,8 @@ def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
 def _row(record: Record, twin: Twin | None, swings: Swings) -> dict[str, Any]:
     """What the criteria need of a run."""
     fit = fit_ringdown(swings.time_s[: swings.ringing], swings.judged[: swings.ringing], swings.last)
-    modes = [] if fit is None else [mode._asdict() for mode in fit.modes]
     verdict = judge_run(record, twin, swings, lambda: fit).judgement.verdict
-    return {"verdict": verdict, LOWEST: lowest_damping_ratio({"modes": modes})}
+    return {"verdict": verdict, LOWEST: lowest_damping_ratio(fit.modes if fit else [])}
 
 
 def holding(case: Case, longest: float, looked: Callable[[], None]) -> list[Holds]:

@@ -28,6 +28,7 @@ from facts_damping_studies.sweeps import true_jacobian
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from facts_damping.analysis.summary import Summary
     from facts_damping.case.model import Case
     from facts_damping.record import Record
 
@@ -45,7 +46,7 @@ CUSTOM = "custom"  # name of inline content
 NAMED = ("system", "scenario", "link")
 IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
 
-_free: dict[str, dict[str, Any]] = {}  # summaries without control
+_free: dict[str, Summary] = {}  # summaries without control
 
 
 class Base(NamedTuple):
@@ -109,11 +110,11 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
     return task.key, row
 
 
-def criterion_columns(case: Case, record: Record, summary: Mapping[str, Any], wanted: Sequence[str]) -> dict[str, Any]:
+def criterion_columns(case: Case, record: Record, summary: Summary, wanted: Sequence[str]) -> dict[str, Any]:
     """Columns that the criteria of a margin need."""
     found: dict[str, Any] = {}
     if "damping" in wanted:
-        found[criteria.LOWEST] = criteria.lowest_damping_ratio(summary)
+        found[criteria.LOWEST] = criteria.lowest_damping_ratio(summary.modes)
     if "worse" in wanted:
         plant = {name: value for name, value in record.configuration.items() if name not in ("link", *NO_CONTROL)}
         free = shared(_free, json.dumps(plant, default=str), lambda: _summary(uncontrolled(record.configuration)))
@@ -123,7 +124,7 @@ def criterion_columns(case: Case, record: Record, summary: Mapping[str, Any], wa
     return found
 
 
-def _summary(case: Case) -> dict[str, Any]:
+def _summary(case: Case) -> Summary:
     record = loop.run(case)
     return summarise(record, method=None, twin=twins.twin(case, record))
 
@@ -153,30 +154,28 @@ def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
     return [*found, *INTERAREA] if modes else found
 
 
-def figures(
-    record: Record, summary: Mapping[str, Any], finer: Mapping[str, Any] | None = None, *, modes: bool
-) -> dict[str, Any]:
+def figures(record: Record, summary: Summary, finer: Summary | None = None, *, modes: bool) -> dict[str, Any]:
     """The figures of a run, flat; None where undefined. `finer`: its summary with half the integration step."""
     found: dict[str, Any] = {
-        "stable": summary["stable"] is True,
-        **{name: summary[name] for name in OUTCOME},
-        **(summary["indices"] or dict.fromkeys(INDICES)),
-        RESPONSE_INDEX: (summary["indices_of_response"] or {}).get("ITAE"),
-        **{name: summary[name] for name in SUMMED},
-        "saturation_duty": max(summary["saturation_duty"].values(), default=None),
+        "stable": summary.stable is True,
+        **{name: getattr(summary, name) for name in OUTCOME},
+        **(summary.indices or dict.fromkeys(INDICES)),
+        RESPONSE_INDEX: (summary.indices_of_response or {}).get("ITAE"),
+        **{name: getattr(summary, name) for name in SUMMED},
+        "saturation_duty": max(summary.saturation_duty.values(), default=None),
         **_latency(record),
-        "frames_lost": summary["frames_lost"],
-        "trips": len(trips(summary["supervision"])),
-        **{name: (summary["growth_per_s"] or {}).get(end) for end, name in GROWTH.items()},
-        "warnings": "; ".join(summary["warnings"]) or None,
+        "frames_lost": summary.frames_lost,
+        "trips": len(trips(summary.supervision)),
+        **{name: summary.growth_per_s and getattr(summary.growth_per_s, end) for end, name in GROWTH.items()},
+        "warnings": "; ".join(summary.warnings) or None,
     }
     if finer is not None:
-        beside = convergence.compare(summary, finer)
-        maximum = max(beside["step_change"][i] for i in INDICES)
-        found |= dict(zip(CHECKED, (beside["converged"], maximum, finer["verdict"]), strict=True))
+        compared = convergence.compare(summary, finer)
+        maximum = max((compared.step_change or {})[index] for index in INDICES)
+        found |= dict(zip(CHECKED, (compared.converged, maximum, finer.verdict), strict=True))
     if modes:
-        slow = next((mode for mode in summary["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)
-        values = (slow["frequency_hz"], slow["damping_ratio"]) if slow else (None, None)
+        slow = next((mode for mode in summary.modes if mode.frequency_hz < INTERAREA_HZ), None)
+        values = (slow.frequency_hz, slow.damping_ratio) if slow else (None, None)
         found |= dict(zip(INTERAREA, values, strict=True))
     return found
 

@@ -83,13 +83,13 @@ def _named(modes: Iterable[tuple[float, float]]) -> dict[str, Any]:
 def outcome(sets: dict[str, Any]) -> dict[str, Any]:
     """A run: verdict, ITAE, damping ratio and frequency of the response's strongest mode; when armed, when tripped."""
     record = loop.run(made(sets))
-    found = summarise(record, twin=twin_of(record))
-    modes, did = found["modes"][:1], doings(record, 0.0)
+    summary = summarise(record, twin=twin_of(record))
+    mode, did = summary.modes[0] if summary.modes else None, doings(record, 0.0)
     return {
-        "verdict": found["verdict"],
-        "ITAE": found["indices"]["ITAE"],
-        "damping_ratio": modes[0]["damping_ratio"] if modes else None,
-        "frequency_hz": modes[0]["frequency_hz"] if modes else None,
+        "verdict": summary.verdict,
+        "ITAE": summary.indices and summary.indices["ITAE"],
+        "damping_ratio": mode and mode.damping_ratio,
+        "frequency_hz": mode and mode.frequency_hz,
         **{name: did[name] for name in ("armed_s", "tripped_s", "cause")},
     }
 
