@@ -6,36 +6,35 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.delay_traces import with_traces
+from facts_damping.case.resolving import located
 from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
-from facts_damping.parameters.field_errors import check, check_field, of_field, worded
+from facts_damping.parameters.field_errors import check, check_field, of_field
 from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.stages import Bernoulli
 
 if TYPE_CHECKING:
+    from facts_damping.case.resolving import Source, Sources
     from facts_damping.parameters.measurement import Measurement
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.stages import StageModel
 
 
-def read_links(run: Run) -> tuple[Link, list[Link], list[int]]:
+def links_of(sources: Sources) -> tuple[Link, list[Link], list[int]]:
     """The run's link; all links in use; for each controller, the index of its link among these.
 
     The run's link comes first if a controller has none of its own or there is no controller. Each controller's own link
     is separate, even if it has the same name as another.
     """
-    link = read_link(run.link, "link")
-    links = [link] if not run.controllers or any(c.link is None for c in run.controllers) else []
+    link = link_of(sources.link)
+    links = [link] if not sources.links or None in sources.links else []
     used = []
-    for i, controller in enumerate(run.controllers):
-        if controller.link is None:
-            used.append(0)
-        else:
-            used.append(len(links))
-            links.append(read_link(controller.link, f"controllers.{i}.link"))
+    for source in sources.links:
+        used.append(0 if source is None else len(links))
+        links += [] if source is None else [link_of(source)]
     return link, links, used
 
 
@@ -57,15 +56,10 @@ def mean_delays(controller: Controller, system: System, link: Link) -> tuple[flo
     return max(whole, default=0.0), max(down, default=0.0)
 
 
-def read_link(given: str | dict[str, Any], field: str) -> Link:
-    """A link by name, path, or inline content of the run's field."""
-    if isinstance(given, str):
-        path = find("links", given)
-        with worded(str(path)), of_field(""):
-            return with_traces(check_field(Link, read_table(path), ""))
-    link = check_field(Link, given, field)
-    with of_field(field):
-        return with_traces(link)
+def link_of(source: Source) -> Link:
+    """A link with its traces."""
+    with located(source) as field, of_field(field):
+        return with_traces(check_field(Link, source.content, field))
 
 
 def signed(link: Link) -> Link:

@@ -9,16 +9,17 @@ from facts_damping.caching import shared
 from facts_damping.case.changes import PROFILE, STANDARD, as_sets, change, off, take_profile
 from facts_damping.case.checks import check_case, check_events
 from facts_damping.case.controllers import filled
-from facts_damping.case.links import beside, check_felt, read_links, signed
-from facts_damping.case.measurement import read_measurement
+from facts_damping.case.links import beside, check_felt, links_of, signed
 from facts_damping.case.model import Case
-from facts_damping.case.supervision import check_fallbacks, read_supervision
+from facts_damping.case.resolving import checked, read_source, resolve
+from facts_damping.case.supervision import check_fallbacks, supervision_of
 from facts_damping.errors import check_known
 from facts_damping.input_files import naming_no_files
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.parameters.events import Scenario
 from facts_damping.parameters.field_errors import FieldError, check, check_field, worded
 from facts_damping.parameters.files import check_kind, each_path, find, read_sets, read_table, set_field
+from facts_damping.parameters.measurement import Measurement
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.run import Run
@@ -116,19 +117,15 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
 
 def _made(content: Any, sets: dict[str, str]) -> Case:
     run = check_field(Run, content, "")
-    system = _system(run.system, "system")
-    model = _model(run, system)
-    if isinstance(run.scenario, str):
-        path = find("scenarios", run.scenario, f"{system.name}/")
-        scenario = check(Scenario, read_table(path), str(path))
-    else:
-        scenario = check_field(Scenario, {"name": "inline", "events": run.scenario}, "scenario")
-    measurement = read_measurement(run.measurement)
-    link, links, used = read_links(run)
+    system = checked(System, read_source("systems", run.system, "system"))
+    sources = resolve(run, system.name)
+    model = None if sources.model is None else _model(checked(System, sources.model), system)
+    scenario, scenario_file = checked(Scenario, sources.scenario), sources.scenario.file
+    measurement = checked(Measurement, sources.measurement)
+    link, links, used = links_of(sources)
     for i, field in enumerate(["link", *(f"controllers.{c}.link" for c in range(len(run.controllers)))]):
         check_felt(link if i == 0 else links[used[i - 1]], field, measurement, sets)
     links = [beside(signed(one) if run.security else one, measurement) for one in links]
-    scenario_file = str(path) if isinstance(run.scenario, str) else ""
     placed = place(_dispatched(system, scenario, scenario_file))
     latency = reference_filter(measurement, system.frequency, run.frame_rate).delay / run.frame_rate
     controllers, settings = [], (run.frame_rate, latency, measurement.filter, run.tuning)
@@ -136,7 +133,7 @@ def _made(content: Any, sets: dict[str, str]) -> Case:
         if controller.link is not None:
             controller = controller.model_copy(update={"link": links[used[i]].model_dump()})  # noqa: PLW2901
         controllers.append(filled(controller, f"controllers.{i}", system, links[used[i]], *settings))
-    supervision = read_supervision(run)
+    supervision = supervision_of(run, sources.supervision)
     case = Case(run, controllers, placed, scenario, measurement, link, links, used, supervision, model)
     check_case(case)
     check_fallbacks(case)
@@ -150,19 +147,8 @@ def recorded_case(content: Any, source: str) -> Case:
         return make_case(content, source)
 
 
-def _system(given: str | dict[str, Any], field: str) -> System:
-    """A system by name, path, or inline content of the run's field."""
-    if isinstance(given, str):
-        path = find("systems", given)
-        return check(System, read_table(path), str(path))
-    return check_field(System, given, field)
-
-
-def _model(run: Run, system: System) -> System | None:
+def _model(model: System, system: System) -> System:
     """The system for controller design, if not the plant; devices that only the plant has are known there, too."""
-    if run.model is None:
-        return None
-    model = _system(run.model, "model")
     known = {d.name for d in model.devices}
     model = model.model_copy(update={"devices": [*model.devices, *(d for d in system.devices if d.name not in known)]})
     for field, own, other in (

@@ -1,12 +1,12 @@
-"""Reads and checks how the PMUs of a run measure, and changes numbers of it during the run."""
+"""Checks how the PMUs of a run measure, and changes numbers of it during the run."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.measurement.filters import reference_filter
-from facts_damping.parameters.field_errors import FieldError, check, check_field, check_known
-from facts_damping.parameters.files import find, read_table, set_field
+from facts_damping.parameters.field_errors import FieldError, check, check_known
+from facts_damping.parameters.files import set_field
 from facts_damping.parameters.measurement import Measurement
 
 if TYPE_CHECKING:
@@ -15,14 +15,6 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
 FIXED = ("start", "duration", "lost", "voltage_range", "current_range")  # fields that cannot change during a run
-
-
-def read_measurement(given: str | dict[str, Any]) -> Measurement:
-    """How PMUs measure: by name, path, or inline content of the run's field."""
-    if isinstance(given, str):
-        path = find("measurement", given)
-        return check(Measurement, read_table(path), str(path))
-    return check_field(Measurement, given, "measurement")
 
 
 def check_measurement(case: Case) -> None:

@@ -1,42 +1,37 @@
-"""Reads the supervision of a run and checks it against the controllers."""
+"""Checks the supervision of a run, also against the controllers."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from facts_damping.case.resolving import located
 from facts_damping.monitor_table import MONITORS
-from facts_damping.parameters.field_errors import FieldError, check_field, check_known, worded
-from facts_damping.parameters.files import find, read_table
+from facts_damping.parameters.field_errors import FieldError, check_field, check_known
 from facts_damping.parameters.supervision import Supervision
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
+    from facts_damping.case.resolving import Source
     from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Run
 
 
-def read_supervision(run: Run) -> Supervision | None:
-    """A run's supervision by name, path or inline; None if it has none."""
-    given = run.supervision
-    if given is None:
+def supervision_of(run: Run, source: Source | None) -> Supervision | None:
+    """A run's supervision; None if it has none."""
+    if source is None:
         if run.arm_at is not None:
             raise FieldError("arm_at", f"{run.arm_at:g} given; allowed: with `supervision`")
         return None
-    if isinstance(given, str):
-        path = find("supervision", given)
-        with worded(str(path)):
-            found = check_field(Supervision, read_table(path), "")
-            _check_monitors(found, "monitors")
-    else:
-        found = check_field(Supervision, given, "supervision")
-        _check_monitors(found, "supervision.monitors")
-    start = found.probe.start
-    if found.arming.probe and run.arm_at is not None and not (start is not None and start < run.arm_at):
+    with located(source) as field:
+        supervision = check_field(Supervision, source.content, field)
+        _check_monitors(supervision, f"{field}.monitors" if field else "monitors")
+    start = supervision.probe.start
+    if supervision.arming.probe and run.arm_at is not None and not (start is not None and start < run.arm_at):
         begins = "none" if start is None else f"{start:g}"
         why = f"supervision.arming.probe needs a probe before, and supervision.probe.start is {begins}"
         raise FieldError("arm_at", f"{run.arm_at:g} given, but {why}; allowed: arm_at after a probe")
-    return found
+    return supervision
 
 
 def _check_monitors(supervision: Supervision, field: str) -> None:

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.case.links import beside, read_link, with_number
+from facts_damping.case.links import beside, link_of, with_number
 from facts_damping.case.loading import make_case
 from facts_damping.case.measurement import with_number as with_measured
+from facts_damping.case.resolving import read_source
 from facts_damping.control.bank import put
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
@@ -68,7 +69,8 @@ def with_link(case: Case, index: int, given: Any) -> Case:
     Raises `InputError` if it is not a link, or does not fit the run.
     """
     with naming_no_files("a change of a run"), worded(SOURCE):
-        link = read_link(read_value(given, SOURCE) if isinstance(given, str) else given, "link")
+        value = read_value(given, SOURCE) if isinstance(given, str) else given
+        link = link_of(read_source("links", value, "link"))
     own = next((c for c, used in enumerate(case.used_links) if used == index and case.run.controllers[c].link), None)
     content = case.document()
     (content if own is None else content["controllers"][own])["link"] = link.model_dump()
