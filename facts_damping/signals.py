@@ -24,6 +24,11 @@ def to_ns(seconds: float) -> int:
     return round(seconds * NANOSECONDS)
 
 
+def start_of(tick: int, frame_rate: int) -> int:
+    """Start of a tick, ns: t_k = k / f, rounded down."""
+    return tick * NANOSECONDS // frame_rate
+
+
 # Channels of a PMU in the order of a frame's columns: name, unit. NaN: not available.
 CHANNELS = {
     "voltage_magnitude": "pu",
@@ -159,6 +164,15 @@ DeviceTruths = Annotated[NDArray[Any], Array(DEVICE_TRUTH, 1)]
 
 
 FLAGS = ("blocked", "released")  # fields of DEVICE_TRUTH that are flags
+SUPERVISION_FIELDS = {  # number fields of a SupervisorState, by the field of SUPERVISION
+    "fraction": "fraction",
+    "probe_gain": "probe_gain",
+    "probe_phase": "probe_phase_rad",
+    "probe_coherence": "probe_coherence",
+    "added_damping": "added_damping_per_s",
+    "phase_margin": "phase_margin_rad",
+    "gain_margin": "gain_margin",
+}
 REFUSED = ("refused_value", "refused_stamp", "refused_order")  # its counters of refused setpoints, by cause
 
 # Units of the truth's fields; all others are p.u.

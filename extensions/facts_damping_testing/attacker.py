@@ -28,8 +28,8 @@ from facts_damping.nodes.base.spinner import Spinner
 from facts_damping.nodes.base.topics import FRAMES, PLANT_STATE
 from facts_damping.nodes.recorder import TICK_END
 from facts_damping.nodes.transport.signing import seal, signing
-from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage, start_of
-from facts_damping.signals import DELIVERY, SETPOINT
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
+from facts_damping.signals import DELIVERY, SETPOINT, start_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from facts_damping.errors import RecordingError
 from facts_damping.recording.columns import Block, blocks, kept
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from numpy.typing import NDArray
-    from rosbags.typesys.store import Typestore
+    from rosbags.interfaces.typing import Typesdict
 
     from facts_damping.recording.bagfile import TopicInfo
 
@@ -39,9 +38,8 @@ def decode(topic: TopicInfo, data: Sequence[bytes], notes: list[str]) -> list[Bl
     """
     if not data:  # then an older schema does no harm
         return []
-    store = _store(topic.message_type, topic.schema)
     try:
-        found, odd = blocks(data, store.fielddefs, topic.message_type)
+        found, odd = blocks(data, _definitions(topic.message_type, topic.schema), topic.message_type)
     except KeyError as error:
         raise RecordingError(f"{topic.name}: the schema of {topic.message_type} lacks {error}") from error
     if odd:
@@ -50,16 +48,11 @@ def decode(topic: TopicInfo, data: Sequence[bytes], notes: list[str]) -> list[Bl
 
 
 @lru_cache(maxsize=64)
-def _store(message_type: str, schema: str) -> Typestore:
-    """Types of one schema; cached, because rosbags compiles code for every type of every store."""
+def _definitions(message_type: str, schema: str) -> Typesdict:
+    """Types of one schema, checked."""
     definitions = parse_schema(message_type, schema)
     check_fields(message_type, definitions)
-    store = get_typestore(Stores.EMPTY)
-    try:
-        store.register(definitions)
-    except TypesysError as error:
-        raise RecordingError(f"schema of {message_type}: {error}") from error
-    return store
+    return definitions
 
 
 def series(topic: str, blocks: Sequence[Block], several: bool, notes: list[str]) -> Series:

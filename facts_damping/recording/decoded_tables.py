@@ -24,17 +24,6 @@ if TYPE_CHECKING:
 NewestTicks = dict[tuple[str, int, str], "NDArray[np.int64]"]
 
 
-SUPERVISION_FIELDS = {  # of SupervisorState, by the column of signals.SUPERVISION
-    "fraction": "fraction",
-    "probe_gain": "probe_gain",
-    "probe_phase": "probe_phase_rad",
-    "probe_coherence": "probe_coherence",
-    "added_damping": "added_damping_per_s",
-    "phase_margin": "phase_margin_rad",
-    "gain_margin": "gain_margin",
-}
-
-
 def frames(source: Series, pmus: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Frames (ticks, PMUs, channels), and their times of measurement and status, both (ticks, PMUs).
 
@@ -135,7 +124,7 @@ def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArra
                 "refused": _known(cause_code, message.refused, source.topic),
                 "values": values,
             }
-            numbers = {name: getattr(message, field) for name, field in SUPERVISION_FIELDS.items()}
+            numbers = {name: getattr(message, field) for name, field in signals.SUPERVISION_FIELDS.items()}
             parts.append(_rows(signals.SUPERVISION, block, source, **fields, **numbers))
     return _table(parts, signals.SUPERVISION, "controller", "tick")
 

@@ -12,16 +12,13 @@ from facts_damping.measurement.pmu_model import Pmus, PmuState, report, take_sam
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure, sample
 from facts_damping.plant.model import Plant, PlantState, Work
-from facts_damping.signals import DELIVERY, NANOSECONDS, NEVER, DeviceTruths, MachineTruths, Setpoints
+from facts_damping.signals import DELIVERY, NEVER, DeviceTruths, MachineTruths, Setpoints, start_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-@compiled
-def tick_ns(tick: int, frame_rate: int) -> int:
-    """Time of a tick, ns: t_k = k / f, rounded down."""
-    return tick * NANOSECONDS // frame_rate
+tick_ns = compiled(start_of)  # of ticks of this run; those of foreign messages may be too large for machine code
 
 
 @entry_point
@@ -71,7 +68,7 @@ def advance_with_pmus(
     now, first = tick_ns(tick, pmus.frame_rate), 0
     samples = pmus.per_frame * pmus.frame_rate
     for i in range(1, pmus.per_frame + 1):
-        end = (tick * pmus.per_frame + i) * NANOSECONDS // samples
+        end = tick_ns(tick * pmus.per_frame + i, samples)
         last = first
         while last < count and (setpoints[last].effective_ns < end or i == pmus.per_frame):
             last += 1

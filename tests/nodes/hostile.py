@@ -8,8 +8,8 @@ import numpy as np
 from facts_damping_msgs.msg import DeviceSetpoint, DeviceSetpoints, PmuDataFrame
 from rclpy.serialization import serialize_message
 
-from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage, start_of
-from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
+from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT, start_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

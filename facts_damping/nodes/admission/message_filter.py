@@ -27,7 +27,7 @@ from facts_damping.nodes.transport import stamps
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import run_state
 from facts_damping.nodes.transport.raw_take import take
-from facts_damping.nodes.transport.tables import start_of
+from facts_damping.signals import start_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,9 +16,16 @@ from facts_damping.monitor_table import MONITORS, OFF, STATES, cause_name
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.nodes.transport.cdr import Field, Refused, Template, content
 from facts_damping.nodes.transport.stamps import epoch_ns
-from facts_damping.nodes.transport.tables import start_of
 from facts_damping.parameters.stages import Spoof
-from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, to_ns, truth_field
+from facts_damping.signals import (
+    DEVICE_TRUTH,
+    MACHINE_TRUTH,
+    NANOSECONDS,
+    SUPERVISION_FIELDS,
+    start_of,
+    to_ns,
+    truth_field,
+)
 from facts_damping.simulation.build import identifier_network
 
 if TYPE_CHECKING:
@@ -34,17 +41,6 @@ if TYPE_CHECKING:
 
 
 M = TypeVar("M", bound=Any)  # a message
-
-# Number fields of a SupervisorState, and the field of SUPERVISION for each.
-SUPERVISOR_NUMBERS = {
-    "fraction": "fraction",
-    "probe_gain": "probe_gain",
-    "probe_phase_rad": "probe_phase",
-    "probe_coherence": "probe_coherence",
-    "added_damping_per_s": "added_damping",
-    "phase_margin_rad": "phase_margin",
-    "gain_margin": "gain_margin",
-}
 
 
 class PlantStateMessage:
@@ -171,7 +167,7 @@ class SupervisorStateMessage:
         t, values, others, ticks = self._templates[key]
         t.write_head(start_ns, tick)
         t.write(values, row["values"])
-        t.write(others, [row[name] for name in SUPERVISOR_NUMBERS.values()])
+        t.write(others, [row[name] for name in SUPERVISION_FIELDS])
         t.write(ticks, latest)
         return t.data()
 
@@ -183,7 +179,7 @@ class SupervisorStateMessage:
         message.latest, message.latest_ticks = self._latest, [-1] * len(self._latest)
         t = Template(message)
         ticks = t.index(f"latest_ticks.{i}" for i in range(len(self._latest)))
-        return t, t.index(f"values.{i}" for i in range(len(MONITORS))), t.index(SUPERVISOR_NUMBERS), ticks
+        return t, t.index(f"values.{i}" for i in range(len(MONITORS))), t.index(SUPERVISION_FIELDS.values()), ticks
 
 
 class Estimate(NamedTuple):

@@ -11,7 +11,7 @@ from facts_damping.nodes.transport import packing, stamps
 from facts_damping.nodes.transport.cdr import LONGEST, Refused
 from facts_damping.nodes.transport.signing import LENGTH
 from facts_damping.recording.columns import HEADER
-from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
+from facts_damping.signals import DELIVERY, SETPOINT, start_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -194,8 +194,3 @@ class SetpointsMessage(TableMessage):
     def fill(self, tick: int, start_ns: int, rows: NDArray[Any], controller: str) -> bytes:
         """Message of setpoints; `controller`: name of the sender, empty for a link."""
         return self.write(tick, start_ns, rows, self._senders.index(controller))
-
-
-def start_of(tick: int, frame_rate: int) -> int:
-    """Start of any tick, ns: t_k = k / f, rounded down."""
-    return tick * NANOSECONDS // frame_rate
