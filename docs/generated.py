@@ -20,14 +20,14 @@ from pydantic_core import PydanticUndefined
 
 from facts_damping.cli.parser import parser
 from facts_damping.control.table import CONTROLLERS
+from facts_damping.devices.base import DeviceModel
+from facts_damping.fields import ParameterModel
 from facts_damping.parameters import measurement
-from facts_damping.parameters.base import ParameterModel
 from facts_damping.parameters.events import Scenario
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.measurement import Measurement
 from facts_damping.parameters.plant.block_models import MODELS
-from facts_damping.parameters.plant.devices import DeviceModel
 from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Run, Tuned, Weights

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from facts_damping.control.parameter_tables import Range as Range
     from facts_damping.control.parameter_tables import powers as powers
     from facts_damping.control.table import ControllerKind as ControllerKind
+    from facts_damping.devices.base import Parallel as Parallel
+    from facts_damping.devices.base import Series as Series
+    from facts_damping.devices.kind import DeviceKind as DeviceKind
+    from facts_damping.devices.kind import Start as Start
     from facts_damping.elementary import atan2 as atan2
     from facts_damping.elementary import cos as cos
     from facts_damping.elementary import exp as exp
@@ -33,6 +37,7 @@ if TYPE_CHECKING:
     from facts_damping.elementary import sin_cos as sin_cos
     from facts_damping.elementary import tan as tan
     from facts_damping.elementary import tanh as tanh
+    from facts_damping.fields import quantity as quantity
     from facts_damping.link.stages import DRAWN as DRAWN
     from facts_damping.link.stages import StageKind as StageKind
     from facts_damping.neurofuzzy.table import Antecedent as Antecedent
@@ -41,12 +46,7 @@ if TYPE_CHECKING:
     from facts_damping.neurofuzzy.table import S as S
     from facts_damping.neurofuzzy.table import Variant as Variant
     from facts_damping.neurofuzzy.table import W as W
-    from facts_damping.parameters.base import quantity as quantity
-    from facts_damping.parameters.plant.devices import Parallel as Parallel
-    from facts_damping.parameters.plant.devices import Series as Series
     from facts_damping.parameters.stages import StageModel as StageModel
-    from facts_damping.plant.converters.devices import DeviceKind as DeviceKind
-    from facts_damping.plant.converters.site import Start as Start
     from facts_damping.recording import load as load
 
 ROOMS: dict[str, tuple[str, ...]] = {
@@ -55,6 +55,8 @@ ROOMS: dict[str, tuple[str, ...]] = {
     "compiling": ("compiled",),
     "control.parameter_tables": ("Parameter", "Range", "powers"),
     "control.table": ("ControllerKind",),
+    "devices.base": ("Parallel", "Series"),
+    "devices.kind": ("DeviceKind", "Start"),
     "elementary": (
         "atan2",
         "cos",
@@ -73,13 +75,10 @@ ROOMS: dict[str, tuple[str, ...]] = {
         "tan",
         "tanh",
     ),
+    "fields": ("quantity",),
     "link.stages": ("DRAWN", "StageKind"),
     "neurofuzzy.table": ("Antecedent", "Consequent", "H", "S", "Variant", "W"),
-    "parameters.base": ("quantity",),
-    "parameters.plant.devices": ("Parallel", "Series"),
     "parameters.stages": ("StageModel",),
-    "plant.converters.devices": ("DeviceKind",),
-    "plant.converters.site": ("Start",),
     "recording": ("load",),
 }  # names by the module that has them
 MODULES = ("random_numbers",)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 PREFIX = "facts_damping."  # of entry point groups
-PAIRS = (("devices", "device_kinds"), ("stages", "stage_kinds"))  # fields of a kind, and its behaviour
+NEEDS = {"devices": "device_kinds", "stages": "stage_kinds", "stage_kinds": "stages"}  # fields and behaviour of a kind
 GROUPS = (
     "antecedents",
     "api",
@@ -63,10 +63,9 @@ def every() -> list[EntryPoint]:
         group = one.group.removeprefix(PREFIX)
         if group not in GROUPS:
             raise InputError(f"{_named(one)}: no such group; allowed: {', '.join(PREFIX + group for group in GROUPS)}")
-        for pair in PAIRS:
-            other = PREFIX + pair[1 - pair.index(group)] if group in pair else ""
-            if other and not any(two.group == other and two.name == one.name for two in found):
-                raise InputError(f"{_named(one)}: given alone; allowed: with {one.name} of {other}")
+        other = PREFIX + NEEDS.get(group, "")
+        if other != PREFIX and not any(two.group == other and two.name == one.name for two in found):
+            raise InputError(f"{_named(one)}: given alone; allowed: with {one.name} of {other}")
         first = by_name.setdefault((group, one.name), one)
         if first is not one:
             raise InputError(f"{_named(one)}: the name is taken; allowed: another than that of {_named(first)}")

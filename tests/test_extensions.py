@@ -16,8 +16,8 @@ import pytest
 from facts_damping import extending, extensions
 from facts_damping.analysis.indices import INDICES, Index
 from facts_damping.control.table import ControllerKind
+from facts_damping.devices.base import DeviceModel
 from facts_damping.errors import InputError
-from facts_damping.parameters.plant.devices import DeviceModel
 from tests.additions import install
 
 ROOT = Path(__file__).parents[1]

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.devices.base import Series
 from facts_damping.errors import InputError
-from facts_damping.parameters.plant.devices import Series
 from facts_damping.plant.grid.network import Branch, Topology, at_rest, branches, device_section
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
 

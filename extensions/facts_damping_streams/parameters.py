@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from pydantic import Field, field_validator, model_validator
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.fields import Name, ParameterModel, quantity
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import find, read_table
 

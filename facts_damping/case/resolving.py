@@ -11,7 +11,7 @@ from facts_damping.parameters.files import find, read_table
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from facts_damping.parameters.base import ParameterModel
+    from facts_damping.fields import ParameterModel
     from facts_damping.parameters.run import Run
 
     M = TypeVar("M", bound=ParameterModel)

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from facts_damping.parameters.base import ParameterModel, quantity
+from facts_damping.fields import ParameterModel, quantity
 
 SIZED = {"gain": 10.0, "weights": 1.0}  # kinds that have a size, and what it is by default
 

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from facts_damping import errors
 from facts_damping.errors import InputError, meant
 from facts_damping.escaping import escaped
-from facts_damping.parameters.base import ParameterModel
+from facts_damping.fields import ParameterModel
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
-from facts_damping.parameters.base import ParameterModel, quantity
+from facts_damping.fields import ParameterModel, quantity
 
 Row = list[float]
 Polynomials = Row | list[list[Row]]  # one, or a row a device, with one a signal

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from facts_damping.parameters.base import ParameterModel
+from facts_damping.fields import ParameterModel
 from facts_damping.parameters.stages import STAGES, StageModel
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from facts_damping.parameters.base import Name, ParameterModel
+from facts_damping.fields import Name, ParameterModel
 from facts_damping.parameters.study import FieldPath
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from facts_damping.parameters.run import Run
 from facts_damping.parameters.supervision import Supervision
 
 if TYPE_CHECKING:
-    from facts_damping.parameters.base import ParameterModel
+    from facts_damping.fields import ParameterModel
 
 TABLES: dict[str, type[ParameterModel]] = {
     "system": System,

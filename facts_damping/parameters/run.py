@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, field_validator
 
-from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.fields import Name, ParameterModel, quantity
 from facts_damping.parameters.faults import ControllerFault
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.plant.load_noise import LoadNoise

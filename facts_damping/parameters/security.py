@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field, StringConstraints
 
 from facts_damping.errors import InputError
+from facts_damping.fields import ParameterModel, quantity
 from facts_damping.input_files import read_text
 from facts_damping.output.writing import write_whole
-from facts_damping.parameters.base import ParameterModel, quantity
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.yaml_text import UNREADABLE, dump, parse
 

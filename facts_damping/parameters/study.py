@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.fields import Name, ParameterModel, quantity
 from facts_damping.parameters.files import FIELD_PATH
 
 FieldPath = Annotated[str, StringConstraints(max_length=200, pattern=rf"^{FIELD_PATH}$")]

@@ -7,8 +7,8 @@ from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
+from facts_damping.fields import ParameterModel, quantity
 from facts_damping.monitor_table import MONITORS
-from facts_damping.parameters.base import ParameterModel, quantity
 
 
 class Threshold(ParameterModel):

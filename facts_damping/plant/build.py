@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling.structs import Table
+from facts_damping.devices.base import AtMachine, Series, Transmission
+from facts_damping.devices.kind import Site
+from facts_damping.devices.table import KINDS
 from facts_damping.elementary import magnitude, phase, rect
 from facts_damping.errors import InputError
 from facts_damping.numerics.phasors import magnitudes, over, times
 from facts_damping.parameters.plant.block_models import MODELS
-from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
 from facts_damping.plant import load_noise
 from facts_damping.plant.converters import devices
-from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
+from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT
 from facts_damping.plant.events import oscillating_loads, oscillations, topology_intervals
 from facts_damping.plant.grid import load
 from facts_damping.plant.grid.power_flow import PowerFlow, solve
@@ -305,6 +307,6 @@ def _devices(
         rows[d]["port"] = ports.add(DEVICE, d, places[0], start.minimum, start.maximum) if places else -1
         for place in places[1:]:
             rows[d]["other"] = ports.add(OTHER_END, d, place)
-        names = [*devices.KINDS[device.kind].states, *(["reference"] if device.response_time > 0.0 else [])]
+        names = [*KINDS[device.kind].states, *(["reference"] if device.response_time > 0.0 else [])]
         states.add(device.name, names, [*start.states, *([0.0] * (len(names) - len(start.states)))])
     return rows

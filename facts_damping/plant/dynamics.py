@@ -25,12 +25,12 @@ def _add_at_regulators(plant: Plant, x: Float1, reference: Float1, work: Work) -
     """Write the setpoints of devices without a port, at the regulators of machines, into `work.added`, p.u."""
     for i in range(plant.placed.size):
         if plant.placed[i].port < 0:
-            work.added[plant.placed[i].exciter_input.machine] = 0.0
+            work.added[plant.placed[i].machine] = 0.0
     for i in range(plant.placed.size):
         d = plant.placed[i]
         if d.port < 0:
             u = effective_reference(d, x, devices.reference_of(reference, i))
-            work.added[d.exciter_input.machine] += u
+            work.added[d.machine] += u
 
 
 @entry_point

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.parameters.plant.devices import Series, Transmission
+from facts_damping.devices.base import Series, Transmission
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -255,8 +255,7 @@ def _differences(f: Callable[[Float1], Float1], at: Float1, rows: Int1, columns:
 def _groups(plant: Plant, states: int) -> tuple[Int1, Int1, Int1, Int1]:
     """Group of each state, network input, output and reference: a machine, load, device or PMU."""
     machines, loads, devices = len(plant.machines), len(plant.loads), len(plant.placed)
-    at_machine = plant.placed["exciter_input"]["machine"]
-    of_devices = np.where(plant.placed["port"] < 0, at_machine, machines + loads + np.arange(devices))
+    of_devices = np.where(plant.placed["port"] < 0, plant.placed["machine"], machines + loads + np.arange(devices))
     own = (plant.placed["states"] > 0) | (plant.placed["response_time"] > 0.0)
     begin = np.concatenate([plant.machines["offset"], plant.loads["offset"], plant.placed["offset"][own]])
     group = np.concatenate([np.arange(machines + loads), of_devices[own]])

@@ -32,10 +32,10 @@ import numpy as np
 from facts_damping.analysis.measures import measure_weights
 from facts_damping.caching import shared
 from facts_damping.control.state_space import StateSpace
+from facts_damping.devices.table import KINDS
 from facts_damping.errors import InputError
 from facts_damping.numerics.matrices import lyapunov, product, riccati, root, sign, singular, solve
 from facts_damping.numerics.phasors import magnitudes
-from facts_damping.plant.converters.devices import KINDS
 from facts_damping.signals import NANOSECONDS, to_ns
 from facts_damping.small_signal.sampled_output import remember, samples
 from facts_damping.small_signal.zero_order_hold import held_for, rigid

@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from facts_damping.devices.base import AtMachine, Series, Transmission
+from facts_damping.devices.table import KINDS
 from facts_damping.output.picture_files import save_picture
-from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
 from facts_damping.plant.converters.devices import losses_of
 from facts_damping.plant.grid.network import Topology, at_rest, branches, device_section
 from facts_damping.small_signal.bus_places import places
@@ -32,15 +33,6 @@ WIDEST, THINNEST = 5.0, 0.6  # points, widths of branches
 ARROW = 0.16  # length of the fastest machine's arrow, relative to the picture
 SMALL = 0.1  # of the fastest machine's speed: below it no arrow is drawn
 APART = 0.06  # least distance of a flow's label from others and from machines, relative to the picture
-SYMBOLS = {
-    "sssc": "s",
-    "tcsc": "P",
-    "statcom": "D",
-    "svc": "d",
-    "load_modulation": "v",
-    "bess": "h",
-    "exciter_input": "*",
-}
 LINK: dict[str, Any] = {"color": "#CC79A7", "ls": "--", "lw": 1.5}
 LOOPS = (":", "--", "-.", (0, (1, 4)))  # dashes of loops; colours show areas
 AREAS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#8C564B", "#000000")
@@ -182,9 +174,10 @@ def _devices(axes: Axes, system: System, installed: Sequence[str], at: Places) -
             axes.plot(*np.transpose([at[bus] for bus in d.buses]), **LINK, zorder=2)
             marks.append(Line2D([], [], label=label, **LINK))
             continue
-        look: dict[str, Any] = {"mfc": "#F0E442" if there else "white", "ms": 12 if d.kind == "exciter_input" else 10}
-        axes.plot(*_place(system, d, at), SYMBOLS[d.kind], mec="black", zorder=5, **look)
-        marks.append(_mark(SYMBOLS[d.kind], "black", label, **look))
+        marker = KINDS[d.kind].shown.marker
+        look: dict[str, Any] = {"mfc": "#F0E442" if there else "white", "ms": 12 if marker == "*" else 10}
+        axes.plot(*_place(system, d, at), marker, mec="black", zorder=5, **look)
+        marks.append(_mark(marker, "black", label, **look))
     return marks
 
 

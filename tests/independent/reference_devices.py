@@ -13,8 +13,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.plant.actuators import Bess, ExciterInput, LoadModulation, Tcsc
-    from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
+    from facts_damping.devices.bess import Bess
+    from facts_damping.devices.exciter_input import ExciterInput
+    from facts_damping.devices.hvdc import Hvdc
+    from facts_damping.devices.load_modulation import LoadModulation
+    from facts_damping.devices.sssc import Sssc
+    from facts_damping.devices.statcom import Statcom
+    from facts_damping.devices.svc import Svc
+    from facts_damping.devices.tcsc import Tcsc
 
     Values = list[float]
     Targets = Sequence[tuple[float, float]]  # (time in s, value)

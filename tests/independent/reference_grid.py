@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
+from facts_damping.devices.hvdc import Hvdc
+from facts_damping.devices.sssc import Sssc
+from facts_damping.devices.statcom import Statcom
+from facts_damping.devices.tcsc import Tcsc
 from facts_damping.parameters.events import Clear
-from facts_damping.parameters.plant.actuators import Tcsc
-from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom
 from facts_damping.parameters.plant.grid import InfiniteBus
 
 from .reference_devices import Link, losses

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.parameters.plant.devices import Sssc, Statcom, Svc
+from facts_damping.devices.sssc import Sssc
+from facts_damping.devices.statcom import Statcom
+from facts_damping.devices.svc import Svc
 
 from .reference_grid import Array, Complex, Grid, Stage
 
 if TYPE_CHECKING:
-    from facts_damping.parameters.plant.actuators import Tcsc
+    from facts_damping.devices.tcsc import Tcsc
 
     from .reference import Model
 

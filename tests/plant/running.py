@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.case.loading import load_system
+from facts_damping.devices.sssc import Sssc
 from facts_damping.parameters.events import Scenario
-from facts_damping.parameters.plant.devices import Sssc
 from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.dynamics import derivatives

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from facts_damping.devices.table import KINDS as TABLE
 from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.converters import devices
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
@@ -39,7 +40,7 @@ SECOND: dict[str, dict[str, Any]] = {
     "exciter_input": {"machine": "G3", **LIMITS},
     "bess": {"bus": "B7", "S_rated": 40.0, "E_rated": 0.1, "K": 30.0, "eta_in": 0.8, **LIMITS},
 }
-KINDS = list(devices.KINDS)
+KINDS = list(TABLE)
 IN_GRID = [kind for kind in KINDS if kind != "exciter_input"]  # with a port
 STEP = {"time": 0.2, "kind": "load_step", "load": "load_2", "change": -0.05}
 
@@ -68,9 +69,9 @@ def test_device_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     devices.derivatives(int(d["kind"]), d, x, 0.01, size, dx)
     devices.other_derivatives(int(d["kind"]), d, x, 0.01, size, dx)
     assert list(np.flatnonzero(np.isfinite(dx))) == own(built, f"{kind}_1")
-    assert len(own(built, f"{kind}_1")) == d["states"] == len(devices.KINDS[kind].states)
+    assert len(own(built, f"{kind}_1")) == d["states"] == len(TABLE[kind].states)
     assert np.isfinite(devices.characteristic(int(d["kind"]), d, x, 0.01, size)).all()
-    two = devices.KINDS[kind].other_end is not None
+    two = TABLE[kind].other_end is not None
     assert np.isfinite(devices.other_characteristic(int(d["kind"]), d, x, 0.01, size)[0]) == two == (d["other"] > 0)
 
 

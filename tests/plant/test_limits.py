@@ -8,10 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from facts_damping.devices import sssc
+from facts_damping.devices.kind import Site
+from facts_damping.devices.sssc import Sssc
 from facts_damping.errors import InputError
-from facts_damping.parameters.plant.devices import Sssc
-from facts_damping.plant.converters import devices, sssc
-from facts_damping.plant.converters.site import DEVICE, PORT, Site
+from facts_damping.plant.converters import devices
+from facts_damping.plant.converters.site import DEVICE, PORT
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.grid.network import series_devices
 from facts_damping.plant.model import PlantState, workspace
@@ -153,7 +155,7 @@ def test_blocked_converter_stands_still() -> None:
     assert found.voltage == 0
     out = {"time": 0.0, "kind": "line_out"}
     built = plant("two_area", {**out, "line": "line_3"}, {**out, "line": "line_4"})
-    own = [built.state_names.index(f"sssc.{state}") for state in sssc.STATE_NAMES]
+    own = [built.state_names.index(f"sssc.{state}") for state in sssc.STATES]
     dx = slopes(built, moved(built, {"sssc.x_ac": 0.01, "sssc.x_dc": 0.02, "sssc.vdc": 0.9}))
     assert (dx[own] == 0).all()
     assert np.abs(dx).max() > 0

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from facts_damping.devices.table import KINDS
 from facts_damping.parameters.plant.placement import place
-from facts_damping.plant.converters.devices import KINDS
 from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.laws import law

@@ -16,7 +16,7 @@ from tests.plant.running import Trace, changed, events, follow, frame_times, mov
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.plant.devices import Series
+    from facts_damping.devices.base import Series
     from facts_damping.parameters.plant.grid import Line, Transformer
     from facts_damping.parameters.plant.system import System
 

@@ -21,7 +21,7 @@ from tests.plant.test_properties import LOAD_STEP, everywhere
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.plant.devices import Sssc
+    from facts_damping.devices.sssc import Sssc
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.integrate import simpson
 from scipy.linalg import expm
 
-from facts_damping.parameters.plant.devices import Statcom
-from facts_damping.plant.converters import statcom
+from facts_damping.devices import statcom
+from facts_damping.devices.statcom import Statcom
 from tests.plant.channels import ACTIVE, ANGLE, REACTIVE, VOLTAGE
 from tests.plant.running import follow, frame_times, moved, plant, slopes, with_device
 from tests.plant.small import SPUR, between_infinite_buses
@@ -49,7 +49,7 @@ def small(bus: str = "S", **fields: Any) -> Built:
 
 def states(built: Built, trace: Trace) -> dict[str, NDArray[np.float64]]:
     """The STATCOM's states by name, (times,)."""
-    return {name: trace.x[:, built.state_names.index(f"statcom.{name}")] for name in statcom.STATE_NAMES}
+    return {name: trace.x[:, built.state_names.index(f"statcom.{name}")] for name in statcom.STATES}
 
 
 def two_area(**fields: Any) -> System:
@@ -204,7 +204,7 @@ def equations(d: Statcom, x: float) -> NDArray[np.float64]:
 def linear(d: Statcom, x: float, start: dict[str, float], u: float, times: NDArray[np.float64]) -> NDArray[np.float64]:
     """Solution of the linear equations from a start, under a constant input, by the matrix exponential."""
     step = expm(equations(d, x) * (times[1] - times[0]))
-    found = [np.array([*(start.get(name, 0.0) for name in statcom.STATE_NAMES), u])]
+    found = [np.array([*(start.get(name, 0.0) for name in statcom.STATES), u])]
     for _ in times[1:]:
         found.append(step @ found[-1])
     return np.array(found)[:, :7]

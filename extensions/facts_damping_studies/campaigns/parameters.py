@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import Field, model_validator
 
-from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.fields import Name, ParameterModel, quantity
 from facts_damping.parameters.study import FieldPath
 
 EARLIEST_S = 0.1  # begin of a fault: some need what was before

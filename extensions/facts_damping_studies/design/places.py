@@ -12,13 +12,14 @@ for the analysis, so its own dynamics and its effect on the power flow are inclu
 from __future__ import annotations
 
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from facts_damping.devices.base import AtMachine, Parallel, Series
+from facts_damping.devices.table import KINDS, MODELS
 from facts_damping.errors import FactsDampingError, one_line
-from facts_damping.parameters.plant.actuators import Bess, ExciterInput, LoadModulation, Tcsc
-from facts_damping.parameters.plant.devices import AtMachine, Parallel, Series, Sssc, Statcom
+from facts_damping.fields import usual_values
 from facts_damping.parameters.plant.placement import place
 from facts_damping.parameters.plant.pmus import Pmu, Signal
 from facts_damping.plant.build import build
@@ -33,18 +34,9 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.eigenmodes import Eigenmode
 
 NEW = "damper"  # name of a new device in the system
-# Data of new devices by kind: the STATCOM as in two_area, power of 50 MW on a base of 100 MVA.
-# Reactances of the TCSC are relative to that of its line.
-NEW_DEVICES: dict[str, tuple[Any, dict[str, Any]]] = {
-    "sssc": (Sssc, {}),
-    "statcom": (Statcom, {"setpoint_max": 0.1, "rate_max": 10.0, "I_max": 1.0}),
-    "load_modulation": (LoadModulation, {"setpoint_max": 0.5, "rate_max": 10.0}),
-    "bess": (Bess, {"setpoint_max": 0.5, "rate_max": 10.0, "S_rated": 50.0, "E_rated": 25.0}),
-    "tcsc": (Tcsc, {"X": 0.2, "X_min": 0.1, "X_max": 0.3, "setpoint_max": 0.1, "rate_max": 5.0}),
-    "exciter_input": (ExciterInput, {}),
-}
+NEW_DEVICES = {name: kind.new for name, kind in KINDS.items() if kind.new is not None}
 USUAL = ("sssc", "statcom")
-LONGEST = 3.0  # p.u., largest reactance of a line for a TCSC
+LONGEST = 3.0  # p.u., largest reactance of a line for a device whose data are relative to it
 SPEED: Channel = "speed_deviation"
 FLOW: Channel = "active_power"
 MAX_AREAS = 8  # with more areas there are too many pairs
@@ -111,14 +103,14 @@ def places(system: System, kinds: Sequence[str] = USUAL) -> list[Place]:
     }
     new = []
     for kind in kinds:
-        model, data = NEW_DEVICES[kind]
+        model, relative = MODELS[kind], NEW_DEVICES[kind]
         field, where = next(found for base, found in free.items() if issubclass(model, base))
         for at in where:
-            scale = reactance[at] if kind == "tcsc" else 1.0
+            scale = reactance[at] if relative else 1.0
             if not 0.0 < scale <= LONGEST:  # a line that is a series capacitor itself
                 continue
-            scaled = {key: value * scale for key, value in data.items()}
-            new.append(Place(model(name=name, kind=kind, **{field: at}, **scaled), at, False))
+            data = usual_values(model) | {key: value * scale for key, value in relative.items()}
+            new.append(Place(model(name=name, kind=kind, **{field: at}, **data), at, False))
     return [*own, *new]
 
 

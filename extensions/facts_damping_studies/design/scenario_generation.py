@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.case.loading import make_case
+from facts_damping.devices.base import Parallel, Series
 from facts_damping.errors import FactsDampingError
-from facts_damping.parameters.plant.devices import Parallel, Series
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:

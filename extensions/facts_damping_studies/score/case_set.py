@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import Field
 
-from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.fields import Name, ParameterModel, quantity
 from facts_damping.parameters.study import FieldPath
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from facts_damping.parameters.base import ParameterModel
+from facts_damping.fields import ParameterModel
 
 SUFFIXES = {"s": "s", "ms": "ms", "hz": "Hz", "pu": "p.u.", "mw": "MW", "percent": "%", "deg": "deg"}
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
-from facts_damping.parameters.base import ParameterModel, quantity
+from facts_damping.fields import ParameterModel, quantity
 from facts_damping.parameters.field_errors import check
 from facts_damping.parameters.files import read_table
 from facts_damping.parameters.yaml_text import dump

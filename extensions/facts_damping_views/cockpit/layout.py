@@ -9,8 +9,9 @@ import numpy as np
 
 from facts_damping.analysis.measures import measure_weights
 from facts_damping.case import names
+from facts_damping.devices.base import AtMachine, Series, Transmission
+from facts_damping.devices.table import KINDS
 from facts_damping.monitor_table import MONITORS
-from facts_damping.parameters.plant.devices import AtMachine, Series, Transmission
 from facts_damping.parameters.supervision import watches
 from facts_damping.plant.grid.network import Topology, admittance, at_rest, branches, device_section
 from facts_damping.small_signal.bus_places import places
@@ -283,7 +284,12 @@ def _diagram(
 
 def _device(system: System, device: Device, setpoint: int | None) -> dict[str, Any]:
     """A device: between two buses, or at one; `setpoint` None: not installed, drawn as a branch."""
-    found = {"name": device.name, "kind": device.kind, "setpoint": setpoint}
+    found = {
+        "name": device.name,
+        "kind": device.kind,
+        "outline": KINDS[device.kind].shown.outline,
+        "setpoint": setpoint,
+    }
     if isinstance(device, Series):
         return found | {"from": device.ends[0], "to": device.ends[1]}
     if isinstance(device, Transmission):

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.case import names as case_names
 from facts_damping.case.supervision import reserves
 from facts_damping.control.bank import controller_network
+from facts_damping.devices.base import Series as SeriesDevice
+from facts_damping.devices.table import KINDS
 from facts_damping.monitor_table import MONITORS
 from facts_damping.neurofuzzy.start import groups
-from facts_damping.parameters.plant.devices import Series as SeriesDevice
-from facts_damping.parameters.plant.devices import Transmission
 from facts_damping.parameters.supervision import Supervision, watches
 from facts_damping.simulation.build import identifier_network
 
@@ -18,16 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from facts_damping.case.model import Case
-    from facts_damping.parameters.plant.system import Device
 
 PLOT, STATES, TABLE, MESSAGE, DIAGNOSTICS = "plot", "states", "table", "message", "diagnostics"
-
-SETPOINTS = {
-    "load_modulation": "power drawn",
-    "bess": "power supplied",
-    "tcsc": "reactance and voltage",
-    "exciter_input": "regulator input",
-}
 
 DEADLINE_MISSES = 'status[:].values[:]{key=="deadline_misses"}.value'
 
@@ -103,24 +95,16 @@ def _grid(case: Case, full: Callable[[str], str]) -> Tab:
     )
 
 
-STATES_OF = {"bess": "charge", "tcsc": "reactance", "svc": "susceptance"}  # what DEVICE_TRUTH has as `state`
-
-
-def _meaning(device: Device) -> str:
-    """The quantity of a device's setpoint."""
-    return SETPOINTS.get(device.kind, "power added" if isinstance(device, Transmission) else "voltage")
-
-
 def _devices(case: Case, full: Callable[[str], str]) -> Tab:
     """Each device: its setpoint and its response."""
     state, panels, names = full("plant/state"), [], case.run.devices
     for i, name in enumerate(names):
         device = case.system.device(name)
-        series = isinstance(device, SeriesDevice)
+        kind, series = KINDS[device.kind], isinstance(device, SeriesDevice)
         voltages = ["setpoint", "reference", *(["injected_voltage"] if series else [])]
         for what, fields in (
-            (_meaning(device), voltages),
-            *([(STATES_OF[device.kind], ["state"])] if device.kind in STATES_OF else []),
+            (kind.shown.panel, voltages),
+            *([(kind.shown.state, ["state"])] if kind.shown.state else []),
             ("current and power", ["current", "active_power", "reactive_power"]),
         ):
             curves = [Curve(state, f"devices[{i}].{field}_pu", field.replace("_", " ")) for field in fields]

@@ -18,8 +18,6 @@ MODELS: dict[str, Model] = {**EXCITERS, **GOVERNORS, **STABILISERS}
 # What stands for `input` and `input_2` of a stabiliser by its code IC; 2 is the frequency of a bus, for which the speed
 # of the machine stands; 0: there is none.
 INPUTS = {0: "none", 1: "omega", 2: "omega", 3: "Pe", 4: "Pa", 5: "Vt"}
-
-
 _COUNTS = {"SWITCH", "CSWITCH", "JBUS", "JM", "IC", "IC2", "IB", "IB2", "M", "N"}
 
 

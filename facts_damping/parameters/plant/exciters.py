@@ -9,25 +9,12 @@ from facts_damping.parameters.plant.blocks import Block, Model, exponential, sat
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-
 _SEEN = Block("VT", "lag", "Vt", (1.0, "TR"))
-
-
 _A: Callable[[Any], float] = lambda f: saturation(f)[0]  # noqa: E731 (constants are written beside each other)
-
-
 _B: Callable[[Any], float] = lambda f: saturation(f)[1]  # noqa: E731
-
-
 _EXP_A: Callable[[Any], float] = lambda f: exponential(f)[0]  # noqa: E731
-
-
 _EXP_B: Callable[[Any], float] = lambda f: exponential(f)[1]  # noqa: E731
-
-
 _REDUCTION = Block("VB", "lead_lag", "Vref + Vs - Vt", (1.0, lambda f: f.TATB * f.TB, "TB"))
-
-
 _DC_FIELDS = "TR KA TA TB TC VRMAX VRMIN KE TE KF TF1 SWITCH E1 SE1 E2 SE2"
 
 

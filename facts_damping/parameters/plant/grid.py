@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from facts_damping.parameters.base import MINIMUM, Name, ParameterModel, quantity
+from facts_damping.fields import MINIMUM, Name, ParameterModel, quantity
 
 
 def _other_than_zero(value: float) -> float:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
-from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.fields import Name, ParameterModel, quantity
 from facts_damping.parameters.plant.block_models import MODELS, quantity_of
 from facts_damping.parameters.plant.blocks import SHORTEST
 

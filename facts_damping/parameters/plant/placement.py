@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from facts_damping.devices.base import Series
 from facts_damping.errors import InputError
-from facts_damping.parameters.plant.devices import Series
 from facts_damping.parameters.plant.grid import Bus
 
 if TYPE_CHECKING:

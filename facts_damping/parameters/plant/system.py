@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, Union
 
 from pydantic import Field, model_validator
 
-from facts_damping.parameters.base import Name, ParameterModel, quantity
-from facts_damping.parameters.plant.actuators import ACTUATORS
-from facts_damping.parameters.plant.devices import DEVICES, AtMachine, Parallel, Series, Transmission
+from facts_damping.devices.base import AtMachine, Parallel, Series, Transmission
+from facts_damping.devices.table import MODELS
+from facts_damping.fields import Name, ParameterModel, quantity
 from facts_damping.parameters.plant.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
 from facts_damping.parameters.plant.machines import Exciter, Governor, Machine, Stabiliser
 from facts_damping.parameters.plant.pmus import Measures, Pmu, Signal
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     Device = Series | Parallel | Transmission | AtMachine
 else:
-    Device = Annotated[Union[tuple(DEVICES + ACTUATORS)], Field(discriminator="kind")]  # noqa: UP007 (made from the lists)
+    Device = Annotated[Union[tuple(MODELS.values())], Field(discriminator="kind")]  # noqa: UP007 (made from the table)
 
 
 class System(ParameterModel):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from facts_damping.parameters.base import ParameterModel, quantity
+from facts_damping.fields import ParameterModel, quantity
 
 
 class Watchdog(ParameterModel):

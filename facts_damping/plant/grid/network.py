@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.devices.base import Series
 from facts_damping.errors import InputError
 from facts_damping.numerics.matrices import parts
 from facts_damping.numerics.phasors import line_factors, over, polar, times
-from facts_damping.parameters.plant.devices import Series
 from facts_damping.plant.grid.sparse import Triplets, summed
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from facts_damping.compiling.structs import Bool1, Complex1, Complex2, Int1
-    from facts_damping.parameters.plant.devices import Series
+    from facts_damping.devices.base import Series
     from facts_damping.parameters.plant.pmus import Pmu
     from facts_damping.parameters.plant.system import System
 

@@ -7,10 +7,6 @@ const STRIP = 92; // px, for the controllers below it
 const FEW = 40; // buses, up to which all are labelled
 const SMALLEST = 0.01; // Hz, of the scale of colours
 const FADE = 0.995; // of the largest deviation from one drawing to the next
-const SYMBOLS = {
-  sssc: "M-1,-1H1V1H-1Z", statcom: "M0,-1.3L1.3,0L0,1.3L-1.3,0Z", svc: "M0,-1.2L1.2,1H-1.2Z",
-  hvdc: "M-1,-1L1,1V-1L-1,1Z", other: "M-1.2,0L-.6,-1H.6L1.2,0L.6,1H-.6Z",
-};
 const layer = (name, ...children) => svg("g", { class: name }, ...children);
 const around = ([x, y], reach) => [x - reach, y - reach, x + reach, y + reach];
 const move = (x, y) => `translate(${x.toFixed(1)} ${y.toFixed(1)})`;
@@ -33,7 +29,7 @@ export function makeDiagram(panel, box, readout) {
   }));
   view.devices = devices.map((one) => ({
     joint: svg("path", { class: `branch ${one.from ? one.kind : "stub"}` }),
-    symbol: svg("path", { class: one.setpoint === null ? "device idle" : "device", d: SYMBOLS[one.kind] ?? SYMBOLS.other },
+    symbol: svg("path", { class: one.setpoint === null ? "device idle" : "device", d: one.outline },
       svg("title", {}, `${one.name} (${one.kind})`)),
   }));
   view.links = links.map((one) => svg("path", { class: "link" }, svg("title", {}, one.name)));

@@ -2,8 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 from facts_damping.compiling import compiled
-from facts_damping.plant.converters.hvdc import power_fraction
+
+
+def beside(power_factor: float) -> float:
+    """Reactive over active power at a power factor, tan(arccos(pf))."""
+    return math.sqrt(1.0 - power_factor * power_factor) / power_factor
+
+
+@compiled
+def power_fraction(voltage: float, V_min: float) -> float:
+    """Factor of the power at a bus voltage: one above V_min, (V / V_min)^2 below, as an impedance."""
+    return 1.0 if voltage >= V_min else voltage * voltage / (V_min * V_min)
 
 
 @compiled

@@ -7,28 +7,57 @@ is an offset of the voltage reference (thesis 2.90-2.92, 2.105-2.109; docs/facts
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Literal
 
 from facts_damping.compiling import compiled
+from facts_damping.devices.base import KIND, Parallel, switch
+from facts_damping.devices.kind import DeviceKind, Shown, Site, Start, table
 from facts_damping.errors import InputError
-from facts_damping.plant.converters.site import Start
+from facts_damping.fields import quantity
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from facts_damping.compiling.structs import Float1
-    from facts_damping.parameters.plant.devices import Statcom
-    from facts_damping.plant.converters.site import Site
 
-STATE_NAMES = ["id", "iq", "vdc", "x_ac", "x_dc", "x_d", "x_q"]
-STATES = len(STATE_NAMES)
+
+class Statcom(Parallel):
+    """A static synchronous compensator ([STATCOM](facts_devices.md)) at a bus; data on the system base.
+
+    Its setpoint is an offset of its voltage reference. With the default data the integration step must be at most 3.6
+    ms. One that is not installed does nothing.
+    """
+
+    kind: Literal["statcom"] = KIND
+    R: float = quantity(0.0073, "p.u.", "resistance of the coupling transformer", ge=0, le=10)
+    L: float = quantity(0.22, "p.u.", "reactance of the coupling transformer", gt=0, le=10)
+    setpoint_max: float = quantity(
+        ..., "p.u.", "limit of the setpoint, an offset of the voltage reference", usual=0.1, gt=0, le=1
+    )
+    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", usual=10, gt=0, le=1000)
+    I_max: float = quantity(..., "p.u.", "limit of the active and of the reactive current", usual=1, gt=0, le=1000)
+    Kp: float = quantity(
+        5.0, "p.u.", "proportional gain of the AC voltage regulator: current per voltage", ge=0, le=1000
+    )
+    Ki: float = quantity(1000.0, "p.u./s", "integral gain of the AC voltage regulator", ge=0, le=1e5)
+    droop: float = quantity(0.0, "p.u.", "slope of the voltage: voltage per reactive current", ge=0, le=1)
+    Kd: float = quantity(
+        4.0, "p.u.", "proportional gain of the DC voltage regulator: current per voltage", ge=0, le=1000
+    )
+    Kdi: float = quantity(80.0, "p.u./s", "integral gain of the DC voltage regulator", ge=0, le=1e5)
+    Kc: float = quantity(0.3, "p.u.", "proportional gain of the current regulator", ge=0, le=100)
+    Kci: float = quantity(10.0, "p.u./s", "integral gain of the current regulator", ge=0, le=1e4)
+    Kf: float = quantity(0.22, "p.u.", "current regulator: feed-forward of the transformer's voltage", ge=0, le=10)
+    tau: float = quantity(0.006, "s", "time constant of the DC link, C V^2 / S on the system base", ge=0.001, le=10)
+    g: float = quantity(0.0, "p.u.", "conductance of the DC link, for losses", ge=0, le=10)
+    enforce_rating: bool = switch("true: `I_max` limits the whole current, with priority for the active part")
+    V_min: float = quantity(0.05, "p.u.", "voltage of its bus below which the converter is blocked", gt=0, le=0.9)
+
+
+STATES = ["id", "iq", "vdc", "x_ac", "x_dc", "x_d", "x_q"]
 FIELDS = ("R", "L", "I_max", "Kp", "Ki", "droop", "Kd", "Kdi", "Kc", "Kci", "Kf", "tau", "V_min", "g")
 
-STATCOM = np.dtype(
-    [("offset", "i8"), ("whole", "i8"), ("omega_0", "f8"), ("Vref", "f8"), *((name, "f8") for name in FIELDS)]
-)
+STATCOM = table("whole", "omega_0", "Vref", *FIELDS)
 
 
 def losses_current(device: Statcom, voltage: float) -> float:
@@ -56,13 +85,8 @@ def start(device: Statcom, site: Site) -> Start:
 
     i_d = -i, c_d = V + R i_d and c_q = L i_d, so x_dc = i, x_d = R i_d, x_q = (L - Kf) i_d.
     """
-    row = (
-        site.offset,
-        int(device.enforce_rating),
-        site.omega_0,
-        site.size,
-        *(getattr(device, name) for name in FIELDS),
-    )
+    fields = (getattr(device, name) for name in FIELDS)
+    row = (site.offset, float(device.enforce_rating), site.omega_0, site.size, *fields)
     i = losses_current(device, site.size)
     states = [0.0 - i, 0.0, 1.0, 0.0, i, 0.0 - device.R * i, 0.0 - (device.L - device.Kf) * i]
     return Start(row, states, device.V_min)
@@ -97,7 +121,7 @@ def derivatives(device: Any, x: Float1, u: float, voltage: float, dx: Float1) ->
     wanted_p = d.Kd * e_dc + x[o + 4]
     active = min(max(wanted_p, -d.I_max), d.I_max)
     room = d.I_max
-    if d.whole == 1:
+    if d.whole > 0.0:
         room = math.sqrt(d.I_max * d.I_max - active * active)
     e_d = -active - i_d
     e_q = -min(max(wanted_q, -room), room) - i_q
@@ -117,3 +141,15 @@ def truth(device: Any, x: Float1, _u: float, _voltage: float, _blocked: bool, ou
     """Write its fields of DEVICE_TRUTH, in addition to current and power."""
     d = device.statcom
     out.dc_voltage = x[d.offset + 2]
+
+
+SHOWN = Shown(
+    "STATCOM (static synchronous compensator)",
+    "offset of the voltage reference",
+    "raises the bus voltage",
+    marker="D",
+    outline="M0,-1.3L1.3,0L0,1.3L-1.3,0Z",
+)
+ROW = DeviceKind(
+    STATCOM, STATES, start, characteristic, derivatives, truth, None, consumed_power, model=Statcom, shown=SHOWN, new={}
+)

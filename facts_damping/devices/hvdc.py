@@ -6,33 +6,72 @@ added to the power order (docs/facts_devices.md).
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Literal
 
 from facts_damping.compiling import compiled
+from facts_damping.devices.base import KIND, Transmission
+from facts_damping.devices.kind import DeviceKind, OtherEnd, Shown, Site, Start, table
+from facts_damping.devices.power_at_bus import beside, power_fraction
 from facts_damping.errors import InputError
-from facts_damping.plant.converters.site import Start
+from facts_damping.fields import quantity
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from facts_damping.compiling.structs import Float1
-    from facts_damping.parameters.plant.devices import Hvdc
-    from facts_damping.plant.converters.site import Site
 
-STATE_NAMES = ["V_to", "V_from"]
+
+class Hvdc(Transmission):
+    """An [HVDC link](facts_devices.md) that carries power from a rectifier's bus to an inverter's bus.
+
+    Its setpoint is power added to its order. Setpoints are in p.u. of the system base, powers of the link in MW: with a
+    base of 100 MVA a `setpoint_max` of 0.5 is 50 MW. A link that is not installed stays in service and carries its
+    order. With `P_min` below 0 it is the modulation of a link whose schedule stands among the loads.
+    """
+
+    kind: Literal["hvdc"] = KIND
+    P: float = quantity(
+        ..., "MW", "power order, taken from the `from` bus; from `P_min` to `P_max`", usual=200, ge=0, le=1e5
+    )
+    P_max: float = quantity(..., "MW", "largest power, also with modulation", usual=300, gt=0, le=1e5)
+    P_min: float = quantity(
+        0.0,
+        "MW",
+        "smallest power, also with modulation; below 0 only without losses and reactive power",
+        ge=-1e5,
+        le=1e5,
+    )
+    setpoint_max: float = quantity(
+        ..., "p.u.", "limit of the setpoint, power added to the order", usual=0.5, gt=0, le=1000
+    )
+    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", usual=10, gt=0, le=1e4)
+    loss: float = quantity(0.0, "-", "losses of the converters, as a fraction of the power", ge=0, le=0.2)
+    R: float = quantity(0.0, "p.u.", "resistance of the DC line, which loses R P^2", ge=0, le=10)
+    pf_from: float = quantity(
+        1.0, "-", "power factor of the rectifier, which draws reactive power; 1: none", ge=0.5, le=1
+    )
+    pf_to: float = quantity(1.0, "-", "power factor of the inverter, which draws reactive power; 1: none", ge=0.5, le=1)
+    V_min: float = quantity(
+        0.7, "p.u.", "voltage of either bus below which the power falls with its square", ge=0.1, le=1
+    )
+    T: float = quantity(
+        0.02, "s", "time constant with which each end learns of the voltage at the other end", ge=0.001, le=10
+    )
+
+    def check(self) -> None:
+        """Raise `ValueError` where fields contradict each other."""
+        if not self.P_min <= self.P <= self.P_max:
+            raise ValueError(f"P must be between P_min and P_max, given {self.P}, {self.P_min} and {self.P_max}")
+        if self.P_min < 0.0 and (self.loss, self.R, self.pf_from, self.pf_to) != (0.0, 0.0, 1.0, 1.0):
+            raise ValueError(f"P_min below 0 needs loss 0, R 0, pf_from 1 and pf_to 1, given {self.P_min:g}")
+
+
+STATES = ["V_to", "V_from"]
 POWERS = ("P", "P_min", "P_max")
 FIELDS = ("loss", "R", "V_min", "T")
 
 # `q_to`, `q_from`: reactive power drawn, relative to the active power.
-HVDC = np.dtype([("offset", "i8"), *((name, "f8") for name in (*POWERS, *FIELDS, "q_to", "q_from"))])
-
-
-def beside(power_factor: float) -> float:
-    """Reactive over active power at a power factor, tan(arccos(pf))."""
-    return math.sqrt(1.0 - power_factor * power_factor) / power_factor
+HVDC = table(*POWERS, *FIELDS, "q_to", "q_from")
 
 
 def consumed_power(device: Hvdc, _voltages: Sequence[float], base_power: float) -> list[complex]:
@@ -54,12 +93,6 @@ def start(device: Hvdc, site: Site) -> Start:
     others = (getattr(device, name) for name in FIELDS)
     row = (site.offset, *powers, *others, beside(device.pf_to), beside(device.pf_from))
     return Start(row, [site.size, site.other], 0.0)
-
-
-@compiled
-def power_fraction(voltage: float, V_min: float) -> float:
-    """Factor of the power at a bus voltage: one above V_min, (V / V_min)^2 below, as an impedance."""
-    return 1.0 if voltage >= V_min else voltage * voltage / (V_min * V_min)
 
 
 @compiled
@@ -113,3 +146,24 @@ def from_derivatives(device: Any, x: Float1, _u: float, voltage: float, dx: Floa
     """Write the derivative of the lagged voltage of the rectifier's bus, 1/s: T dV_from = |V| - V_from."""
     d = device.hvdc
     dx[d.offset + 1] = (voltage - x[d.offset + 1]) / d.T
+
+
+OTHER_END = OtherEnd(from_end, from_derivatives)
+SHOWN = Shown(
+    "HVDC link",
+    "power added to the order",
+    "carries more power from `from` to `to`",
+    "power added",
+    outline="M-1,-1L1,1V-1L-1,1Z",
+)
+ROW = DeviceKind(
+    HVDC,
+    STATES,
+    start,
+    to_end,
+    derivatives,
+    consumed_power=consumed_power,
+    other_end=OTHER_END,
+    model=Hvdc,
+    shown=SHOWN,
+)

@@ -8,24 +8,54 @@ The converter is a voltage drop `v = (v_p + j v_q) I / |I|` between two buses, i
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from facts_damping.compiling import compiled
+from facts_damping.devices.base import KIND, Series, switch
+from facts_damping.devices.kind import DeviceKind, Shown, Site, Start, table
 from facts_damping.errors import InputError
-from facts_damping.plant.converters.site import Start
+from facts_damping.fields import quantity
 
 if TYPE_CHECKING:
     from facts_damping.compiling.structs import Float1
-    from facts_damping.parameters.plant.devices import Sssc
-    from facts_damping.plant.converters.site import Site
 
-STATE_NAMES = ["x_ac", "x_dc", "vdc"]
-STATES = len(STATE_NAMES)
+
+class Sssc(Series):
+    """A static synchronous series compensator ([SSSC](facts_devices.md)); data on the system base.
+
+    Its setpoint is a voltage in quadrature to its current. It stands between two buses, or in a line next to one of its
+    ends. In a line it has a bus of its own, `<line>.<device>`; its current counts in the direction of the line, and a
+    PMU that lists the line at this end measures the flow of the device. A line or a pair of buses has room for one
+    device. If it is not installed, only its resistance `rs` remains.
+    """
+
+    kind: Literal["sssc"] = KIND
+    rs: float = quantity(0.000053, "p.u.", "resistance of the coupling transformer", ge=1e-6, le=1)
+    xs: float = quantity(0.0016, "p.u.", "reactance of the coupling transformer", gt=0, le=1)
+    setpoint_max: float = quantity(0.1, "p.u.", "limit of the setpoint, the quadrature voltage", gt=0, le=1)
+    rate_max: float = quantity(5.0, "p.u./s", "rate limit of the quadrature voltage reference", gt=0, le=1000)
+    vp_max: float = quantity(0.1, "p.u.", "limit of the active converter voltage, below `vc_max`", gt=0, le=1)
+    vc_max: float = quantity(0.11, "p.u.", "limit of the whole converter voltage", gt=0, le=1)
+    Kp: float = quantity(0.00375, "-", "proportional gain of the regulator of the injected voltage", ge=0, le=10)
+    Ki: float = quantity(0.1875, "1/s", "integral gain of the regulator of the injected voltage", ge=0, le=1000)
+    Kd: float = quantity(0.4, "p.u.", "proportional gain of the DC voltage regulator", ge=0, le=100)
+    Kdi: float = quantity(8.0, "p.u./s", "integral gain of the DC voltage regulator", ge=0, le=1e4)
+    tau: float = quantity(0.006, "s", "time constant of the DC link, C V^2 / S on the system base", ge=0.001, le=10)
+    g: float = quantity(0.0, "p.u.", "conductance of the DC link, for losses", ge=0, le=10)
+    I_rated: float = quantity(10.0, "p.u.", "rated current; above it the DC regulator keeps its power", gt=0, le=1000)
+    enforce_rating: bool = switch("true: the converter is bypassed above `I_rated`")
+    I_min: float = quantity(0.02, "p.u.", "current below which the converter is blocked", gt=0, le=1)
+
+    def check(self) -> None:
+        """Raise `ValueError` where fields contradict each other."""
+        if self.vp_max >= self.vc_max:
+            raise ValueError(f"vp_max must be below vc_max, given {self.vp_max} and {self.vc_max}")
+
+
+STATES = ["x_ac", "x_dc", "vdc"]
 FIELDS = ("rs", "xs", "vp_max", "vc_max", "Kp", "Ki", "Kd", "Kdi", "tau", "g", "I_rated", "I_min")
 
-SSSC = np.dtype([("offset", "i8"), *((name, "f8") for name in FIELDS)])
+SSSC = table(*FIELDS)
 
 
 class Converter(NamedTuple):
@@ -139,3 +169,13 @@ def truth(device: Any, x: Float1, setpoint: float, magnitude: float, blocked: bo
     out.dc_voltage = x[d.offset + 2]
     out.active_power = -(v_p + d.rs * magnitude) * magnitude
     out.reactive_power = -(v_q + d.xs * magnitude) * magnitude
+
+
+SHOWN = Shown(
+    "SSSC (static synchronous series compensator)",
+    "voltage in quadrature to the line current",
+    "is capacitive, raises the transfer",
+    marker="s",
+    outline="M-1,-1H1V1H-1Z",
+)
+ROW = DeviceKind(SSSC, STATES, start, characteristic, derivatives, truth, losses, model=Sssc, shown=SHOWN, new={})

@@ -1,0 +1,21 @@
+"""All kinds of devices by name: the next one is a file here and a row of this table."""
+
+from __future__ import annotations
+
+from facts_damping.devices import bess, exciter_input, hvdc, load_modulation, sssc, statcom, svc, tcsc
+from facts_damping.devices.base import DeviceModel
+from facts_damping.devices.kind import DeviceKind
+from facts_damping.extensions import rows
+
+KINDS: dict[str, DeviceKind] = {
+    "sssc": sssc.ROW,
+    "statcom": statcom.ROW,
+    "svc": svc.ROW,
+    "hvdc": hvdc.ROW,
+    "load_modulation": load_modulation.ROW,
+    "bess": bess.ROW,
+    "tcsc": tcsc.ROW,
+    "exciter_input": exciter_input.ROW,
+}
+KINDS |= rows("device_kinds", DeviceKind, KINDS)
+MODELS = {name: kind.model for name, kind in KINDS.items() if kind.model} | rows("devices", DeviceModel)

@@ -1,0 +1,79 @@
+"""What all parameter models share: strict, frozen, no unknown keys; every number has a unit."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic_core import core_schema
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pydantic import GetCoreSchemaHandler
+
+Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$")]
+
+SCALES = {  # of units that may stand with a number, by the unit in which a field has it
+    "s": {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0},
+    "Hz": {"mHz": 1e-3, "Hz": 1.0, "kHz": 1e3},
+    "rad": {"rad": 1.0, "deg": math.pi / 180.0},
+    "p.u.": {"p.u.": 1.0, "pu": 1.0, "%": 0.01},
+    "-": {"%": 0.01},
+    **{unit: {unit: 1.0} for unit in ("MW", "Mvar", "MVA", "kV", "deg", "km", "p.u./s", "1/s")},
+}
+MINIMUM = 1e-30  # of what must be more than 0: less means nothing in any unit here, and squares and quotients overflow
+
+
+class ParameterModel(BaseModel):
+    """A table row or a section of a file: unknown keys, wrong types, NaN and infinities are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
+
+
+class _Before(NamedTuple):
+    """Has a function see what is given for a field before pydantic does, which would inspect its signature."""
+
+    function: Callable[[Any], Any]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        """Pydantic's own hook."""
+        return core_schema.no_info_before_validator_function(self.function, handler(source))
+
+
+def quantity(default: Any, unit: str, description: str, usual: float | None = None, **limits: float) -> Any:
+    """A number with unit, meaning and range; `...` as default makes it required: then `usual` is a value that is."""
+    extra = {"unit": unit} | ({} if usual is None else {"usual": usual})
+    made = Field(default, description=description, json_schema_extra=extra, **limits)  # type: ignore[call-overload]
+    if limits.get("gt") == 0:
+        made.metadata.append(_Before(_not_vanishing))
+    if unit in SCALES:  # which comes first
+        made.metadata.append(_Before(partial(_in_unit, unit)))
+    return made
+
+
+def usual_values(model: type[ParameterModel]) -> dict[str, float]:
+    """Fields that are required and have a usual value, with that."""
+    extras = {name: field.json_schema_extra for name, field in model.model_fields.items()}
+    return {name: extra["usual"] for name, extra in extras.items() if isinstance(extra, dict) and "usual" in extra}
+
+
+def _not_vanishing(given: Any) -> Any:
+    if isinstance(given, float) and 0.0 < given < MINIMUM:
+        raise ValueError(f"{given:g} given; allowed: {MINIMUM:g} or more")
+    return given
+
+
+def _in_unit(unit: str, given: Any) -> Any:
+    """A number that is given as text with its unit, `50 ms`, in the unit of its field."""
+    if not isinstance(given, str):
+        return given
+    found = re.fullmatch(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?([^\d\s]\S*)", given.strip())
+    scale = SCALES[unit].get(found[2]) if found else None
+    if found is None or scale is None:
+        number = "a number" if unit == "-" else f"a number in {unit}"
+        raise ValueError(f"{given!r} given; allowed: {number}, or one with {', '.join(SCALES[unit])}")
+    return float(found[1]) * scale if scale != 1.0 else float(found[1])
