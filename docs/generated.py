@@ -1,5 +1,7 @@
 """What follows from the code: `python docs/generated.py` writes commands.md, fields.md and images/architecture.svg.
 
+And the table of devices in facts_devices.md.
+
 And a hook of mkdocs, for pages that lie beside docs/.
 """
 
@@ -21,6 +23,7 @@ from pydantic_core import PydanticUndefined
 from facts_damping.cli.parser import parser
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.devices.base import DeviceModel
+from facts_damping.devices.table import KINDS
 from facts_damping.fields import ParameterModel
 from facts_damping.parameters import measurement
 from facts_damping.parameters.events import Scenario
@@ -180,7 +183,8 @@ def _controls() -> Iterator[str]:
     yield "| model | description | fields |"
     yield "|---|---|---|"
     for name, row in MODELS.items():
-        yield f"| `{name}` | {_cell(row.text)} | {' '.join(f'`{field}`' for field in row.fields.split())} |"
+        text = _cell(row.text) + ("" if row.record else "; not in the library")
+        yield f"| `{name}` | {text} | {' '.join(f'`{field}`' for field in row.fields.split())} |"
     yield ""
 
 
@@ -314,10 +318,22 @@ def _models(annotation: Any) -> Iterator[type[ParameterModel]]:
         yield from _models(one)
 
 
+DEVICES = "| device | setpoint | a positive setpoint |\n|---|---|---|\n"
+
+
+def devices() -> str:
+    """The page of devices with their table, which has a row for each kind."""
+    text = (ROOT / "docs" / "facts_devices.md").read_text(encoding="utf-8")
+    rows = [f"| {one.name} | {one.setpoint} | {one.positive} |\n" for one in (kind.shown for kind in KINDS.values())]
+    before, _, after = text.partition(DEVICES)
+    return before + DEVICES + "".join(rows) + after[after.index("\n\n") + 1 :]
+
+
 def pages() -> dict[str, str]:
     """The pages and the drawing by their names."""
     drawing: str = runpy.run_path(str(ROOT / "docs" / "drawing.py"))["drawing"]()
-    return {"commands.md": commands(), "fields.md": fields(), "images/architecture.svg": drawing}
+    names = ("commands.md", "fields.md", "facts_devices.md", "images/architecture.svg")
+    return dict(zip(names, (commands(), fields(), devices(), drawing), strict=True))
 
 
 if __name__ == "__main__":

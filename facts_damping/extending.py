@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from facts_damping.devices.base import Parallel as Parallel
     from facts_damping.devices.base import Series as Series
     from facts_damping.devices.kind import DeviceKind as DeviceKind
+    from facts_damping.devices.kind import Shown as Shown
     from facts_damping.devices.kind import Start as Start
+    from facts_damping.devices.kind import table as table
     from facts_damping.elementary import atan2 as atan2
     from facts_damping.elementary import cos as cos
     from facts_damping.elementary import exp as exp
@@ -56,7 +58,7 @@ ROOMS: dict[str, tuple[str, ...]] = {
     "control.parameter_tables": ("Parameter", "Range", "powers"),
     "control.table": ("ControllerKind",),
     "devices.base": ("Parallel", "Series"),
-    "devices.kind": ("DeviceKind", "Start"),
+    "devices.kind": ("DeviceKind", "Shown", "Start", "table"),
     "elementary": (
         "atan2",
         "cos",

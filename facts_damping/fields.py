@@ -55,7 +55,7 @@ def quantity(default: Any, unit: str, description: str, usual: float | None = No
     return made
 
 
-def usual_values(model: type[ParameterModel]) -> dict[str, float]:
+def usual_values(model: type[ParameterModel]) -> dict[str, Any]:
     """Fields that are required and have a usual value, with that."""
     extras = {name: field.json_schema_extra for name, field in model.model_fields.items()}
     return {name: extra["usual"] for name, extra in extras.items() if isinstance(extra, dict) and "usual" in extra}

@@ -96,7 +96,8 @@ def _islands(record: Record) -> Iterator[str]:
 
 def _parts(system: Mapping[str, Any], names: list[str], out: set[str]) -> list[list[str]]:
     """Connected groups of buses, the largest first. Series devices always connect; an HVDC link does not."""
-    series = [row for row in system.get("devices") or () if row.get("kind") != "hvdc"]
+    devices = system.get("devices") or ()
+    series = [row for row in devices if not issubclass(MODELS.get(row.get("kind"), Series), Transmission)]
     branches = [*(system.get("lines") or ()), *(system.get("transformers") or ()), *series]
     group = {name: i for i, name in enumerate(names)}
     for branch in branches:

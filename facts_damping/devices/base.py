@@ -32,10 +32,10 @@ class DeviceModel(ParameterModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _former(cls, given: Any) -> Any:
-        if isinstance(given, dict) and "hold" in given:
+    def _former(cls, fields: Any) -> Any:
+        if isinstance(fields, dict) and "hold" in fields:
             raise ValueError("'hold' given; allowed: 'watchdog.timeout' of the run, its new name")
-        return given
+        return fields
 
     @model_validator(mode="after")
     def _consistent(self) -> DeviceModel:

@@ -41,18 +41,16 @@ class Bess(Parallel):
     def check(self) -> None:
         """Raise `ValueError` where fields contradict each other."""
         if self.charge_max - self.charge_min < 2.0 * self.taper:
-            given = f"{self.charge_min}, {self.charge_max} and {self.taper}"
-            raise ValueError(f"charge_max must be at least charge_min + 2 taper, given {given}")
+            values = f"{self.charge_min}, {self.charge_max} and {self.taper}"
+            raise ValueError(f"charge_max must be at least charge_min + 2 taper, given {values}")
         if not self.charge_min <= self.charge <= self.charge_max:
-            given = f"{self.charge}, {self.charge_min} and {self.charge_max}"
-            raise ValueError(f"charge must be between charge_min and charge_max, given {given}")
+            values = f"{self.charge}, {self.charge_min} and {self.charge_max}"
+            raise ValueError(f"charge must be between charge_min and charge_max, given {values}")
 
 
 STATES = ["charge"]
 FIELDS = ("charge_min", "charge_max", "taper", "eta_in", "eta_out", "K", "V_min")
-
-# `S`: rating, p.u.; `E`: energy, p.u. s.
-BESS = table("S", "E", "Vref", *FIELDS)
+TABLE = table("S", "E", "Vref", *FIELDS)  # rating, p.u.; energy, p.u. s
 
 
 def start(device: Bess, site: Site) -> Start:
@@ -99,5 +97,5 @@ def derivatives(device: Any, x: Float1, u: float, voltage: float, dx: Float1) ->
 
 SHOWN = Shown("BESS (battery storage)", "active power supplied", "discharges", "power supplied", "charge")
 ROW = DeviceKind(
-    BESS, STATES, start, characteristic, derivatives, first_state, integrals=STATES, model=Bess, shown=SHOWN, new={}
+    TABLE, STATES, start, characteristic, derivatives, first_state, integrals=STATES, model=Bess, shown=SHOWN, new={}
 )

@@ -29,9 +29,6 @@ class ExciterInput(AtMachine):
     rate_max: float = quantity(10.0, "p.u./s", "rate limit of the setpoint", gt=0, le=1000)
 
 
-EXCITER_INPUT = table()
-
-
 def start(_device: ExciterInput, site: Site) -> Start:
     """The device at rest, without states."""
     return Start((site.offset,), [], 0.0)
@@ -44,10 +41,6 @@ def characteristic(_d: Any, _x: Float1, _u: float, _size: float) -> tuple[comple
 
 
 SHOWN = Shown(
-    "exciter input",
-    "offset of a machine's voltage reference",
-    "raises its field voltage",
-    "regulator input",
-    marker="*",
+    "exciter input", "offset of a machine's voltage reference", "raises its field voltage", "regulator input", "", "*"
 )
-ROW = DeviceKind(EXCITER_INPUT, [], start, characteristic, at_rest, model=ExciterInput, shown=SHOWN, new={})
+ROW = DeviceKind(table(), [], start, characteristic, at_rest, model=ExciterInput, shown=SHOWN, new={})

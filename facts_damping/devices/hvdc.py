@@ -69,16 +69,14 @@ class Hvdc(Transmission):
 STATES = ["V_to", "V_from"]
 POWERS = ("P", "P_min", "P_max")
 FIELDS = ("loss", "R", "V_min", "T")
-
-# `q_to`, `q_from`: reactive power drawn, relative to the active power.
-HVDC = table(*POWERS, *FIELDS, "q_to", "q_from")
+TABLE = table(*POWERS, *FIELDS, "q_to", "q_from")  # the last: reactive power drawn, relative to the active power
 
 
 def consumed_power(device: Hvdc, _voltages: Sequence[float], base_power: float) -> list[complex]:
     """Power drawn at rest from the inverter's bus and the rectifier's, P + j Q, p.u. of the base (MVA)."""
     P = device.P / base_power
-    given = P * (1.0 - device.loss) - device.R * P * P
-    return [given * complex(-1.0, beside(device.pf_to)), P * complex(1.0, beside(device.pf_from))]
+    fed_in = P * (1.0 - device.loss) - device.R * P * P
+    return [fed_in * complex(-1.0, beside(device.pf_to)), P * complex(1.0, beside(device.pf_from))]
 
 
 def start(device: Hvdc, site: Site) -> Start:
@@ -104,9 +102,9 @@ def power(d: Any, x: Float1, u: float, voltage: float) -> tuple[float, float]:
     """
     order = min(max(d.P + u, d.P_min), d.P_max)
     known = min(power_fraction(x[d.offset], d.V_min), power_fraction(x[d.offset + 1], d.V_min))
-    own = power_fraction(voltage, d.V_min)
-    if own < known:
-        return order * own, 2.0 * order * voltage / (d.V_min * d.V_min)
+    here = power_fraction(voltage, d.V_min)
+    if here < known:
+        return order * here, 2.0 * order * voltage / (d.V_min * d.V_min)
     return order * known, 0.0
 
 
@@ -118,9 +116,9 @@ def to_end(device: Any, x: Float1, u: float, voltage: float) -> tuple[complex, c
     """
     d = device.hvdc
     P, slope = power(d, x, u, voltage)
-    given, by_power = P * (1.0 - d.loss) - d.R * P * P, 1.0 - d.loss - 2.0 * d.R * P
+    fed_in, by_power = P * (1.0 - d.loss) - d.R * P * P, 1.0 - d.loss - 2.0 * d.R * P
     along = complex(1.0, d.q_to)
-    value = given * along / voltage
+    value = fed_in * along / voltage
     return value, (by_power * slope * along - value) / voltage
 
 
@@ -148,7 +146,7 @@ def from_derivatives(device: Any, x: Float1, _u: float, voltage: float, dx: Floa
     dx[d.offset + 1] = (voltage - x[d.offset + 1]) / d.T
 
 
-OTHER_END = OtherEnd(from_end, from_derivatives)
+OTHER = OtherEnd(from_end, from_derivatives)
 SHOWN = Shown(
     "HVDC link",
     "power added to the order",
@@ -157,13 +155,5 @@ SHOWN = Shown(
     outline="M-1,-1L1,1V-1L-1,1Z",
 )
 ROW = DeviceKind(
-    HVDC,
-    STATES,
-    start,
-    to_end,
-    derivatives,
-    consumed_power=consumed_power,
-    other_end=OTHER_END,
-    model=Hvdc,
-    shown=SHOWN,
+    TABLE, STATES, start, to_end, derivatives, consumed_power=consumed_power, other_end=OTHER, model=Hvdc, shown=SHOWN
 )

@@ -30,12 +30,8 @@ class LoadModulation(Parallel):
     V_min: float = quantity(0.7, "p.u.", "voltage of its bus below which the power falls with its square", ge=0.1, le=1)
 
 
-# `q`: reactive power drawn, relative to the active power.
-LOAD_MODULATION = table("V_min", "q")
-
-
 def start(device: LoadModulation, site: Site) -> Start:
-    """The device at rest, without power and states."""
+    """The device at rest, without power and states; q: reactive power drawn, relative to the active power."""
     return Start((site.offset, device.V_min, beside(device.pf)), [], 0.0)
 
 
@@ -47,4 +43,4 @@ def characteristic(device: Any, _x: Float1, u: float, voltage: float) -> tuple[c
 
 
 SHOWN = Shown("load modulation", "active power drawn", "is more load", "power drawn", marker="v")
-ROW = DeviceKind(LOAD_MODULATION, [], start, characteristic, at_rest, model=LoadModulation, shown=SHOWN, new={})
+ROW = DeviceKind(table("V_min", "q"), [], start, characteristic, at_rest, model=LoadModulation, shown=SHOWN, new={})

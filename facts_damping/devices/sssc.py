@@ -55,8 +55,6 @@ class Sssc(Series):
 STATES = ["x_ac", "x_dc", "vdc"]
 FIELDS = ("rs", "xs", "vp_max", "vc_max", "Kp", "Ki", "Kd", "Kdi", "tau", "g", "I_rated", "I_min")
 
-SSSC = table(*FIELDS)
-
 
 class Converter(NamedTuple):
     """Converter voltages at a current's magnitude, their derivatives by it, and the active limits; p.u."""
@@ -178,4 +176,6 @@ SHOWN = Shown(
     marker="s",
     outline="M-1,-1H1V1H-1Z",
 )
-ROW = DeviceKind(SSSC, STATES, start, characteristic, derivatives, truth, losses, model=Sssc, shown=SHOWN, new={})
+ROW = DeviceKind(
+    table(*FIELDS), STATES, start, characteristic, derivatives, truth, losses, model=Sssc, shown=SHOWN, new={}
+)

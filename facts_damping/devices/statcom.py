@@ -56,8 +56,7 @@ class Statcom(Parallel):
 
 STATES = ["id", "iq", "vdc", "x_ac", "x_dc", "x_d", "x_q"]
 FIELDS = ("R", "L", "I_max", "Kp", "Ki", "droop", "Kd", "Kdi", "Kc", "Kci", "Kf", "tau", "V_min", "g")
-
-STATCOM = table("whole", "omega_0", "Vref", *FIELDS)
+TABLE = table("whole", "omega_0", "Vref", *FIELDS)
 
 
 def losses_current(device: Statcom, voltage: float) -> float:
@@ -151,5 +150,5 @@ SHOWN = Shown(
     outline="M0,-1.3L1.3,0L0,1.3L-1.3,0Z",
 )
 ROW = DeviceKind(
-    STATCOM, STATES, start, characteristic, derivatives, truth, None, consumed_power, model=Statcom, shown=SHOWN, new={}
+    TABLE, STATES, start, characteristic, derivatives, truth, None, consumed_power, model=Statcom, shown=SHOWN, new={}
 )

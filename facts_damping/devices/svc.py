@@ -36,8 +36,6 @@ class Svc(Parallel):
 
 FIELDS = ("K", "T", "B_min", "B_max")
 
-SVC = table("Vref", *FIELDS)
-
 
 def start(device: Svc, site: Site) -> Start:
     """The device at rest: zero susceptance, and the matching voltage reference."""
@@ -69,4 +67,4 @@ SHOWN = Shown(
     marker="d",
     outline="M0,-1.2L1.2,1H-1.2Z",
 )
-ROW = DeviceKind(SVC, ["B"], start, characteristic, derivatives, first_state, model=Svc, shown=SHOWN)
+ROW = DeviceKind(table("Vref", *FIELDS), ["B"], start, characteristic, derivatives, first_state, model=Svc, shown=SHOWN)

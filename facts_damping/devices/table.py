@@ -5,6 +5,7 @@ from __future__ import annotations
 from facts_damping.devices import bess, exciter_input, hvdc, load_modulation, sssc, statcom, svc, tcsc
 from facts_damping.devices.base import DeviceModel
 from facts_damping.devices.kind import DeviceKind
+from facts_damping.errors import InputError
 from facts_damping.extensions import rows
 
 KINDS: dict[str, DeviceKind] = {
@@ -19,3 +20,5 @@ KINDS: dict[str, DeviceKind] = {
 }
 KINDS |= rows("device_kinds", DeviceKind, KINDS)
 MODELS = {name: kind.model for name, kind in KINDS.items() if kind.model} | rows("devices", DeviceModel)
+if KINDS.keys() != MODELS.keys():
+    raise InputError(f"devices: {', '.join(KINDS.keys() - MODELS)} given without fields; allowed: with `model`")

@@ -53,8 +53,6 @@ class Tcsc(Series):
 
 FIELDS = ("rs", "xs", "X", "X_min", "X_max", "T")
 
-TCSC = table(*FIELDS)
-
 
 def start(device: Tcsc, site: Site) -> Start:
     """The device at rest with its reactance X. Raises `InputError` if its current is so large that it is bypassed."""
@@ -103,4 +101,6 @@ SHOWN = Shown(
     "reactance",
     "P",
 )
-ROW = DeviceKind(TCSC, ["x"], start, characteristic, derivatives, truth, model=Tcsc, shown=SHOWN, new=RELATIVE)
+ROW = DeviceKind(
+    table(*FIELDS), ["x"], start, characteristic, derivatives, truth, model=Tcsc, shown=SHOWN, new=RELATIVE
+)

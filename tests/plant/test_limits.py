@@ -38,7 +38,7 @@ def parameters(**fields: Any) -> Sssc:
 
 def device(**fields: Any) -> Any:
     """A row of the table that the kernels read."""
-    return np.array(sssc.start(parameters(**fields), Site(0, 0.0, 1.0)).row, sssc.SSSC)[()]
+    return np.array(sssc.start(parameters(**fields), Site(0, 0.0, 1.0)).row, sssc.ROW.table)[()]
 
 
 THESIS = {"Kp": 0.00375, "Ki": 0.1875, "Kd": 0.4, "Kdi": 8.0, "tau": 0.006, "rs": 0.000053, "xs": 0.0016}
@@ -70,7 +70,7 @@ class Port(NamedTuple):
 
     def slopes(self, u: float) -> NDArray[np.float64]:
         dx = np.zeros(3)
-        whole = np.array([(self.row,)], [("sssc", sssc.SSSC)])[0]
+        whole = np.array([(self.row,)], [("sssc", sssc.ROW.table)])[0]
         sssc.derivatives(whole, self.x, -u, self.magnitude, dx)
         return dx
 

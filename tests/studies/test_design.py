@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import facts_damping_studies
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case, make_case, read_system
 from facts_damping.errors import InputError
@@ -20,9 +22,6 @@ from facts_damping_studies.design import design, design_pages, lead_lag, places
 from facts_damping_studies.margins import delay_margin
 from facts_damping_studies.search import scoring
 from facts_damping_studies.sweeps import enumerated_axes
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SYSTEM = "two_area"
 
@@ -89,6 +88,11 @@ def test_places_of_devices_have_every_line_and_bus_once() -> None:
     lines = {line.name for line in system.lines}
     assert {p.at for p in found if p.device.kind == "sssc" and not p.own} == lines
     assert [p.device.name for p in found if p.own] == ["sssc", "statcom"]
+
+
+def test_help_names_all_kinds_of_new_devices() -> None:
+    table = Path(facts_damping_studies.__file__).with_name("commands.yaml").read_text(encoding="utf-8")
+    assert f"new devices: {', '.join(places.NEW_DEVICES)}; default" in table
 
 
 @pytest.mark.parametrize("kind", list(places.NEW_DEVICES))
