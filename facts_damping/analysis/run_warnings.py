@@ -13,6 +13,8 @@ import numpy as np
 
 from facts_damping.analysis.measures import exactly_measured, inline_system
 from facts_damping.analysis.supervision import cause_text
+from facts_damping.devices.base import Series, Transmission
+from facts_damping.devices.table import MODELS
 from facts_damping.monitor_table import ARMED, STATES
 from facts_damping.signals import CHANNELS, NANOSECONDS
 
