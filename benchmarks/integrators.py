@@ -217,10 +217,10 @@ def study(name: str, folder: Path | None) -> None:
             if np.isfinite(error):
                 curves.setdefault(method, []).append((evaluations, error))
     if folder is not None:
-        draw(name, curves, folder)
+        plot(name, curves, folder)
 
 
-def draw(name: str, curves: dict[str, list[tuple[int, float]]], folder: Path) -> None:
+def plot(name: str, curves: dict[str, list[tuple[int, float]]], folder: Path) -> None:
     """Error over evaluations, log-log."""
     figure = Figure(figsize=(6.5, 4.5), layout="constrained")
     axes = figure.add_subplot()

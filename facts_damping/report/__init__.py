@@ -1,6 +1,6 @@
 """A report of recordings: one HTML page, usable offline, that compares runs side by side.
 
-`contents` defines it as plain data; `drawing` makes the charts, `page` the file.
+`contents` defines it as plain data; `plotting` makes the charts, `page` the file.
 """
 
 from facts_damping.report.contents import ReportedRun

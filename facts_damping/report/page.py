@@ -17,7 +17,7 @@ from facts_damping.escaping import escaped
 from facts_damping.output.writing import write_whole
 from facts_damping.report.build import MAX_EVENTS, build
 from facts_damping.report.contents import ReportTable
-from facts_damping.report.drawing import draw
+from facts_damping.report.plotting import plot
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def _shown(value: Any) -> Any:
 
 def page(report: Report) -> str:
     """A report as HTML. Names and notes come from recordings, so all text but Bokeh's is escaped."""
-    charts = draw(report)
+    charts = plot(report)
     flat: dict[str, Model] = {
         f"{key}-{i}": figure for key, parts in charts.items() for i, (_, figure) in enumerate(parts)
     }
