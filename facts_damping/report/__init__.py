@@ -4,6 +4,6 @@
 """
 
 from facts_damping.report.contents import ReportedRun
-from facts_damping.report.page import write
+from facts_damping.report.page import write, write_runs
 
-__all__ = ["ReportedRun", "write"]
+__all__ = ["ReportedRun", "write", "write_runs"]
