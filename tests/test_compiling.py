@@ -23,7 +23,8 @@ from hypothesis import strategies as st
 
 from facts_damping.case.loading import load_case
 from facts_damping.compiling import compiled, entry_point, keys, store
-from facts_damping.compiling.kernels import ENTRY_POINTS, EntryPoint, Kernel
+from facts_damping.compiling.functions import ENTRY_POINTS
+from facts_damping.compiling.kernels import EntryPoint, Kernel
 from facts_damping.compiling.structs import Float1, Struct, Table
 from facts_damping.signals import SETPOINT
 from facts_damping.simulation import loop
