@@ -187,7 +187,7 @@ $(VENV)/.tools: $(METADATA) $(VENV)/.messages
 	@$(INSTALL) -e ".[ros-$(ROS),test]" -e ./reproduction
 	@touch $@
 
-# The browser of tests/analysis/test_report.py, and the dissector of tests/c37118/test_tshark.py: Debian's, where they
+# The browser of tests/analysis/test_report.py, and the dissector of tests/streams/c37118/test_tshark.py: Debian's, where they
 # may be installed. Elsewhere the tests are skipped. One after the other: apt-get lets no other run beside it.
 $(VENV)/.programs: | $(VENV)/.python
 	@for program in chromium tshark; do \

@@ -185,7 +185,7 @@ setup(
             "pythonfmu==0.7.0",
             "pythonfmu3==0.3.4",
             "ruff==0.17.5",
-            "synchrophasor==1.0.0a0",  # another program's frames, tests/c37118
+            "synchrophasor==1.0.0a0",  # another program's frames, tests/streams/c37118
             "types-PyYAML>=6,<7",
             "types-networkx>=3.2,<4",
             "httpx>=0.27,<1",  # starlette's test client

@@ -46,10 +46,19 @@ SHIPPED = ("RK4", 480)
 
 
 class Tableau(NamedTuple):
-    """An explicit Runge-Kutta method: lower triangle, weights."""
+    """A Runge-Kutta method: lower triangle, with diagonal if it is diagonally implicit; weights."""
 
     A: NDArray[np.float64]
     b: NDArray[np.float64]
+
+
+class Motion(NamedTuple):
+    """A plant in an interval between events, with its state and work space."""
+
+    plant: Any
+    state: Any
+    stage: int
+    work: Any
 
 
 def tableau(rows: list[list[float]], weights: list[float]) -> Tableau:
@@ -78,18 +87,17 @@ EXPLICIT = {
     ),
 }
 GAMMA = 1 - 0.5**0.5
-IMPLICIT = {  # diagonally implicit: lower triangle with diagonal, weights
-    "trapezoidal": (np.array([[0.0, 0.0], [0.5, 0.5]]), np.array([0.5, 0.5])),
-    "SDIRK2": (np.array([[GAMMA, 0.0], [1 - GAMMA, GAMMA]]), np.array([1 - GAMMA, GAMMA])),
+IMPLICIT = {
+    "trapezoidal": Tableau(np.array([[0.0, 0.0], [0.5, 0.5]]), np.array([0.5, 0.5])),
+    "SDIRK2": Tableau(np.array([[GAMMA, 0.0], [1 - GAMMA, GAMMA]]), np.array([1 - GAMMA, GAMMA])),
 }
 
 
 @njit(error_model="numpy")
-def explicit(
-    plant: Any, state: Any, stage: int, h: float, steps: int, work: Any, A: Any, b: Any, k: Any, trial: Any
-) -> int:
+def explicit(motion: Motion, method: Tableau, h: float, steps: int, k: Any, trial: Any) -> int:
     """Explicit steps; the number of evaluations."""
-    x = state.x
+    plant, state, stage, work = motion
+    x, A, b = state.x, method.A, method.b
     for _ in range(steps):
         for i in range(b.size):
             trial[:] = x
@@ -103,8 +111,9 @@ def explicit(
 
 
 @njit(error_model="numpy")
-def jacobian(plant: Any, state: Any, stage: int, work: Any, f0: Any, f1: Any, out: Any) -> int:
+def jacobian(motion: Motion, f0: Any, f1: Any, out: Any) -> int:
     """Jacobian of the derivatives by forward differences; the number of evaluations."""
+    plant, state, stage, work = motion
     derivatives(plant, state.x, state.reference, state.source, stage, f0, work)
     for i in range(state.x.size):
         kept, step = state.x[i], 1e-7 * max(1.0, abs(state.x[i]))
@@ -116,25 +125,14 @@ def jacobian(plant: Any, state: Any, stage: int, work: Any, f0: Any, f1: Any, ou
 
 
 @njit(error_model="numpy")
-def implicit(
-    plant: Any,
-    state: Any,
-    stage: int,
-    h: float,
-    work: Any,
-    A: Any,
-    b: Any,
-    k: Any,
-    trial: Any,
-    inverse: Any,
-    last: bool,
-) -> int:
+def implicit(motion: Motion, method: Tableau, h: float, k: Any, trial: Any, inverse: Any, last: bool) -> int:
     """One diagonally implicit step with a given inverse of I - h a J; evaluations, negative where it does not converge.
 
     With `last` what eight iterations give is taken: where an integrator is frozen at its limit the derivatives
     jump, and there may be nothing to converge to.
     """
-    done = 0
+    plant, state, stage, work = motion
+    done, A, b = 0, method.A, method.b
     for i in range(b.size):
         start = state.x.copy()
         for j in range(i):
@@ -166,14 +164,14 @@ def follow(case: Any, method: str, rate: int, end: float) -> tuple[NDArray[np.fl
     plant, state = built.plant, copy(built.state)
     work, n = workspace(plant, state), len(state.x)
     own = plant.machines["offset"] + 1
-    A, b = EXPLICIT[method] if method in EXPLICIT else IMPLICIT[method]
-    k, trial, matrix, f0, f1 = np.zeros((len(b), n)), np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    weights = (EXPLICIT | IMPLICIT)[method]
+    k, trial, matrix, f0, f1 = np.zeros((len(weights.b), n)), np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros(n)
     instants = {to_ns(i / FRAMES) for i in range(round(end * FRAMES) + 1)}
     borders = sorted(instants | {int(t) for t in plant.stage_start_ns if t < to_ns(end)})
     found, evaluations, kept, inverse = [], 0, None, np.zeros((n, n))
     began = time.perf_counter()
     for now, then in zip(borders, [*borders[1:], None], strict=True):
-        stage = begin_interval(plant, state, now)
+        motion = Motion(plant, state, begin_interval(plant, state, now), work)
         if now in instants:
             found.append(state.x[own].copy())
         if then is None:
@@ -181,15 +179,15 @@ def follow(case: Any, method: str, rate: int, end: float) -> tuple[NDArray[np.fl
         steps = -(-(then - now) * rate // 1_000_000_000)
         h = (then - now) * 1e-9 / steps
         if method in EXPLICIT:
-            evaluations += explicit(plant, state, stage, h, steps, work, A, b, k, trial)
+            evaluations += explicit(motion, weights, h, steps, k, trial)
             continue
         for _ in range(steps):
             for attempt in range(2):
-                if kept != (stage, h) or attempt:
-                    evaluations += jacobian(plant, state, stage, work, f0, f1, matrix)
-                    inverse = np.linalg.inv(np.eye(n) - h * A[-1, -1] * matrix)
-                    kept = (stage, h)
-                done = implicit(plant, state, stage, h, work, A, b, k, trial, inverse, attempt == 1)
+                if kept != (motion.stage, h) or attempt:
+                    evaluations += jacobian(motion, f0, f1, matrix)
+                    inverse = np.linalg.inv(np.eye(n) - h * weights.A[-1, -1] * matrix)
+                    kept = (motion.stage, h)
+                done = implicit(motion, weights, h, k, trial, inverse, attempt == 1)
                 evaluations += abs(done)
                 if done > 0:
                     break
@@ -217,10 +215,10 @@ def study(name: str, folder: Path | None) -> None:
             if np.isfinite(error):
                 curves.setdefault(method, []).append((evaluations, error))
     if folder is not None:
-        draw(name, curves, folder)
+        plot(name, curves, folder)
 
 
-def draw(name: str, curves: dict[str, list[tuple[int, float]]], folder: Path) -> None:
+def plot(name: str, curves: dict[str, list[tuple[int, float]]], folder: Path) -> None:
     """Error over evaluations, log-log."""
     figure = Figure(figsize=(6.5, 4.5), layout="constrained")
     axes = figure.add_subplot()

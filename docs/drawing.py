@@ -21,7 +21,7 @@ else:
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "facts_damping"
-WINGS = sorted(one.name for one in (ROOT / "extensions").iterdir() if one.is_dir())
+WINGS = sorted(file.parent.name for file in (ROOT / "extensions").glob("*/__init__.py"))
 OF_WINGS, OF_ROOMS = "Wings", "Layers"  # how the names of the two contracts begin
 NOT_DRAWN = {PACKAGE, "facts_damping_bench", "facts_damping_reproduction"}  # of the wings' contract
 WIDTH, TOP, ROW, STEP = 800, 34, 20, 9.5  # of the drawing, of a row, from one rail to the next; px
@@ -52,7 +52,7 @@ def rows() -> list[Row]:
     """From top to bottom, as import-linter's contracts have them."""
     found: list[Row] = []
     for number, names in enumerate([*_layers(OF_WINGS), *_layers(OF_ROOMS)]):
-        folders = [name for name in names if _path(name).is_dir()]
+        folders = [name for name in names if (_path(name) / "__init__.py").is_file()]
         found += [Row([name], number, _purpose(name), _lines(name)) for name in folders]
         files = [name for name in names if name not in folders]
         if files:
@@ -72,13 +72,13 @@ def _layers(contract: str) -> list[list[str]]:
 def _path(name: str) -> Path:
     """Folder of a package, or where it would be."""
     places = (ROOT / name.replace(".", "/"), ROOT / "extensions" / name.replace(".", "/"))
-    return next((place for place in places if place.is_dir()), places[0])
+    return next((place for place in places if (place / "__init__.py").is_file()), places[0])
 
 
 def _purpose(name: str) -> str:
     """The first sentence of its docstring."""
     path = _path(name)
-    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    file = path / "__init__.py" if (path / "__init__.py").is_file() else path.with_suffix(".py")
     text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
     return re.sub(r" \(docs/\w+\.md\)|`", "", text.partition(". ")[0].splitlines()[0]).rstrip(".")
 

@@ -32,7 +32,7 @@ KINDS = {
     "generator_trip": "trip",
 }  # common names of events; others keep their own
 UNSAID = ("clear", "brake_out")  # events that titles leave out
-EVENTS, CONTROLLERS, NETWORK, MEASUREMENT, SEED = range(5)  # parts of a title
+EVENTS, CONTROLLERS, LINK, MEASUREMENT, SEED = range(5)  # parts of a title
 MAXIMUM = 3  # elements with events in a title, at most
 NO_CONTROL: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None, "asked": None}
 
@@ -62,12 +62,12 @@ def run_to_compare(record: Record, summary: Summary) -> Record | FactsDampingErr
 
 
 def title(record: Record) -> str:
-    """Grid, events, controllers and network of a record as text."""
+    """Grid, events, controllers and link of a record as text."""
     run = record.configuration
     if not run:
         return "a recording without its run"
-    what, who, network, *_ = _parts(record)
-    return f"{what}: {who}{f' over {network}' if run.get('controllers') else ''}"
+    what, who, link, *_ = _parts(record)
+    return f"{what}: {who}{f' over {link}' if run.get('controllers') else ''}"
 
 
 def names(records: Sequence[Record]) -> list[str]:
@@ -76,7 +76,7 @@ def names(records: Sequence[Record]) -> list[str]:
         return [title(records[0])]
     rows = [_parts(record) if record.configuration else (title(record),) * 5 for record in records]
     for count in range(1, 6):
-        for chosen in combinations((CONTROLLERS, NETWORK, EVENTS, MEASUREMENT, SEED), count):
+        for chosen in combinations((CONTROLLERS, LINK, EVENTS, MEASUREMENT, SEED), count):
             found = [", ".join(row[i] for i in chosen) for row in rows]
             if len(set(found)) == len(found):
                 return found
@@ -94,14 +94,14 @@ def names_of_seeds(records: Sequence[Record]) -> list[str]:
 
 
 def _parts(record: Record) -> tuple[str, ...]:
-    """Texts: grid and events, controllers, network, measurement, seed."""
+    """Texts: grid and events, controllers, link, measurement, seed."""
     run = record.configuration
     grid = clause(run["system"])
     what = ", ".join([grid[0].upper() + grid[1:], *_events(run.get("scenario") or [])])
     named = isinstance(record.asked.get("link"), str)
-    network = f"{clause(run['link']) or 'a link'}{'' if named else ', changed'}"
+    link = f"{clause(run['link']) or 'a link'}{'' if named else ', changed'}"
     who = _several([row["name"] for row in run.get("controllers") or []]) or "no control"
-    return what, who, network, clause(run.get("measurement") or {}), f"seed {run.get('seed')}"
+    return what, who, link, clause(run.get("measurement") or {}), f"seed {run.get('seed')}"
 
 
 def clause(table: Mapping[str, Any]) -> str:

@@ -6,7 +6,7 @@ Times are integer nanoseconds of simulated time.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,14 @@ def to_ns(seconds: float) -> int:
 def start_of(tick: int, frame_rate: int) -> int:
     """Start of a tick, ns: t_k = k / f, rounded down."""
     return tick * NANOSECONDS // frame_rate
+
+
+class Span(NamedTuple):
+    """A tick with its start and end."""
+
+    tick: int
+    start_ns: int
+    end_ns: int
 
 
 # Channels of a PMU in the order of a frame's columns: name, unit. NaN: not available.

@@ -23,7 +23,8 @@ from hypothesis import strategies as st
 
 from facts_damping.case.loading import load_case
 from facts_damping.compiling import compiled, entry_point, keys, store
-from facts_damping.compiling.kernels import ENTRY_POINTS, EntryPoint, Kernel
+from facts_damping.compiling.functions import ENTRY_POINTS
+from facts_damping.compiling.kernels import EntryPoint, Kernel
 from facts_damping.compiling.structs import Float1, Struct, Table
 from facts_damping.signals import SETPOINT
 from facts_damping.simulation import loop
@@ -83,7 +84,7 @@ def replace(part: Any, before: list[NDArray[Any]]) -> None:
 def expected() -> list[NDArray[Any]]:
     made = loop.build_loop(load_case(None, SHORT))
     run_half_ticks(made, 0, 2 * 30)
-    return [made.signals.frames, made.signals.issued, made.plant_state.x]
+    return [made.signals.frames, made.signals.issued, made.measured.plant_state.x]
 
 
 @given(ticks=st.lists(st.integers(1, 29), unique=True, max_size=4).map(sorted))
@@ -100,7 +101,9 @@ def test_arrays_may_be_replaced_between_any_two_ticks(ticks: list[int]) -> None:
             del before, value
             made = Loop(*made)
             gc.collect()
-    for found, value in zip([made.signals.frames, made.signals.issued, made.plant_state.x], expected(), strict=True):
+    for found, value in zip(
+        [made.signals.frames, made.signals.issued, made.measured.plant_state.x], expected(), strict=True
+    ):
         assert found.tobytes() == value.tobytes()
 
 

@@ -142,6 +142,25 @@ def test_core_files_and_functions_stay_small() -> None:
     assert [node.name for node in functions if (node.end_lineno or 0) - node.lineno >= 60] == []
 
 
+def test_no_function_has_more_than_eight_parameters() -> None:
+    """`self` and `cls` do not count; values that belong together are one."""
+    paths = [path for top in (*TOPS, "reproduction", "benchmarks") for path in sorted((ROOT / top).rglob("*.py"))]
+    functions = [
+        (path, node)
+        for path in paths
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+    assert len(functions) > 3000
+    counts = {
+        f"{path.name} {node.name}": sum(
+            isinstance(part, ast.arg) and part.arg not in ("self", "cls") for part in ast.walk(node.args)
+        )
+        for path, node in functions
+    }
+    assert {name: count for name, count in counts.items() if count > 8} == {}
+
+
 def test_no_folder_has_more_than_twenty_modules() -> None:
     folders = {path.parent for top in TOPS for path in (ROOT / top).rglob("*.py")}
     crowded = {folder.name: sum(one.name != "__init__.py" for one in folder.glob("*.py")) for folder in folders}

@@ -49,7 +49,6 @@ def append_to_window(
 def observe(
     eyes: AgentInputs,
     delivered: NDArray[Any],
-    count: int,
     end_ns: int,
     window: NDArray[np.float32],
     scale: NDArray[np.float64],
@@ -61,7 +60,7 @@ def observe(
 
     `weights`: (differences, machines); `machines`: (machines,) of MACHINE_TRUTH.
     """
-    sense(eyes.inputs, eyes.held, eyes.sensed, 0, delivered, count, end_ns)
+    sense(eyes.inputs, eyes.held, eyes.sensed, 0, delivered, delivered.size, end_ns)
     append_to_window(window, eyes.held.signal[0], eyes.sensed.age[0], eyes.sensed.fresh[0], scale)
     for d in range(weights.shape[0]):
         deviations[d] = 0.0
@@ -100,7 +99,7 @@ def step_many(all_of: Episodes, first: int, stride: int) -> None:
         kept, links = loop.signals, loop.links
         all_of.ticks[e], all_of.time_ns[e] = tick, kept.time_ns[tick]
         all_of.lost[e] = not kept.in_synchronism[tick]
-        eyes, link, end_ns = all_of.eyes[e], links.used[agent], tick_ns(tick + 1, loop.pmus.frame_rate)
-        rows, count = links.up.out[link], links.up.ring[link, RING_DELIVERED]
+        eyes, link, end_ns = all_of.eyes[e], links.used[agent], tick_ns(tick + 1, loop.measured.pmus.frame_rate)
+        rows = links.up.out[link, : links.up.ring[link, RING_DELIVERED]]
         window, weights, deviations = all_of.windows[e], all_of.weights[e], all_of.deviations[e]
-        observe(eyes, rows, count, end_ns, window, all_of.scale, weights, kept.machines[tick], deviations)
+        observe(eyes, rows, end_ns, window, all_of.scale, weights, kept.machines[tick], deviations)

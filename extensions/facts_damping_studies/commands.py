@@ -24,6 +24,24 @@ if TYPE_CHECKING:
     from facts_damping_studies.sweeps.sweep import SweepPlan
 
 
+def modes(arguments: argparse.Namespace) -> None:
+    """Power flow, eigenvalues, mode shapes and residues of a system at its initial state."""
+    from facts_damping.small_signal import linear_plant, modal_tables
+
+    files.check_writable(arguments.linear, "--linear", standard=False)
+    system = loading.load_system(arguments.system, arguments.set, arguments.scenario)
+    modal = modal_tables.analyse(system, loading.installed(system, arguments.devices))
+    if arguments.linear is not None:
+        linear_plant.save(linear_plant.of(modal), Path(arguments.linear))
+    pictures = []
+    if arguments.out is not None:
+        from facts_damping_studies.modes import modal_pictures
+
+        pictures = modal_pictures.plot(modal, files.new_folder(Path(arguments.out)))
+    write_json(arguments.json, modal_tables.document(modal))
+    say(arguments, *modal_tables.modes_text(modal), *(f"plot: {path}" for path in pictures))
+
+
 def tune(arguments: argparse.Namespace) -> None:
     """Choose controllers' parameters on a system's training scenario, with the same search and budget for all."""
     from facts_damping_studies.search import tune as study

@@ -40,13 +40,13 @@ def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str
     first = {name: values[name] for name in ("system", PROFILE) if name in values}
     content.update(deepcopy(first))
     if first.get(PROFILE) is not None:
-        take_profile(content, first[PROFILE], sets[PROFILE])
+        apply_profile(content, first[PROFILE], sets[PROFILE])
     # Set a name before the fields below it.
     for given in sorted((key for key in values if key not in first), key=lambda key: key.count(".")):
         for key in each_path(content, given, partial(_open_name, content)):
             set_field(content, key, deepcopy(values[given]), sets[given])
     if isinstance(content.get(PROFILE), str) and "controllers" in {path.partition(".")[0] for path in values}:
-        _take_signals(content, read_profile(content[PROFILE]), only_usual=True)
+        _add_signals(content, read_profile(content[PROFILE]), only_usual=True)
     if "supervision" in values and off(content, "supervision") and "arm_at" not in values:
         content.pop("arm_at", None)
 
@@ -96,7 +96,7 @@ def read_profile(name: str) -> Profile:
     return check(Profile, read_table(path), str(path))
 
 
-def take_profile(content: dict[str, Any], given: Any, where: str, fixed: Collection[str] = ()) -> None:
+def apply_profile(content: dict[str, Any], given: Any, where: str, fixed: Collection[str] = ()) -> None:
     """Set the fields of a profile in a run's content, except those in `fixed`, which the run sets itself.
 
     `where`: start of error messages.
@@ -116,12 +116,12 @@ def take_profile(content: dict[str, Any], given: Any, where: str, fixed: Collect
             continue  # a path into a list needs a list with entries
         for key in each_path(content, path, partial(_open_name, content)):
             set_field(content, key, deepcopy(values[path]), f"{where}: {path}")
-    _take_signals(content, profile, only_usual=PROFILE in fixed)
+    _add_signals(content, profile, only_usual=PROFILE in fixed)
     if profile.fixed_model and "model" not in fixed:
         content["model"] = deepcopy(content["system"])
 
 
-def _take_signals(content: dict[str, Any], profile: Profile, *, only_usual: bool) -> None:
+def _add_signals(content: dict[str, Any], profile: Profile, *, only_usual: bool) -> None:
     """Replace controllers' signals by those of a profile; `only_usual`: only where a controller names none."""
     rows = content.setdefault("controllers", [{}])
     for row in rows if isinstance(rows, list) else []:

@@ -6,7 +6,7 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.caching import shared
-from facts_damping.case.changes import PROFILE, STANDARD, as_sets, change, off, take_profile
+from facts_damping.case.changes import PROFILE, STANDARD, apply_profile, as_sets, change, off
 from facts_damping.case.checks import check_case, check_events
 from facts_damping.case.controllers import filled
 from facts_damping.case.links import beside, check_felt, links_of, signed
@@ -94,7 +94,7 @@ def read_run(given: str | dict[str, Any] | None) -> tuple[dict[str, Any], str]:
         content, source = read_table(path), str(path)
         check_kind("runs", content, source)
     if content.get(PROFILE) is not None and content.get("asked") is None:
-        take_profile(content, content[PROFILE], f"{source}: {PROFILE}", list(content))
+        apply_profile(content, content[PROFILE], f"{source}: {PROFILE}", list(content))
     return content, source
 
 

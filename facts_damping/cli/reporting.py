@@ -132,7 +132,7 @@ def write_page(path: Path, named: Named, results: Sequence[RunResult], baseline:
         )
         for (name, record), result in zip(named, results, strict=True)
     ]
-    pages.write(path, runs, baseline)
+    pages.write_runs(path, runs, baseline)
 
 
 def step_times_report(took: Mapping[str, StepTimes]) -> tuple[dict[str, Any], list[str]]:

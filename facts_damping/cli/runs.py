@@ -175,24 +175,6 @@ def _explained(record: Record, path: str, run: str | None) -> Record:
     return replace(record, configuration=loading.load_case(run).document())
 
 
-def modes(arguments: argparse.Namespace) -> None:
-    """Power flow, eigenvalues, mode shapes and residues of a system at its initial state."""
-    from facts_damping.small_signal import linear_plant, modal_tables
-
-    files.check_writable(arguments.linear, "--linear", standard=False)
-    system = loading.load_system(arguments.system, arguments.set, arguments.scenario)
-    found = modal_tables.analyse(system, loading.installed(system, arguments.devices))
-    if arguments.linear is not None:
-        linear_plant.save(linear_plant.of(found), Path(arguments.linear))
-    pictures = []
-    if arguments.out is not None:
-        from facts_damping.small_signal import modal_pictures
-
-        pictures = modal_pictures.plot(found, files.new_folder(Path(arguments.out)))
-    write_json(arguments.json, modal_tables.document(found))
-    say(arguments, *modal_tables.modes_text(found), *(f"plot: {path}" for path in pictures))
-
-
 def list_(arguments: argparse.Namespace) -> None:
     """List systems, scenarios, controllers, links, supervision and monitors."""
     from facts_damping.monitor_table import MONITORS

@@ -2,7 +2,7 @@
 
 A part is compiled into each entry point that uses it. An entry point is compiled once, for the types of its
 annotations, into a C function of pointers and numbers, which Python, other entry points and threads call. Compiled
-code is kept in files (`store`), so a process that finds them needs no compiler.
+code is kept in files (`store`), so a process that finds them needs no compiler, and does not load it.
 """
 
 from __future__ import annotations
@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling.structs import WORD_TYPES, Array, array_words, is_numbers, kind_of, words_of
+from facts_damping.compiling.functions import C_TYPES, EntryFunction, PartFunction, PrimitiveFunction
+from facts_damping.compiling.structs import WORD_TYPES, Array, array_words, is_numbers, words_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-C_TYPES: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int64, bool: ctypes.c_uint8, type(None): None}
 NUMERIC = (int, float, complex, np.number, np.bool_)
-ENTRY_POINTS: dict[str, EntryPoint] = {}  # by symbol
 
 
 def _with_numba() -> Any:
@@ -31,12 +30,14 @@ def _with_numba() -> Any:
     return with_numba
 
 
-class Kernel:
-    """A part: a Python function that is compiled into the compiled functions that call it."""
+def _address(entry: EntryFunction) -> int:
+    from facts_damping.compiling import store  # noqa: PLC0415 (only who calls needs it)
 
-    def __init__(self, function: Callable[..., Any], *, inline: bool = False) -> None:
-        functools.update_wrapper(self, function)
-        self.py_func, self.inline = function, inline
+    return store.address(entry)
+
+
+class Kernel(PartFunction):
+    """A part that compiled functions and Python call."""
 
     @functools.cached_property
     def _numba_type_(self) -> Any:
@@ -57,12 +58,8 @@ class Kernel:
         return self._alone(*arguments, **named)
 
 
-class Primitive:
-    """A function with special compiled instructions, defined for Numba; in Python an ordinary function."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        functools.update_wrapper(self, function)
-        self.name = function.__name__
+class Primitive(PrimitiveFunction):
+    """A primitive that compiled functions and Python call."""
 
     @functools.cached_property
     def _numba_type_(self) -> Any:
@@ -92,32 +89,12 @@ def number_of(bits: int) -> float:
     return float(np.int64(bits).view(np.float64))
 
 
-class EntryPoint:
-    """A compiled function with a C signature."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        functools.update_wrapper(self, function)
-        self.py_func, self.__name__ = function, function.__name__
-        self.symbol = f"{function.__module__}.{function.__qualname__}"
-        ENTRY_POINTS[self.symbol] = self
-
-    @functools.cached_property
-    def kinds(self) -> list[Any]:
-        """Kinds of the arguments (`structs.kind_of`), from the annotations."""
-        hints = typing.get_type_hints(self.py_func, include_extras=True)
-        return [kind_of(hints[name]) for name in inspect.signature(self.py_func).parameters]
-
-    @functools.cached_property
-    def result(self) -> Any:
-        """Type of the result: float, int, bool or None."""
-        found = typing.get_type_hints(self.py_func).get("return")
-        if found not in C_TYPES:
-            raise TypeError(f"{self.symbol}: {found} is returned; allowed: float, int, bool, None")
-        return found
+class EntryPoint(EntryFunction):
+    """An entry point that compiled functions and Python call."""
 
     @functools.cached_property
     def _numba_type_(self) -> Any:
-        return _with_numba().callee(self)
+        return _with_numba().callee(self, _address)
 
     @functools.cached_property
     def _words(self) -> Any:
@@ -139,10 +116,8 @@ class EntryPoint:
 
     @functools.cached_property
     def _function(self) -> Any:
-        from facts_damping.compiling import store  # noqa: PLC0415 (it imports this module)
-
         types = [C_TYPES[word] for kind in self.kinds for word in words_of(kind)]
-        return ctypes.CFUNCTYPE(C_TYPES[self.result], *types)(store.address(self))
+        return ctypes.CFUNCTYPE(C_TYPES[self.result], *types)(_address(self))
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the C function. Raises `TypeError` if arguments have wrong types."""

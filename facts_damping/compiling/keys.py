@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from facts_damping.compiling.kernels import EntryPoint, Kernel, Primitive
+from facts_damping.compiling.functions import EntryFunction, PartFunction, PrimitiveFunction
 from facts_damping.compiling.structs import Struct, described, fingerprint
 from facts_damping.errors import InputError
 
@@ -122,16 +122,16 @@ def _file_hash(path: str) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest() if Path(path).is_file() else ""
 
 
-def _signature(entry: EntryPoint) -> str:
+def _signature(entry: EntryFunction) -> str:
     return f"{entry.symbol}{[described(kind) for kind in entry.kinds]}{entry.result}"
 
 
 class _Walk:
     """Everything reachable from an entry point: texts of the key, and called entry points."""
 
-    def __init__(self, function: Any, entry: EntryPoint | None = None) -> None:
+    def __init__(self, function: Any, entry: EntryFunction | None = None) -> None:
         self.texts: list[str] = []
-        self.callees: dict[str, EntryPoint] = {}
+        self.callees: dict[str, EntryFunction] = {}
         self.functions: set[str] = set()  # functions compiled into it
         self._seen: set[Any] = set()  # ids of functions, structs and enumerations; ids of modules with names looked up
         if entry is not None:
@@ -159,12 +159,12 @@ class _Walk:
 
     def _value(self, name: str, value: Any, names: frozenset[str]) -> None:
         """What a function uses by a name; `names`: all that it mentions, among them attributes of modules."""
-        if isinstance(value, EntryPoint):
+        if isinstance(value, EntryFunction):
             self.texts.append(f"{name} {_signature(value)}")
             self.callees[value.symbol] = value
-        elif isinstance(value, Kernel):
+        elif isinstance(value, PartFunction):
             self._function(value.py_func, f"{value.inline}")
-        elif isinstance(value, Primitive):
+        elif isinstance(value, PrimitiveFunction):
             self.texts.append(value.name)
         elif isinstance(value, types.ModuleType):
             self._module(name, value, names)
@@ -216,16 +216,16 @@ class _Walk:
 
 
 @cache
-def _walk(entry: EntryPoint) -> _Walk:
+def _walk(entry: EntryFunction) -> _Walk:
     return _Walk(entry.py_func, entry)
 
 
-def callees(entry: EntryPoint) -> list[EntryPoint]:
+def callees(entry: EntryFunction) -> list[EntryFunction]:
     """Entry points called by an entry point."""
     return list(_walk(entry).callees.values())
 
 
 @cache
-def key(entry: EntryPoint) -> str:
+def key(entry: EntryFunction) -> str:
     """Hash of everything that the compiled code of an entry point depends on."""
     return hashlib.sha256("\n".join([_compiler(), *_walk(entry).texts]).encode()).hexdigest()[:20]

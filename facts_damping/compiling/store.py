@@ -21,14 +21,14 @@ from typing import TYPE_CHECKING, Any
 
 from llvmlite import binding
 
-from facts_damping.compiling.kernels import ENTRY_POINTS
+from facts_damping.compiling.functions import ENTRY_POINTS
 from facts_damping.compiling.keys import PACKAGE, callees, key, target
 from facts_damping.errors import FactsDampingError, InputError, RunError, one_line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
-    from facts_damping.compiling.kernels import EntryPoint
+    from facts_damping.compiling.functions import EntryFunction
 
 SHIPPED = Path(__file__).parent / "objects"
 MOST_FILES = 4  # of a function
@@ -46,7 +46,7 @@ def home() -> Path:
     return Path(given) if given else Path(base) / "facts_damping" / "kernels"
 
 
-def file_name(entry: EntryPoint) -> str:
+def file_name(entry: EntryFunction) -> str:
     """Name of an entry point's file."""
     return f"{entry.symbol}-{key(entry)}.o"
 
@@ -97,7 +97,7 @@ def _read(path: Path) -> bytes | None:
     return None
 
 
-def _is_there(entry: EntryPoint) -> bool:
+def _is_there(entry: EntryFunction) -> bool:
     """Whether an entry point is compiled; then its code is read."""
     name = file_name(entry)
     if entry.symbol in _addresses or name in _code:
@@ -111,9 +111,9 @@ def _is_there(entry: EntryPoint) -> bool:
     return code is not None
 
 
-def _with_callees(entries: Iterable[EntryPoint]) -> dict[str, EntryPoint]:
+def _with_callees(entries: Iterable[EntryFunction]) -> dict[str, EntryFunction]:
     """Entry points and all that they call, directly or indirectly."""
-    found: dict[str, EntryPoint] = {}
+    found: dict[str, EntryFunction] = {}
     todo = list(entries)
     while todo:
         one = todo.pop()
@@ -123,7 +123,7 @@ def _with_callees(entries: Iterable[EntryPoint]) -> dict[str, EntryPoint]:
     return found
 
 
-def prepare(entries: Iterable[EntryPoint]) -> None:
+def prepare(entries: Iterable[EntryFunction]) -> None:
     """Compile missing entry points and all that they call, with as many processes as processors.
 
     Raises `InputError` if the cache folder cannot be used, `RunError` if a function cannot be compiled.
@@ -162,7 +162,7 @@ def _failure(output: str, *, bad_input: bool) -> FactsDampingError:
 
 
 @contextlib.contextmanager
-def _claimed(entry: EntryPoint, *, wait: bool) -> Iterator[bool]:
+def _claimed(entry: EntryFunction, *, wait: bool) -> Iterator[bool]:
     """Lock an entry point; yield whether this process should compile it. Without `wait`, a held lock yields False."""
     with _writing():
         lock = _no_link(str(home() / f"{entry.symbol}.lock"), os.O_CREAT | os.O_WRONLY)
@@ -175,10 +175,8 @@ def _claimed(entry: EntryPoint, *, wait: bool) -> Iterator[bool]:
         yield not _is_there(entry)
 
 
-def compile_missing(entries: Iterable[EntryPoint]) -> None:
-    """Compile in this process what no other process is compiling, then wait for the others."""
-    from facts_damping.compiling import with_numba  # noqa: PLC0415 (only who compiles needs it)
-
+def compile_missing(entries: Iterable[EntryFunction], object_code: Callable[[EntryFunction], bytes]) -> None:
+    """Compile in this process by `object_code` what no other process is compiling, then wait for the others."""
     for wait in (False, True):
         for entry in entries:
             if _is_there(entry):
@@ -186,13 +184,13 @@ def compile_missing(entries: Iterable[EntryPoint]) -> None:
             with _claimed(entry, wait=wait) as missing:
                 if missing:
                     try:
-                        code = with_numba.object_code(entry)
+                        code = object_code(entry)
                     except Exception as error:  # Numba has many kinds
                         raise RunError(f"{entry.symbol}: cannot be compiled: {one_line(error)}") from error
                     _write(entry, code)
 
 
-def _write(entry: EntryPoint, code: bytes) -> None:
+def _write(entry: EntryFunction, code: bytes) -> None:
     """Write an entry point's file whole or not at all. Raises `InputError`."""
     path = home() / file_name(entry)
     beside = path.with_suffix(f".{os.getpid()}")
@@ -208,7 +206,7 @@ def _write(entry: EntryPoint, code: bytes) -> None:
         old.unlink(missing_ok=True)
 
 
-def ship(entries: Iterable[EntryPoint]) -> None:
+def ship(entries: Iterable[EntryFunction]) -> None:
     """Write the files of entry points, and of all that they call, into the package for a wheel."""
     chosen = _with_callees(entries).values()
     prepare(chosen)
@@ -227,7 +225,7 @@ def _new_engine() -> Any:
     return binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
 
 
-def address(entry: EntryPoint) -> int:
+def address(entry: EntryFunction) -> int:
     """The address of a compiled entry point; its callees are loaded first."""
     if entry.symbol not in _addresses:
         prepare([entry])

@@ -21,15 +21,15 @@ from numba.core.typing.templates import (
 from numba.extending import register_model
 from numba.np import arrayobj
 
-from facts_damping.compiling import keys, store
+from facts_damping.compiling import keys
 from facts_damping.compiling.numba_types import POINTER, WHOLE, StructType, TableType, _Pointer, type_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.compiling.kernels import EntryPoint, Kernel
+    from facts_damping.compiling.functions import EntryFunction, PartFunction
 
-_compiling: list[EntryPoint] = []  # entry points being compiled, in a process that only compiles
+_compiling: list[EntryFunction] = []  # entry points being compiled, in a process that only compiles
 _dispatchers: list[Any] = []  # kept alive, as types only have weak references
 # Kernels allocate nothing and keep no array, so reference counts of arrays are not needed (`_nrt`).
 OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "boundscheck": keys.checks_bounds()}
@@ -75,13 +75,13 @@ def _without_literals(compile_: Callable[[Any], Any], given: Any) -> Any:
     return compile_(tuple(map(plain, given)) if isinstance(given, tuple) else given)
 
 
-def _dispatcher(kernel: Kernel, **options: Any) -> Any:
+def _dispatcher(kernel: PartFunction, **options: Any) -> Any:
     made: Any = numba.njit(**{**OPTIONS, "forceinline": kernel.inline, **options})(kernel.py_func)
     made.compile = partial(_without_literals, made.compile)
     return made
 
 
-def part(kernel: Kernel) -> Any:
+def part(kernel: PartFunction) -> Any:
     """The type of a part: a function compiled by its callers and never called from Python."""
     made = _dispatcher(kernel, no_cpython_wrapper=True, pipeline_class=_Passes)
     made._insert = lambda *_, **__: None  # noqa: SLF001 (there is nothing that Python could call)
@@ -89,17 +89,17 @@ def part(kernel: Kernel) -> Any:
     return types.Dispatcher(made)
 
 
-def alone(kernel: Kernel) -> Any:
+def alone(kernel: PartFunction) -> Any:
     """A part as a separate function, compiled in each process; tests call such."""
     return _dispatcher(kernel)
 
 
-def _signature_of(entry: EntryPoint) -> Any:
+def _signature_of(entry: EntryFunction) -> Any:
     result = type_of(entry.result) if entry.result is not type(None) else types.void
     return signature(result, *map(type_of, entry.kinds))
 
 
-def _c_type(context: Any, entry: EntryPoint) -> Any:
+def _c_type(context: Any, entry: EntryFunction) -> Any:
     """The C function's type: numbers, pointers and array descriptions side by side; a bool is a byte."""
     own = _signature_of(entry)
     flat = context.get_arg_packer(own.args).argument_types
@@ -113,15 +113,15 @@ def _typed_intrinsic(name: str, define: Any) -> Any:
     return types.Function(make_intrinsic_template(name, define, name))
 
 
-def callee(entry: EntryPoint) -> Any:
-    """The type of an entry point for compiled callers: by its name, which the linker resolves (`store.address`)."""
+def callee(entry: EntryFunction, address: Callable[[EntryFunction], int]) -> Any:
+    """The type of an entry point for compiled callers: by its name, which the linker resolves after `address`."""
     own = _signature_of(entry)
     if len(own.args) == 0:
         raise TypeError(f"{entry.symbol}: no arguments; allowed: one or more")
 
     def generate(context: Any, builder: Any, sig: Any, given: Any) -> Any:
         if not _compiling:
-            store.address(entry)
+            address(entry)
         flat = list(context.get_arg_packer(sig.args).as_arguments(builder, given))
         c_type = _c_type(context, entry)
         flat = [
@@ -195,7 +195,7 @@ def _no_address(_builder: Any, _address: int, info: str) -> Any:
 
 
 @global_compiler_lock
-def object_code(entry: EntryPoint) -> bytes:
+def object_code(entry: EntryFunction) -> bytes:
     """Object code of an entry point, for the target of this process (NUMBA_CPU_NAME)."""
     _compiling.append(entry)
     target = registry.cpu_target
@@ -228,7 +228,7 @@ def object_code(entry: EntryPoint) -> bytes:
     return bytes(generator._tm.emit_object(final))  # noqa: SLF001
 
 
-def _write_c_function(context: Any, module: Any, description: Any, entry: EntryPoint) -> None:
+def _write_c_function(context: Any, module: Any, description: Any, entry: EntryFunction) -> None:
     own, c_type = _signature_of(entry), _c_type(context, entry)
     function = ir.Function(module, c_type, entry.symbol)
     builder = ir.IRBuilder(function.append_basic_block())

@@ -19,8 +19,8 @@ from facts_damping.control.called import Calls, call, calls
 from facts_damping.control.compensation import Compensated, Compensators, compensate, compensators
 from facts_damping.control.faults import Faults, corrupt, faults, misbehave, silent
 from facts_damping.control.inputs import UNSET, Inputs, LatestSamples, Wiring, compute_signals, ingest, inputs
-from facts_damping.control.neuro_fuzzy import AllActuators, Memories, memories
-from facts_damping.control.state_space import Observers, StateSpace, state_spaces
+from facts_damping.control.neuro_fuzzy import Adaptive, AllActuators, Memories, memories
+from facts_damping.control.state_space import Commands, Observers, StateSpace, state_spaces
 from facts_damping.control.table import kind_of
 from facts_damping.elementary import cos
 from facts_damping.neurofuzzy.learning import Learners, learners
@@ -203,35 +203,26 @@ def pull(known: PlantPrior, s: NDArray[Any]) -> Float1:
 @entry_point
 def _neuro_fuzzy(bank: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
     net, s = shape_of(bank.shape[c]), bank.settings[c]
-    own, kept, actuators = state.learner.each[c], state.memory.each[c], bank.actuators.each[c]
+    own = Adaptive(net, state.learner.each[c], state.memory.each[c], s, bank.actuators.each[c])
     for i in range(net.inputs // 2):
         for d in range(net.outputs):
             sign = bank.sensitivity[c, i, d]
             estimate = state.jacobian[c, i, d] * bank.actuators.limit[c, d] / s[i].scale
             if s[0].sign_guard > 0.0 and estimate * sign < 0.0:
                 estimate = 0.0
-            kept.jacobian[i, d] = sign if bank.code[c] == table.DIRECT else estimate
+            own.memory.jacobian[i, d] = sign if bank.code[c] == table.DIRECT else estimate
     frames = 0 if since_ns == 0 else max(1, round(since_ns / bank.period_ns[c]))
     stale = s[0].stale > 0.0 and age_ns * 1e-9 > s[0].stale
-    neuro_fuzzy.step(
-        net, own, kept, s, state.compensated.signal[c], actuators, state.unlimited[c], since_ns * 1e-9, frames, stale
-    )
+    neuro_fuzzy.step(own, state.compensated.signal[c], state.unlimited[c], since_ns * 1e-9, frames, stale)
 
 
 @compiled
 def _optimal(bank: Bank, state: BankState, c: int, since_ns: int) -> None:
     frames = 0 if since_ns == 0 else max(1, round(since_ns / bank.period_ns[c]))
+    signals = state.compensated.signal[c, : bank.inputs.signals[c]]
+    commands = Commands(state.outputs[c], state.memory.applied[c], state.unlimited[c])
     state_space.step(
-        bank.optimal.each[c],
-        state.estimate[c],
-        state.compensated.signal[c],
-        bank.inputs.signals[c],
-        bank.actuators.each[c],
-        state.outputs[c],
-        state.memory.applied[c],
-        state.unlimited[c],
-        since_ns * 1e-9,
-        frames,
+        bank.optimal.each[c], state.estimate[c], signals, bank.actuators.each[c], commands, since_ns * 1e-9, frames
     )
 
 

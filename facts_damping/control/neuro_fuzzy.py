@@ -64,6 +64,16 @@ class AllActuators(Actuators, each=Actuators):
     """Limits for several controllers."""
 
 
+class Adaptive(NamedTuple):
+    """An adaptive controller."""
+
+    net: Network
+    learner: Learner
+    memory: Memory
+    settings: NDArray[Any]  # rows of SETTINGS
+    actuators: Actuators
+
+
 def memories(controllers: int, signals: int, devices: int) -> Memories:
     """Allocate the memories of several controllers."""
     sizes = ((signals,), (devices,), (devices,), (devices,), (2,), (signals, devices), (1,))
@@ -71,26 +81,16 @@ def memories(controllers: int, signals: int, devices: int) -> Memories:
 
 
 @compiled
-def step(
-    net: Network,
-    learner: Learner,
-    memory: Memory,
-    s: NDArray[Any],
-    signals: Float1,
-    actuators: Actuators,
-    unlimited: Float1,
-    dt: float,
-    frames: int,
-    stale: bool,
-) -> None:
+def step(c: Adaptive, signals: Float1, unlimited: Float1, dt: float, frames: int, stale: bool) -> None:
     """Learn from the newest signals, then write the setpoints before limits, p.u., to `unlimited`.
 
     The Jacobian is in `memory.jacobian`. `dt` (s) and `frames` count from the frame before; 0 at the first frame.
     """
+    net, learner, memory, s = c.net, c.learner, c.memory, c.settings
     memory.taught[0] = 0.0
     if frames > 0:
-        _follow(net, memory, s, actuators, unlimited, dt)
-    if frames > 0 and not stale and _errors(net, memory, s, signals, actuators, unlimited):
+        _follow(c, unlimited, dt)
+    if frames > 0 and not stale and _errors(c, signals, unlimited):
         g = s[0]
         learn(
             net,
@@ -99,7 +99,7 @@ def step(
             memory.error,
             memory.curvature,
         )
-        _fall(net, learner, memory, s, signals, actuators)
+        _fall(c, signals)
         memory.taught[0] = 1.0
     for i in range(net.inputs // 2):
         change = 0.0 if frames == 0 else (signals[i] - memory.before[i]) / frames
@@ -108,14 +108,15 @@ def step(
         memory.before[i] = signals[i]
     infer(net, learner)
     for o in range(net.outputs):
-        unlimited[o] = actuators.limit[o] * learner.passed.output[o]
+        unlimited[o] = c.actuators.limit[o] * learner.passed.output[o]
 
 
 @compiled
-def _follow(net: Network, memory: Memory, s: NDArray[Any], actuators: Actuators, unlimited: Float1, dt: float) -> None:
+def _follow(c: Adaptive, unlimited: Float1, dt: float) -> None:
     """Update `memory.applied`: with anti-windup the setpoint within the device's limit and rate, else before limits."""
-    for o in range(net.outputs):
-        if s[0].anti_windup > 0.0:
+    memory, actuators = c.memory, c.actuators
+    for o in range(c.net.outputs):
+        if c.settings[0].anti_windup > 0.0:
             limited = min(max(unlimited[o], -actuators.limit[o]), actuators.limit[o])
             reach = actuators.rate[o] * dt
             memory.applied[o] = min(max(limited, memory.applied[o] - reach), memory.applied[o] + reach)
@@ -131,10 +132,9 @@ def _seen(s: NDArray[Any], i: int, signals: Float1) -> float:
 
 
 @compiled
-def _fall(
-    net: Network, learner: Learner, memory: Memory, s: NDArray[Any], signals: Float1, actuators: Actuators
-) -> None:
+def _fall(c: Adaptive, signals: Float1) -> None:
     """Compute the Lyapunov function, and its decrease by the step if the plant responds as the Jacobian predicts."""
+    net, learner, memory, s = c.net, c.learner, c.memory, c.settings
     now = then = 0.0
     for i in range(net.inputs // 2):
         e = after = _seen(s, i, signals)
@@ -143,7 +143,7 @@ def _fall(
         now += 0.5 * e * e
         then += 0.5 * after * after
     for o in range(net.outputs):
-        u = memory.applied[o] / actuators.limit[o]
+        u = memory.applied[o] / c.actuators.limit[o]
         after = u + learner.moved[o]
         now += 0.5 * s[o].hbar * u * u
         then += 0.5 * s[o].hbar * after * after
@@ -151,13 +151,12 @@ def _fall(
 
 
 @compiled
-def _errors(
-    net: Network, memory: Memory, s: NDArray[Any], signals: Float1, actuators: Actuators, unlimited: Float1
-) -> bool:
+def _errors(c: Adaptive, signals: Float1, unlimited: Float1) -> bool:
     """Compute adaptation errors and curvatures; returns False if the Jacobian is unknown.
 
     With anti-windup an error that would drive a setpoint further beyond its limit is set to zero.
     """
+    net, memory, s, actuators = c.net, c.memory, c.settings, c.actuators
     for o in range(net.outputs):
         error, curvature = 0.0, s[o].hbar
         for i in range(net.inputs // 2):

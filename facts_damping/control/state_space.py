@@ -50,6 +50,14 @@ class Observers(Observer, each=Observer):
     """Observers of several controllers, padded with zeros."""
 
 
+class Commands(NamedTuple):
+    """A controller's setpoints, (devices,), p.u."""
+
+    issued: Float1  # of the frame before
+    applied: Float1  # as followed by the devices
+    unlimited: Float1  # before limits
+
+
 def state_spaces(designs: Sequence[StateSpace | None], signals: int, devices: int) -> tuple[Observers, Float3]:
     """Matrices of several controllers (None: another kind), and their estimates with work space."""
     own = [one for one in designs if one is not None]
@@ -67,25 +75,21 @@ def step(
     observer: Observer,
     x: Float2,
     signals: Float1,
-    count: int,
     actuators: Actuators,
-    issued: Float1,
-    applied: Float1,
-    unlimited: Float1,
+    commands: Commands,
     dt: float,
     frames: int,
 ) -> None:
-    """Update the estimate by `frames` predictions and `count` signals; compute setpoints before limits, p.u.
+    """Update the estimate by `frames` predictions and the signals; compute setpoints before limits.
 
-    `x[0]`: estimate; `x[1]`: work space; `issued`: setpoints of the frame before, p.u.; `applied`: setpoints as
-    followed by the devices, p.u.; `dt`: s since the frame before; `frames` = 0 at the first frame.
+    `x[0]`: estimate; `x[1]`: work space; `dt`: s since the frame before; `frames` = 0 at the first frame.
     """
-    n = observer.A.shape[0]
+    n, count, unlimited = observer.A.shape[0], signals.size, commands.unlimited
     if frames == 0 or frames > MAX_MISSED:
         x[:] = 0.0
     else:
         for _ in range(frames):
-            _predict(observer, x, actuators, issued, applied, dt / frames)
+            _predict(observer, x, actuators, commands, dt / frames)
     for i in range(count):
         x[1, i] = signals[i]
         for j in range(n):
@@ -100,9 +104,9 @@ def step(
 
 
 @compiled
-def _predict(observer: Observer, x: Float2, actuators: Actuators, issued: Float1, applied: Float1, dt: float) -> None:
+def _predict(observer: Observer, x: Float2, actuators: Actuators, commands: Commands, dt: float) -> None:
     """Predict the estimate by one frame, while the devices follow the setpoints within their rates."""
-    n = observer.A.shape[0]
+    n, issued, applied = observer.A.shape[0], commands.issued, commands.applied
     for d in range(observer.K.shape[0]):
         reach = actuators.rate[d] * dt
         applied[d] = min(max(issued[d], applied[d] - reach), applied[d] + reach)

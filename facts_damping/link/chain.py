@@ -57,7 +57,8 @@ class Chain(Struct):
     rows: Annotated[NDArray[Any], Array(STAGE, 1)]
     channel_mask: Bool2  # (stages, channels): the stage acts on the channel
     drawn: Int4  # (stages, draws, copies, channels): delay in ns, NEVER, or 1 for a copy
-    last_ns: Int2  # (stages, channels): when the last entry left; 1: an entry is stored
+    last_ns: Int2  # (stages, channels): when the last entry left
+    stored: Bool2  # (stages, channels): `kept` has an entry
     kept: Float4  # (stages, window, channels, width): values of earlier entries, draws of noise
 
 
@@ -106,6 +107,7 @@ def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chains, 
         channel_mask=np.zeros((n, maximum, channels), np.bool_),
         drawn=np.zeros((n, maximum, draws, copies, channels), np.int64),
         last_ns=np.zeros((n, maximum, channels), np.int64),
+        stored=np.zeros((n, maximum, channels), np.bool_),
         kept=np.zeros((n, maximum, max(windows, default=1), channels, way.width)),
     )
     for link, own in enumerate(given):
@@ -183,7 +185,7 @@ def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
                 continue
             if p.stamp_ns[channel] == NEVER:  # absent from the frame
                 continue
-            if row.model >= kinds.SPOOF:
+            if row.model in kinds.DISTURBING:
                 _disturb(c, p, s, channel, sent_ns)
             else:
                 _delay(c, p, s, channel)
@@ -226,7 +228,7 @@ def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
         _turn_over(p, channel, c.drawn[s, p.number[channel] % c.drawn.shape[1], 0, channel], row.measurement)
         return
     place = p.number[channel] % row.window if row.model in (kinds.REPLAY, kinds.NOISE) else 0
-    keeps = sent_ns < row.begin_ns or (row.model == kinds.FREEZE and c.last_ns[s, channel] == 0)
+    keeps = sent_ns < row.begin_ns or (row.model == kinds.FREEZE and not c.stored[s, channel])
     for j in range(p.values.shape[1]):
         if row.measurement >= 0 and row.measurement != j:
             continue
@@ -243,7 +245,7 @@ def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
         else:
             p.values[channel, j] = c.kept[s, place, channel, j]
     if row.model == kinds.FREEZE:
-        c.last_ns[s, channel] = 1
+        c.stored[s, channel] = True
 
 
 @compiled
@@ -275,10 +277,10 @@ def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> 
             p.now_ns[1, channel] = NEVER
         if p.now_ns[0, channel] <= deadline:
             p.now_ns[0, channel] = leaves
-            c.last_ns[s, channel] = 1
+            c.stored[s, channel] = True
             for j in range(p.values.shape[1]):
                 c.kept[s, 0, channel, j] = p.values[channel, j]
-        elif row.hold == 1 and c.last_ns[s, channel] == 1:
+        elif row.hold == 1 and c.stored[s, channel]:
             p.now_ns[0, channel] = leaves
             p.held[channel] = True
             if p.stamp_ns[channel] == NEVER:  # absent: replaced by the last one, with a new time stamp

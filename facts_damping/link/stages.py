@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 # Codes of stages. Chains are padded with rows of zeros, which have no effect.
 CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP, NOISE, FLIP = range(14)
 CHANCE = (DRAWN, DUPLICATE, FLIP)  # stages that need draws
+DISTURBING = (SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP, NOISE, FLIP)  # they change values or time stamps
 BITS, MAX_VALUES = 64, len(CHANNELS)  # bits of a value; most values of an entry
 
 

@@ -15,7 +15,13 @@ from facts_damping.plant.watchdog import initial_clock_state, late_by_clock, let
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation.build import build_plant, build_pmus, grid_events
 from facts_damping.simulation.changes import measured_otherwise, pending, reset_plant, with_event
-from facts_damping.simulation.measured_plant import advance_with_pmus, entries, measure_with_pmus, tick_ns
+from facts_damping.simulation.measured_plant import (
+    MeasuredPlant,
+    advance_with_pmus,
+    entries,
+    measure_with_pmus,
+    tick_ns,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -35,18 +41,19 @@ class LivePlant:
         self._begun = self._case = case  # case at the start; case with the changes made during the run
         self.tick = -1  # current tick
         built = build_plant(case)
-        self._plant, self.state = built.plant, built.state
-        self._work = workspace(self._plant, self.state)
-        self._pmus, self._pmu_state = build_pmus(case, draws)
+        work = workspace(built.plant, built.state)
+        self._measured = MeasuredPlant(built.plant, built.state, work, *build_pmus(case, draws))
         self.frame = np.zeros((len(case.system.pmus), len(CHANNELS)))
         self.measured_ns, self.status = (np.zeros(len(self.frame), np.int64) for _ in range(2))
-        self.machines = np.zeros(len(self._plant.machines), MACHINE_TRUTH)
-        self.devices = np.zeros(len(self._plant.devices), DEVICE_TRUTH)
+        self.machines = np.zeros(len(built.plant.machines), MACHINE_TRUTH)
+        self.devices = np.zeros(len(built.plant.devices), DEVICE_TRUTH)
         self.events, self.sound = grid_events(case), True
         self._accepted = initial_clock_state(len(self.devices))
 
-    def _parts(self) -> tuple[Any, ...]:
-        return self._plant, self.state, self._pmus, self._pmu_state
+    @property
+    def state(self) -> PlantState:
+        """The plant's state."""
+        return self._measured.plant_state
 
     def start(self, tick: int) -> int:
         """Start of a tick, ns."""
@@ -56,7 +63,7 @@ class LivePlant:
         """Begin a tick: compute PMU reports and truth; `sound` is false once synchronism is lost."""
         self.tick = tick
         results = self.frame, self.measured_ns, self.status, self.machines, self.devices
-        self.sound = bool(measure_with_pmus(*self._parts(), tick, *results, self._work))
+        self.sound = bool(measure_with_pmus(self._measured, tick, *results))
 
     def entries(self) -> NDArray[Any]:
         """PMU reports of the current tick (DELIVERY)."""
@@ -73,22 +80,22 @@ class LivePlant:
         table, count = np.zeros(sum(map(len, received)), SETPOINT), 0
         for rows in received:
             count = merge(table, count, rows, len(rows))
-        advance_with_pmus(*self._parts(), self.tick, table, count, self._work)
+        advance_with_pmus(self._measured, self.tick, table, count)
 
     def change_measurement(self, name: str, value: float) -> Callable[[int], None]:
         """Prepare a change of a measurement's number, such as `noise.angle`. Returns the function that applies it.
 
         Raises `InputError` for a value that is not allowed.
         """
-        pmus, self._case = measured_otherwise(self._case, name, value, self._pmus)
+        pmus, self._case = measured_otherwise(self._case, name, value, self._measured.pmus)
 
         def act(_tick: int) -> None:
-            self._pmus = pmus
+            self._measured.pmus = pmus
 
         return act
 
     def _exchange(self, plant: Plant, state: PlantState) -> None:
-        self._plant, self.state, self._work = plant, state, workspace(plant, state)
+        self._measured = self._measured._replace(plant=plant, plant_state=state, work=workspace(plant, state))
 
     def ask_event(self, text: str) -> Callable[[int], None]:
         """Prepare an event at the next tick, after those requested before. Returns the function that applies it.

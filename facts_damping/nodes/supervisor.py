@@ -50,7 +50,7 @@ from facts_damping.nodes.transport.messages import (
     SupervisorStateMessage,
 )
 from facts_damping.nodes.transport.tables import SetpointsMessage
-from facts_damping.signals import DEVICE_TRUTH, NANOSECONDS, SETPOINT, SUPERVISION
+from facts_damping.signals import DEVICE_TRUTH, NANOSECONDS, SETPOINT, SUPERVISION, Span
 from facts_damping.simulation.build import build_supervisors
 from facts_damping.simulation.loop import setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
@@ -139,9 +139,9 @@ class SupervisorNode:
         issued_parts = [rows for name in self.controllers for rows in parts[name]]
         issued = np.concatenate([*issued_parts, np.zeros(0, SETPOINT)])
         start, end = (tick_ns(k, self.case.run.frame_rate) for k in (tick, tick + 1))
-        out, frames = setpoint_buffer(len(self.devices_of), len(issued)), parts["frames"]
+        out, span = setpoint_buffer(len(self.devices_of), len(issued)), Span(tick, start, end)
         this = self.supervisors, self.state, self.s
-        count = supervise(*this, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0)
+        count = supervise(*this, span, parts["frames"], issued, self.devices, out)
         self.to_link.publish(self.setpoints.fill(tick, start, out[:count], self.name))
         if write_status(*this, tick, self.status, 0):
             inputs = list(self.inputs.latest.values())

@@ -5,7 +5,7 @@ The same functions serve the integration, the measurement and the linearisation.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
@@ -70,9 +70,18 @@ def solve_network(plant: Plant, x: Float1, reference: Float1, source: Complex1, 
     respond(plant, stage, work)
 
 
+class Stator(NamedTuple):
+    """A machine's stator, p.u.; current and power of its rating."""
+
+    voltage: complex  # at its terminals
+    current: complex  # Id + j Iq
+    power: float  # in the air gap
+    saturation: float  # S of its flux
+
+
 @compiled
-def stator(plant: Plant, stage: int, g: int, work: Work) -> tuple[complex, complex, float]:
-    """Terminal voltage (p.u.), stator current Id + j Iq and air-gap power (p.u. of the rating) of machine g.
+def stator(plant: Plant, stage: int, g: int, work: Work) -> Stator:
+    """Voltage, current, power and saturation of machine g.
 
     Pe = Ed Id + Eq Iq + (Xq - Xd) Id Iq.
     """
@@ -84,7 +93,8 @@ def stator(plant: Plant, stage: int, g: int, work: Work) -> tuple[complex, compl
     beyond = m.salient * work.inputs[m.column] * back
     current = (m.admittance * (emf - voltage * back) + beyond) * (plant.online[stage, g] / m.ratio)
     saliency = (m.Xq - m.Xd) * current.real * current.imag
-    return voltage, current, emf.real * current.real + emf.imag * current.imag + saliency
+    power = emf.real * current.real + emf.imag * current.imag + saliency
+    return Stator(voltage, current, power, saturated(m, emf))
 
 
 @compiled
@@ -97,17 +107,15 @@ def saturated(m: Any, emf: complex) -> float:
 
 
 @compiled
-def _circuits(
-    m: Any, x: Float1, n: int, current: complex, efd: float, saturation: float, emf: complex, dx: Float1
-) -> None:
+def _circuits(m: Any, x: Float1, n: int, at: Stator, efd: float, emf: complex, dx: Float1) -> None:
     """Write the derivatives of a machine's n rotor circuits, 1/s: dz = A z + B [Id, Iq, Efd] - S W [Eq, Ed]."""
     first = m.offset + 2
     for i in range(n):
-        slope = m.B[i, 0] * current.real + m.B[i, 1] * current.imag + m.B[i, 2] * efd
+        slope = m.B[i, 0] * at.current.real + m.B[i, 1] * at.current.imag + m.B[i, 2] * efd
         for j in range(n):
             slope += m.A[i, j] * x[first + j]
-        if saturation > 0.0:
-            slope -= saturation * (m.W[i, 0] * emf.imag + m.W[i, 1] * emf.real)
+        if at.saturation > 0.0:
+            slope -= at.saturation * (m.W[i, 0] * emf.imag + m.W[i, 1] * emf.real)
         dx[first + i] = slope
 
 
@@ -124,16 +132,15 @@ def derivatives(
         m = plant.machines[g]
         o = m.offset
         omega = x[o + 1]
-        voltage, current, power = stator(plant, stage, g, work)
-        saturation = saturated(m, work.emf[g])
-        efd, given = move_controls(plant, x, stage, g, voltage, current, saturation, dx, work)
+        at = stator(plant, stage, g, work)
+        efd, given = move_controls(plant, x, stage, g, at, dx, work)
         driven = given * plant.online[stage, g]
         dx[o] = plant.omega_0 * omega
-        dx[o + 1] = ((driven - power) / (1.0 + m.speed * omega) - m.D * omega) / (2.0 * m.H)
+        dx[o + 1] = ((driven - at.power) / (1.0 + m.speed * omega) - m.D * omega) / (2.0 * m.H)
         if m.circuits == 4:  # the usual number, so that the compiler unrolls the loop
-            _circuits(m, x, 4, current, efd, saturation, work.emf[g], dx)
+            _circuits(m, x, 4, at, efd, work.emf[g], dx)
         else:
-            _circuits(m, x, m.circuits, current, efd, saturation, work.emf[g], dx)
+            _circuits(m, x, m.circuits, at, efd, work.emf[g], dx)
     _port_derivatives(plant, x, reference, dx, work)
 
 
@@ -164,15 +171,15 @@ AT = len(SENSED)
 
 
 @compiled
-def _field_current(m: Any, x: Float1, current: complex, saturation: float, emf: complex) -> float:
+def _field_current(m: Any, x: Float1, at: Stator, emf: complex) -> float:
     """Field current of a machine, p.u. of that for 1 p.u. of voltage without saturation: T'd0 dE'q = Efd - Ifd."""
     if m.circuits == 0:
         return 0.0
-    slope = m.B[0, 0] * current.real + m.B[0, 1] * current.imag
+    slope = m.B[0, 0] * at.current.real + m.B[0, 1] * at.current.imag
     for j in range(m.circuits):
         slope += m.A[0, j] * x[m.offset + 2 + j]
-    if saturation > 0.0:
-        slope -= saturation * (m.W[0, 0] * emf.imag + m.W[0, 1] * emf.real)
+    if at.saturation > 0.0:
+        slope -= at.saturation * (m.W[0, 0] * emf.imag + m.W[0, 1] * emf.real)
     return -slope / m.B[0, 2]  # type: ignore[no-any-return]
 
 
@@ -186,22 +193,11 @@ def _given(plant: Plant, first: int, end: int, gives: int, x: Float1, dx: Float1
 
 @compiled
 def move_controls(
-    plant: Plant,
-    x: Float1,
-    stage: int,
-    g: int,
-    voltage: complex,
-    current: complex,
-    saturation: float,
-    dx: Float1,
-    work: Work,
+    plant: Plant, x: Float1, stage: int, g: int, at: Stator, dx: Float1, work: Work
 ) -> tuple[float, float]:
-    """Field voltage and mechanical power of machine g, p.u. of its rating; writes its controls' derivatives, 1/s.
-
-    `voltage`, `current`: of its stator; `saturation`: S of its flux.
-    """
+    """Field voltage and mechanical power of machine g, p.u. of its rating; writes its controls' derivatives, 1/s."""
     m, s = plant.machines[g], work.signals
-    omega, size, asked = x[m.offset + 1], magnitude(voltage), plant.mechanical_power[stage, g]
+    omega, size, asked = x[m.offset + 1], magnitude(at.voltage), plant.mechanical_power[stage, g]
     forced = asked * work.forced[g]
     driven = governor.power(plant.governors[g], x, asked, omega) + forced
     governor.derivatives(plant.governors[g], x, asked, omega, dx)
@@ -209,8 +205,8 @@ def move_controls(
     stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
     if plant.blocks.size > 0:
         c = plant.controls[g]
-        ifd = _field_current(m, x, current, saturation, work.emf[g])
-        seen = voltage * work.rotation[g].conjugate()  # in the rotor's frame
+        ifd = _field_current(m, x, at, work.emf[g])
+        seen, current = at.voltage * work.rotation[g].conjugate(), at.current  # in the rotor's frame
         s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, magnitude(seen), omega, ifd
         s[VD], s[VQ], s[ID], s[IQ] = seen.real, seen.imag, current.real, current.imag
         s[PE] = (seen * current.conjugate()).real

@@ -34,8 +34,7 @@ def _runge_kutta(
     `derivatives` is called at one place only, so that the compiler inlines it: a call would copy the plant's arrays.
     The lags of references are solved in closed form, so they are exact even if much shorter than the step.
     """
-    x, k, reference = state.x, work.slopes, work.reference
-    trial = k[4]
+    x, k, trial, reference = state.x, work.slopes, work.trial, work.reference
     for part in range(4):
         if part == 0:
             for i in range(x.size):
@@ -150,7 +149,7 @@ def advance(
     each device decides which setpoints act, and when the device is released.
     """
     now, following = start_ns, 0
-    ramp = work.slopes[5, : state.reference.size]
+    ramp = work.ramp
     while now < end_ns:
         following = _take_setpoints(plant, state, setpoints, following, count, now)
         stage = begin_interval(plant, state, now)

@@ -10,7 +10,7 @@ from facts_damping.compiling.structs import Float1, Float2
 from facts_damping.elementary import atan2, magnitude, phase
 from facts_damping.plant.converters import devices as facts
 from facts_damping.plant.converters.first_order_lag import effective_reference
-from facts_damping.plant.dynamics import derivatives, move_controls, saturated, solve_network, stator
+from facts_damping.plant.dynamics import derivatives, move_controls, solve_network, stator
 from facts_damping.plant.forced_oscillations import begin_oscillations, move_oscillations
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
@@ -24,15 +24,14 @@ MOMENT = 1e-6  # s, time step of the angle's difference quotient for the frequen
 def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work: Work) -> None:
     x, m = state.x, plant.machines[g]
     omega = x[m.offset + 1]
-    voltage, current, power = stator(plant, stage, g, work)
-    saturation = saturated(m, work.emf[g])
-    efd, driven = move_controls(plant, x, stage, g, voltage, current, saturation, work.slopes[4], work)
+    at = stator(plant, stage, g, work)
+    efd, driven = move_controls(plant, x, stage, g, at, work.slopes[0], work)  # without use for the derivatives
     out.rotor_angle = x[m.offset]
     out.speed_deviation = omega
-    out.electrical_power = power * m.ratio
+    out.electrical_power = at.power * m.ratio
     out.mechanical_power = driven * plant.online[stage, g] * m.ratio
     out.field_voltage = efd
-    out.terminal_voltage = magnitude(voltage)
+    out.terminal_voltage = magnitude(at.voltage)
 
 
 @compiled
@@ -106,7 +105,7 @@ def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
 @compiled
 def _a_moment_later(plant: Plant, state: PlantState, stage: int, work: Work) -> None:
     """Solve the network MOMENT later on the plant's trajectory, with held references; into `work`, not the state."""
-    dx, trial = work.slopes[0], work.slopes[1]
+    dx, trial = work.slopes[0], work.trial
     for p in range(work.source.size):
         work.source[p] = state.source[p]
     derivatives(plant, state.x, state.reference, work.source, stage, dx, work)

@@ -91,7 +91,9 @@ class PlantState(Struct):
 class Work(Struct):
     """Arrays reused by the kernels."""
 
-    slopes: Float2  # (6, states)
+    slopes: Float2  # (4, states), 1/s, of the parts of an integration step
+    trial: Float1  # (states,), at which a part takes its slopes
+    ramp: Float1  # (devices,), p.u./s, of the references
     reference: Float1  # (devices,)
     inputs: Complex1  # of the network
     unit: Complex1  # the same, zero between uses
@@ -122,7 +124,9 @@ def workspace(plant: Plant, state: PlantState) -> Work:
     machines, ports = len(plant.machines), len(plant.ports)
     inputs = machines + len(plant.infinite) + ports
     return Work(
-        np.zeros((6, len(state.x))),
+        np.zeros((4, len(state.x))),
+        np.zeros(len(state.x)),
+        np.zeros(len(state.reference)),
         np.zeros(len(state.reference)),
         np.zeros(inputs, np.complex128),
         np.zeros(inputs, np.complex128),

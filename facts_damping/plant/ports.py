@@ -24,7 +24,8 @@ TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
 MAX_ITERATIONS = 40
 SMALLEST_FRACTION = 1e-3  # smallest fraction of a Newton step
 MANY = 4  # ports, from which on it pays to solve port by port
-ATTEMPTS = 5  # number of starts of Newton's method
+# Starts of Newton's method, in their order (`solve_ports`); then there are no more.
+LAST_SOLUTION, NO_SOURCES, LOADS_LOW, BLOCKED, BLOCKED_LOADS_LOW, NO_MORE = range(6)
 LAST_CHANGE = 1e-9  # relative; the remaining error is of the order of its square
 
 
@@ -251,18 +252,18 @@ def solve_ports(plant: Plant, x: Float1, reference: Float1, source: Complex1, st
         and _newton_single_port(plant, x, reference, source, stage, work)
     ):
         return
-    attempt = 0
-    while attempt < ATTEMPTS and math.isfinite(x[0]):
+    start = LAST_SOLUTION
+    while start < NO_MORE and math.isfinite(x[0]):
         if _newton(plant, x, reference, source, stage, work):
             if _release(plant, source, work):
                 continue
             if not _block(plant, work):
                 return
         else:
-            attempt += 1
+            start += 1
         for p in range(source.size):
             source[p] = 0.0
-            work.blocked[p] = work.blocked[p] or (attempt == 3 and plant.ports[p].kind in (DEVICE, OTHER_END))
-            work.low[p] = attempt in (2, 4) and plant.ports[p].kind == LOAD
+            work.blocked[p] = work.blocked[p] or (start == BLOCKED and plant.ports[p].kind in (DEVICE, OTHER_END))
+            work.low[p] = start in (LOADS_LOW, BLOCKED_LOADS_LOW) and plant.ports[p].kind == LOAD
     for p in range(source.size):
         source[p] = complex(math.nan, math.nan)

@@ -11,13 +11,16 @@ from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from facts_damping.analysis.details import improvements
 from facts_damping.analysis.plotting.plots import COLOURS
+from facts_damping.analysis.summary import Summary, summarise
 from facts_damping.errors import InputError
 from facts_damping.escaping import escaped
 from facts_damping.output.writing import write_whole
 from facts_damping.report.build import MAX_EVENTS, build
-from facts_damping.report.contents import ReportTable
-from facts_damping.report.drawing import draw
+from facts_damping.report.contents import ReportedRun, ReportTable
+from facts_damping.report.plotting import plot
+from facts_damping.simulation.twins import twin_of
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
@@ -26,17 +29,31 @@ if TYPE_CHECKING:
 
     from bokeh.models import Model
 
-    from facts_damping.report.contents import Report, ReportedRun
+    from facts_damping.record import Record
+    from facts_damping.report.contents import Report
 
 LONG = 24  # characters: longer table entries are wrapped
 MARKS = {"best": "▲", "worst": "▼"}
 
 
-def write(path: Path, runs: Sequence[ReportedRun], baseline: int = 0) -> None:
-    """Write the report of several runs.
+def write(
+    path: Path, records: Sequence[tuple[str, Record]], summaries: Sequence[Any] | None = None, baseline: int = 0
+) -> None:
+    """Write the report of several records (name, record), with their improvement over that of index `baseline`.
 
-    `baseline`: index of the run that improvement refers to. Raises InputError if the file cannot be written.
+    `summaries`: their figures; those that are no `Summary`, as the dictionaries of `fd.summarise`, are computed again.
+    Raises InputError if the file cannot be written.
     """
+    figures = [
+        summary if isinstance(summary, Summary) else summarise(record, twin=twin_of(record))
+        for (_, record), summary in zip(records, summaries or [None] * len(records), strict=True)
+    ]
+    rows = zip(records, figures, improvements(figures, baseline), strict=True)
+    write_runs(path, [ReportedRun(*named, summary, "-", percent) for named, summary, percent in rows], baseline)
+
+
+def write_runs(path: Path, runs: Sequence[ReportedRun], baseline: int = 0) -> None:
+    """Write the report of several runs."""
     text = page(build(runs, baseline))
     try:
         write_whole(path, text)
@@ -50,7 +67,7 @@ def _shown(value: Any) -> Any:
 
 def page(report: Report) -> str:
     """A report as HTML. Names and notes come from recordings, so all text but Bokeh's is escaped."""
-    charts = draw(report)
+    charts = plot(report)
     flat: dict[str, Model] = {
         f"{key}-{i}": figure for key, parts in charts.items() for i, (_, figure) in enumerate(parts)
     }

@@ -123,13 +123,14 @@ def apply(loop: Loop, now: Case, start: Case, change: RunChange) -> tuple[Loop, 
 
     `now`: the case so far; `start`: the case as at the start of the run.
     """
-    at, what, value, index = tick_ns(change.tick, loop.pmus.frame_rate), change.kind, change.value, change.index
-    change_watch(now.run.devices, loop.plant_state.watch, change, at)
+    measured, what, value, index = loop.measured, change.kind, change.value, change.index
+    at = tick_ns(change.tick, measured.pmus.frame_rate)
+    change_watch(now.run.devices, measured.plant_state.watch, change, at)
     if change.role == "supervisor":  # first: its `reset` is not that of the plant
         ask(loop.control.supervisors, loop.control.supervisor_state, change)
     elif what == "event":
         now = with_event(now, value, at)
-        loop = _with_plant(loop, build_plant(now).plant, loop.plant_state)
+        loop = _with_plant(loop, build_plant(now).plant, measured.plant_state)
     elif what == "reset":
         built, again = reset_plant(start, at)
         loop = _with_plant(loop, built.plant, built.state)
@@ -141,8 +142,8 @@ def apply(loop: Loop, now: Case, start: Case, change: RunChange) -> tuple[Loop, 
         control = loop.control._replace(issued=issued, passed=issued.copy())
         loop = loop._replace(links=links, control=control, applied=np.zeros(links.down.out.size, SETPOINT))
     elif what == "parameter" and change.role == "plant":
-        measured, now = measured_otherwise(now, change.name, float(value), loop.pmus)
-        loop = loop._replace(pmus=measured)
+        pmus, now = measured_otherwise(now, change.name, float(value), measured.pmus)
+        loop = loop._replace(measured=measured._replace(pmus=pmus))
     elif what == "parameter" and change.role == "link":
         links, now = renumbered(loop.links, now, index, change.name, float(value))
         loop = loop._replace(links=links)
@@ -153,9 +154,10 @@ def apply(loop: Loop, now: Case, start: Case, change: RunChange) -> tuple[Loop, 
 
 def _with_plant(loop: Loop, plant: Plant, state: PlantState) -> Loop:
     """The loop with another plant, in the same noise."""
-    plant = plant._replace(load_noise=fitted_noise(loop.plant.load_noise, len(plant.loads)))
+    plant = plant._replace(load_noise=fitted_noise(loop.measured.plant.load_noise, len(plant.loads)))
     state = fitted(state, plant)
-    return loop._replace(plant=plant, plant_state=state, work=workspace(plant, state))
+    measured = loop.measured._replace(plant=plant, plant_state=state, work=workspace(plant, state))
+    return loop._replace(measured=measured)
 
 
 def change_watch(devices: Sequence[str], watch: NDArray[Any], change: RunChange, at_ns: int) -> None:
@@ -205,7 +207,7 @@ def rerun(case: Case, changes: Sequence[RunChange], loop: Loop | None = None) ->
     passed: list[GridEvent] = []
     at_ticks, restarts = by_tick(changes), Restarts(loop.control.bank, loop.control.bank_state)
     for tick in range(case.ticks):
-        at = tick_ns(tick, loop.pmus.frame_rate)
+        at = tick_ns(tick, loop.measured.pmus.frame_rate)
         restarts.begin(tick)
         for change in at_ticks.get(tick, ()):
             loop, now = apply(loop, now, case, change)

@@ -38,9 +38,10 @@ from facts_damping.simulation.build import (
     plant_residues,
     supervised,
 )
+from facts_damping.simulation.measured_plant import MeasuredPlant
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.restarts import Restarts
-from facts_damping.simulation.tick import ControlSystem, Loop, Signals, run_half_ticks
+from facts_damping.simulation.tick import ControlSystem, Loop, Signals, Used, run_half_ticks
 from facts_damping.version import versions
 
 if TYPE_CHECKING:
@@ -51,7 +52,6 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
 
 BY_TICK = ("time_ns", "frames", "measured_ns", "status", "machines", "devices", "in_synchronism")
-TABLES = ("delivered", "issued", "applied", "estimates", "learning", "supervised", "supervision")
 TICKS_AT_ONCE = 3600  # between such blocks other threads can run
 
 
@@ -73,15 +73,14 @@ def build_loop(
     if residues is None and case.supervision is not None:
         residues = plant_residues(case)
     control = control_system(case, links.up.out.shape[1], residues)
-    work = workspace(built.plant, built.state)
+    measured = MeasuredPlant(built.plant, built.state, workspace(built.plant, built.state), *build_pmus(case))
     applied = np.zeros(links.down.out.size, SETPOINT)
     spoofed = bool((links.up.chain.rows["model"] == SPOOF).any())
     differ = spoofed or clocks_differ(case.measurement, [s.name for s in case.system.pmus])
     up, down = (way.packets.now_ns.shape[1] for way in (links.up, links.down))
     signals = signals_for(case, len(case.system.pmus) if differ else 1, up, down)
-    pmus, pmu_state = build_pmus(case)
     programs = connect(case, control.bank_state, outside=outside)
-    return Loop(built.plant, built.state, work, pmus, pmu_state, links, control, applied, signals, programs)
+    return Loop(measured, links, control, applied, signals, programs)
 
 
 def control_system(case: Case, entries: int, residues: Residues | None = None) -> ControlSystem:
@@ -116,7 +115,7 @@ def allocate_signals(case: Case, ticks: int, *, delivered: int, issued: int, app
         np.zeros(ticks * learning_rates(case), LEARNING),
         np.zeros(issued + ticks * commands(case) if watched else 0, SETPOINT),
         np.zeros(ticks * watched + 1, SUPERVISION),
-        np.zeros(8, np.int64),
+        np.zeros(len(Used._fields), np.int64),
     )
 
 
@@ -165,13 +164,12 @@ def record(case: Case, loop: Loop) -> Record:
     refused = int(loop.links.up.ring[:, RING_NO_ROOM].sum() + loop.links.down.ring[:, RING_NO_ROOM].sum())
     if refused:
         raise RunError(f"link: {refused} entries did not fit into the buffer; delays are longer than planned")
-    ticks, *counts = (int(n) for n in kept.used)
-    used = dict(zip(TABLES, counts, strict=True))
-    if any(used[name] > len(getattr(kept, name)) for name in TABLES[:3]):
-        delivered, issued, applied = counts[:3]
-        raise RunError(f"loop: {delivered} entries, {issued} setpoints, {applied} applied: more than the buffers hold")
-    signals: dict[str, Any] = {name: getattr(kept, name)[:ticks] for name in BY_TICK}
-    signals |= {name: getattr(kept, name)[:count] for name, count in used.items()}
+    used = Used(*kept.used.tolist())
+    entries, setpoints, applied = used.delivered, used.issued, used.applied
+    if entries > len(kept.delivered) or setpoints > len(kept.issued) or applied > len(kept.applied):
+        raise RunError(f"loop: {entries} entries, {setpoints} setpoints, {applied} applied: more than the buffers hold")
+    signals: dict[str, Any] = {name: getattr(kept, name)[: used.ticks] for name in BY_TICK}
+    signals |= {name: getattr(kept, name)[:count] for name, count in zip(used._fields[1:], used[1:], strict=True)}
     return Record(
         configuration=case.document(),
         pmus=[s.name for s in case.system.pmus],
@@ -180,6 +178,6 @@ def record(case: Case, loop: Loop) -> Record:
         controller_names=controller_names(case),
         **signals,
         links=len(case.links),
-        events=[event for event in grid_events(case) if event.time_ns <= kept.time_ns[ticks - 1]],
+        events=[event for event in grid_events(case) if event.time_ns <= kept.time_ns[used.ticks - 1]],
         versions=versions(),
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Float2, Int1
+from facts_damping.compiling.structs import Float2, Int1, Struct
 from facts_damping.measurement.pmu_model import Pmus, PmuState, report, take_sample
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure, sample
@@ -21,23 +21,31 @@ if TYPE_CHECKING:
 tick_ns = compiled(start_of)  # of ticks of this run; those of foreign messages may be too large for machine code
 
 
+class MeasuredPlant(Struct):
+    """A plant and its PMUs: constant parameters and state of each."""
+
+    plant: Plant
+    plant_state: PlantState
+    work: Work
+    pmus: Pmus
+    pmu_state: PmuState
+
+
 @entry_point
 def measure_with_pmus(
-    plant: Plant,
-    plant_state: PlantState,
-    pmus: Pmus,
-    pmu_state: PmuState,
+    measured: MeasuredPlant,
     tick: int,
     frame: Float2,
     measured_ns: Int1,
     status: Int1,
     machines: MachineTruths,
     devices: DeviceTruths,
-    work: Work,
 ) -> bool:
-    """Write the PMUs' frame (`measurement.pmu.report`) and the true values; returns whether the plant is sound."""
-    sound = measure(plant, plant_state, tick_ns(tick, pmus.frame_rate), frame, machines, devices, work)
-    report(pmus, pmu_state, tick, work.phasors, frame, measured_ns, status)
+    """Write the PMUs' frame (`pmu_model.report`) and the true values; returns whether the plant is sound."""
+    pmus, work = measured.pmus, measured.work
+    start_ns = tick_ns(tick, pmus.frame_rate)
+    sound = measure(measured.plant, measured.plant_state, start_ns, frame, machines, devices, work)
+    report(pmus, measured.pmu_state, tick, work.phasors, frame, measured_ns, status)
     return sound  # type: ignore[no-any-return]
 
 
@@ -54,17 +62,9 @@ def entries(
 
 
 @entry_point
-def advance_with_pmus(
-    plant: Plant,
-    plant_state: PlantState,
-    pmus: Pmus,
-    pmu_state: PmuState,
-    tick: int,
-    setpoints: Setpoints,
-    count: int,
-    work: Work,
-) -> None:
+def advance_with_pmus(measured: MeasuredPlant, tick: int, setpoints: Setpoints, count: int) -> None:
     """Advance the plant to the next tick under `count` setpoints ordered by time, while PMUs take samples."""
+    plant, plant_state, pmus, work = measured.plant, measured.plant_state, measured.pmus, measured.work
     now, first = tick_ns(tick, pmus.frame_rate), 0
     samples = pmus.per_frame * pmus.frame_rate
     for i in range(1, pmus.per_frame + 1):
@@ -75,5 +75,5 @@ def advance_with_pmus(
         advance(plant, plant_state, now, end, setpoints[first:last], last - first, work)
         if i < pmus.per_frame:
             sample(plant, plant_state, end, work)
-            take_sample(pmu_state, work.phasors)
+            take_sample(measured.pmu_state, work.phasors)
         now, first = end, last

@@ -13,7 +13,7 @@ import numpy as np
 from facts_damping.control.bank import act, controller_network, set_estimate
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.neurofuzzy.learning import write_learning
-from facts_damping.signals import ESTIMATE, LEARNING, SETPOINT, SUPERVISION
+from facts_damping.signals import ESTIMATE, LEARNING, SETPOINT, SUPERVISION, Span
 from facts_damping.simulation.build import identifier_network
 from facts_damping.simulation.loop import control_system, setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
@@ -167,11 +167,10 @@ class NodeReplay:
         if ticks:
             self._devices = self._record.devices[self._place[ticks[-1]]]
         issued = np.concatenate([*(self._issued[one] for one in latest), self._out[:0]])
-        frames = self._delivered[link][at]
-        span = tick, tick_ns(tick, int(own["frame_rate"])), tick_ns(tick + 1, int(own["frame_rate"]))
-        given = frames, len(frames), issued, len(issued), np.ascontiguousarray(self._devices)
+        span = Span(tick, tick_ns(tick, int(own["frame_rate"])), tick_ns(tick + 1, int(own["frame_rate"])))
+        given = self._delivered[link][at], issued, np.ascontiguousarray(self._devices)
         out = setpoint_buffer(len(self._case.controllers[c].devices), len(issued))  # a restart brings many at once
-        count = supervise(made, state, s, *span, *given, out, 0)
+        count = supervise(made, state, s, span, *given, out)
         self._rows["supervised"].append(out[:count])
         status = np.zeros(1, SUPERVISION)
         if write_status(made, state, s, tick, status, 0):

@@ -5,7 +5,7 @@ The nodes call the same functions, one node each; here they run in sequence.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from numpy.typing import NDArray
 
@@ -16,10 +16,8 @@ from facts_damping.control.identifier import identify, store_setpoints, write_es
 from facts_damping.control.identifier_model import Identifiers, IdentifierState
 from facts_damping.control.table import DIRECT, INDIRECT
 from facts_damping.link.transfer import RING_DELIVERED, Links, downlink, merge, uplink
-from facts_damping.measurement.pmu_model import Pmus, PmuState
 from facts_damping.neurofuzzy.learning import write_learning
 from facts_damping.neurofuzzy.network import shape_of
-from facts_damping.plant.model import Plant, PlantState, Work
 from facts_damping.signals import (
     DELIVERY,
     DEVICE_TRUTH,
@@ -31,8 +29,9 @@ from facts_damping.signals import (
     Deliveries2,
     DeviceTruths,
     Setpoints,
+    Span,
 )
-from facts_damping.simulation.measured_plant import advance_with_pmus, measure_with_pmus, tick_ns
+from facts_damping.simulation.measured_plant import MeasuredPlant, advance_with_pmus, measure_with_pmus, tick_ns
 from facts_damping.supervision.model import Supervisors, SupervisorState
 from facts_damping.supervision.step import read_health, supervise, write_status
 
@@ -40,12 +39,24 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-# Indices of `Signals.used`: numbers of ticks, and of rows of each table, filled.
-TICKS, DELIVERED, ISSUED, APPLIED, ESTIMATES, LEARNED, SUPERVISED, STATUSES = range(8)
+class Used(NamedTuple):
+    """A value for the ticks and for each table of `Signals`: number of rows filled; in `AT` its index in `used`."""
+
+    ticks: int
+    delivered: int
+    issued: int
+    applied: int
+    estimates: int
+    learning: int
+    supervised: int
+    supervision: int
+
+
+AT = Used(*range(len(Used._fields)))
 
 
 class Signals(Struct):
-    """Arrays that a run fills, as in `record.Record`; `used`: number of entries filled in each."""
+    """Arrays that a run fills, as in `record.Record`; `used`: number of entries filled, see `Used`."""
 
     time_ns: Int1
     frames: Float3
@@ -80,11 +91,7 @@ class ControlSystem(Struct):
 class Loop(Struct):
     """All parts of a closed loop: constant parameters and state of each, and recorded signals."""
 
-    plant: Plant
-    plant_state: PlantState
-    work: Work
-    pmus: Pmus
-    pmu_state: PmuState
+    measured: MeasuredPlant
     links: Links
     control: ControlSystem
     applied: Setpoints  # setpoints that all links deliver to the devices in a tick
@@ -123,21 +130,21 @@ def control_step(
         issued = act(
             bank, bank_state, c, tick, delivered[used[c]], ring[used[c], RING_DELIVERED], control.issued, issued
         )
-    signals.used[ISSUED] = _append(signals.issued, signals.used[ISSUED], control.issued, issued)
+    signals.used[AT.issued] = _append(signals.issued, signals.used[AT.issued], control.issued, issued)
     acting = issued
     if control.supervisors.settings.size == 0:
         for i in range(issued):
             control.passed[i] = control.issued[i]
     else:
         acting = _supervised(control, delivered, ring, issued, tick, devices, signals)
-    rows = signals.used[ESTIMATES]
+    rows = signals.used[AT.estimates]
     for n in range(ids.controller.size):
         c = ids.controller[n]
         identify(ids, id_state, n, delivered[used[c]], ring[used[c], RING_DELIVERED])
         store_setpoints(ids, id_state, n, control.passed, acting)
         rows = write_estimates(ids, id_state, n, tick, signals.estimates, rows)
         set_estimate(bank_state, c, id_state.jacobian[n], id_state.change[n], id_state.held.newest_ns[n])
-    signals.used[ESTIMATES], rows = rows, signals.used[LEARNED]
+    signals.used[AT.estimates], rows = rows, signals.used[AT.learning]
     for c in range(bank.code.size):
         if bank.code[c] == DIRECT or bank.code[c] == INDIRECT:
             net = shape_of(bank.shape[c])
@@ -147,7 +154,7 @@ def control_step(
         net = shape_of(ids.shape[n])
         own, fall = id_state.learner.each[n], id_state.lyapunov[n]
         rows = write_learning(net, own, fall, tick, ids.controller[n], 1, signals.learning, rows)
-    signals.used[LEARNED] = rows
+    signals.used[AT.learning] = rows
     return acting
 
 
@@ -165,27 +172,14 @@ def _supervised(
     supervisors, state, acting = control.supervisors, control.supervisor_state, 0
     for s in range(supervisors.settings.size):
         own = supervisors.settings[s]
-        start, end = tick_ns(tick, own.frame_rate), tick_ns(tick + 1, own.frame_rate)
+        span = Span(tick, tick_ns(tick, own.frame_rate), tick_ns(tick + 1, own.frame_rate))
         read_health(control.bank, control.bank_state, own.controller, state.rows[s])
-        rows, count = delivered[own.link], ring[own.link, RING_DELIVERED]
-        acting = supervise(
-            supervisors,
-            state,
-            s,
-            tick,
-            start,
-            end,
-            rows,
-            count,
-            control.issued,
-            issued,
-            devices,
-            control.passed,
-            acting,
-        )
-        if write_status(supervisors, state, s, tick, signals.supervision, signals.used[STATUSES]):
-            signals.used[STATUSES] += 1
-    signals.used[SUPERVISED] = _append(signals.supervised, signals.used[SUPERVISED], control.passed, acting)
+        rows = delivered[own.link, : ring[own.link, RING_DELIVERED]]
+        setpoints, free = control.issued[:issued], control.passed[acting:]
+        acting += supervise(supervisors, state, s, span, rows, setpoints, devices, free)
+        if write_status(supervisors, state, s, tick, signals.supervision, signals.used[AT.supervision]):
+            signals.used[AT.supervision] += 1
+    signals.used[AT.supervised] = _append(signals.supervised, signals.used[AT.supervised], control.passed, acting)
     return acting
 
 
@@ -196,32 +190,30 @@ def run_half_ticks(loop: Loop, first: int, until: int) -> bool:
     Half tick 2 k: PMUs measure at tick k, and uplinks deliver. Half tick 2 k + 1: controllers act, supervisors forward,
     identifiers learn, downlinks deliver, and the plant advances.
     """
-    links, control, kept = loop.links, loop.control, loop.signals
-    plant, plant_state, pmus, pmu_state, work = loop.plant, loop.plant_state, loop.pmus, loop.pmu_state, loop.work
-    several = links.up.ring.shape[0]
+    measured, links, control, kept = loop.measured, loop.links, loop.control, loop.signals
+    several, rate = links.up.ring.shape[0], measured.pmus.frame_rate
     for half in range(first, until):
         tick = half // 2
-        start, end = tick_ns(tick, pmus.frame_rate), tick_ns(tick + 1, pmus.frame_rate)
+        start, end = tick_ns(tick, rate), tick_ns(tick + 1, rate)
         if half % 2 == 0:
             frame, measured_ns, status = kept.frames[tick], kept.measured_ns[tick], kept.status[tick]
             machines, devices = kept.machines[tick], kept.devices[tick]
-            sound = measure_with_pmus(
-                plant, plant_state, pmus, pmu_state, tick, frame, measured_ns, status, machines, devices, work
-            )
+            sound = measure_with_pmus(measured, tick, frame, measured_ns, status, machines, devices)
             kept.time_ns[tick] = start
             kept.in_synchronism[tick] = sound
-            kept.used[TICKS] = tick + 1
+            kept.used[AT.ticks] = tick + 1
             for link in range(several):
                 delivered = uplink(links, link, tick, start, end, frame, measured_ns, status)
-                kept.used[DELIVERED] = _append(kept.delivered, kept.used[DELIVERED], links.up.out[link], delivered)
+                rows = links.up.out[link]
+                kept.used[AT.delivered] = _append(kept.delivered, kept.used[AT.delivered], rows, delivered)
             continue
         acting = control_step(control, links.used, links.up.out, links.up.ring, tick, kept.devices[tick], kept)
         applied = 0
         for link in range(several):
             arrived = downlink(links, link, tick, end, control.passed, acting)
             applied = merge(loop.applied, applied, links.down.out[link], arrived)
-        kept.used[APPLIED] = _append(kept.applied, kept.used[APPLIED], loop.applied, applied)
+        kept.used[AT.applied] = _append(kept.applied, kept.used[AT.applied], loop.applied, applied)
         if not kept.in_synchronism[tick] or control.bank_state.calls.failed.any():
             return False
-        advance_with_pmus(plant, plant_state, pmus, pmu_state, tick, loop.applied, applied, work)
+        advance_with_pmus(measured, tick, loop.applied, applied)
     return True

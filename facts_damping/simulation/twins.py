@@ -45,8 +45,9 @@ EVENTS = ("event", "reset")  # changes that a run without events does not have
 
 def mirrored(loop: Loop) -> Loop:
     """A loop with all noise of the opposite sign."""
-    plant = loop.plant._replace(load_noise=-loop.plant.load_noise)
-    return loop._replace(plant=plant, pmus=loop.pmus._replace(normal=-loop.pmus.normal))
+    plant, pmus = loop.measured.plant, loop.measured.pmus
+    plant, pmus = plant._replace(load_noise=-plant.load_noise), pmus._replace(normal=-pmus.normal)
+    return loop._replace(measured=loop.measured._replace(plant=plant, pmus=pmus))
 
 
 def without_events(case: Case) -> Case:

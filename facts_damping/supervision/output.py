@@ -32,31 +32,23 @@ def source_of(state: int) -> int:
 
 @compiled
 def forward_setpoints(
-    supervisors: Supervisors,
-    state: SupervisorState,
-    s: int,
-    tick: int,
-    issued: NDArray[Any],
-    many: int,
-    out: NDArray[Any],
-    first: int,
+    supervisors: Supervisors, state: SupervisorState, s: int, tick: int, issued: NDArray[Any], out: NDArray[Any]
 ) -> tuple[int, int, bool]:
     """Store the setpoints of controller and fallback in order of time; write the acting source's to `out`.
 
-    Returns the index after the last setpoint written, the number of non-finite setpoints, and whether the controller
-    issued any.
+    Returns the number of setpoints written, the number of non-finite ones, and whether the controller issued any.
     """
-    row, own = state.rows[s], supervisors.settings[s]
-    lapses, answered, acts = 0, False, source_of(row.state)
-    a, b = _next(issued, many, 0, own.controller), _next(issued, many, 0, own.reserve)
+    row, own, many = state.rows[s], supervisors.settings[s], issued.size
+    count, lapses, answered, acts = 0, 0, False, source_of(row.state)
+    a, b = _next(issued, 0, own.controller), _next(issued, 0, own.reserve)
     while a < many or b < many:
         of_controller = b >= many or (a < many and issued[a].issued_ns <= issued[b].issued_ns)
         i, source = (a, CONTROLLER) if of_controller else (b, RESERVE)
         given = issued[i]
         if of_controller:
-            answered, a = True, _next(issued, many, a + 1, own.controller)
+            answered, a = True, _next(issued, a + 1, own.controller)
         else:
-            row.reserve_ns, b = given.issued_ns, _next(issued, many, b + 1, own.reserve)
+            row.reserve_ns, b = given.issued_ns, _next(issued, b + 1, own.reserve)
         d = _place(supervisors, s, given.device)
         if d == UNSET:
             continue
@@ -65,15 +57,15 @@ def forward_setpoints(
         elif of_controller or source == acts:
             lapses += 1
         if source == acts:
-            _write(supervisors, state, s, d, tick, given.issued_ns, given.measured_ns, out, first)
-            first += 1
-    return first, lapses, answered
+            _write(supervisors, state, s, d, tick, given.issued_ns, given.measured_ns, out[count])
+            count += 1
+    return count, lapses, answered
 
 
 @compiled
-def _next(issued: NDArray[Any], many: int, i: int, controller: int) -> int:
-    """Index of a controller's next setpoint from index i on; `many` if there is none."""
-    while i < many and issued[i].controller != controller:
+def _next(issued: NDArray[Any], i: int, controller: int) -> int:
+    """Index of a controller's next setpoint from index i on; that after the last if there is none."""
+    while i < issued.size and issued[i].controller != controller:
         i += 1
     return i
 
@@ -98,7 +90,7 @@ def emit_zero(
     for d in range(supervisors.devices.shape[1]):
         if supervisors.devices[s, d].place != UNSET:
             state.commanded[s, d].given[NOBODY] = probe.tones(supervisors, state, s, d, at_ns)
-            _write(supervisors, state, s, d, tick, at_ns, at_ns, out, first)
+            _write(supervisors, state, s, d, tick, at_ns, at_ns, out[first])
             first += 1
     return first
 
@@ -112,8 +104,7 @@ def _write(
     tick: int,
     at_ns: int,
     measured_ns: int,
-    out: NDArray[Any],
-    first: int,
+    setpoint: Any,
 ) -> None:
     """Write a device's setpoint at a time: the acting source's, ramped, limited in size, energy and rate."""
     row, own = state.rows[s], supervisors.settings[s]
@@ -133,7 +124,6 @@ def _write(
         reach = own.rate * row.since
         v = min(max(v, before - reach), before + reach)
     device.output = v
-    setpoint = out[first]
     setpoint.tick, setpoint.controller, setpoint.device = tick, own.controller, supervisors.devices[s, d].place
     setpoint.measured_ns, setpoint.issued_ns, setpoint.effective_ns, setpoint.value = measured_ns, at_ns, at_ns, v
 

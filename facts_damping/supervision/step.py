@@ -16,7 +16,7 @@ from facts_damping.control.inputs import UNSET, compute_signals, ingest
 from facts_damping.elementary import log, magnitude, phase
 from facts_damping.monitor_table import ARMED, FALLBACK
 from facts_damping.neurofuzzy.network import shape_of
-from facts_damping.signals import Deliveries, DeviceTruths, Setpoints, Supervisions
+from facts_damping.signals import Deliveries, DeviceTruths, Setpoints, Span, Supervisions
 from facts_damping.supervision import monitors, probe
 from facts_damping.supervision.model import SupervisorRows, Supervisors, SupervisorState, begin
 from facts_damping.supervision.output import emit_zero, forward_setpoints, fraction
@@ -28,55 +28,44 @@ def supervise(
     supervisors: Supervisors,
     state: SupervisorState,
     s: int,
-    tick: int,
-    start_ns: int,
-    end_ns: int,
+    span: Span,
     delivered: Deliveries,
-    count: int,
     issued: Setpoints,
-    many: int,
     devices: DeviceTruths,
     out: Setpoints,
-    first: int,
 ) -> int:
-    """Run a tick of supervisor s; write the acting setpoints to `out` from index `first` on.
+    """Run a tick of supervisor s; write the acting setpoints to `out`. Returns their number.
 
-    Returns the index after the last setpoint written. `delivered`: `count` entries of its link; `issued`: `many`
-    setpoints, including those of its controller and fallback; `devices`: DEVICE_TRUTH at the start of the tick. Its row
-    must hold the controller's health (`controller_health`). A failed supervisor writes nothing. A supervisor ignores
-    scheduled commands from before it started or restarted.
+    `delivered`: entries of its link; `issued`: setpoints, including those of its controller and fallback; `devices`:
+    DEVICE_TRUTH at the start of the tick. Its row must hold the controller's health (`controller_health`). A failed
+    supervisor writes nothing. A supervisor ignores scheduled commands from before it started or restarted.
     """
+    tick, start_ns, end_ns = span
     row, own = state.rows[s], supervisors.settings[s]
     if own.dead_ns <= start_ns < own.back_ns:
-        return first
+        return 0
     if own.hung == 0 and row.start_ns < own.dead_ns and start_ns >= own.back_ns:
         begin(supervisors.inputs, state, s)
     if row.tick < 0 and tick > 0:
         row.start_ns = start_ns  # it started later than the run
     handle_commands(supervisors, state, s, start_ns)
     row.tick, row.start_ns, row.now_ns = tick, start_ns, end_ns
-    first, lapses, answered = forward_setpoints(supervisors, state, s, tick, issued, many, out, first)
+    count, lapses, answered = forward_setpoints(supervisors, state, s, tick, issued, out)
     if row.probe_ns != UNSET:
         probe.write_regressors(supervisors, state, s, tick, state.commanded[s, row.probed].output)
     if row.state not in (ARMED, FALLBACK):
-        first = emit_zero(supervisors, state, s, tick, end_ns - 1, out, first)
-    _process_frames(supervisors, state, s, tick, delivered, count, answered)
+        count = emit_zero(supervisors, state, s, tick, end_ns - 1, out, count)
+    _process_frames(supervisors, state, s, tick, delivered, answered)
     _judge(supervisors, state, s, tick, end_ns, devices, lapses)
-    return first
+    return count
 
 
 @entry_point
 def _process_frames(
-    supervisors: Supervisors,
-    state: SupervisorState,
-    s: int,
-    tick: int,
-    delivered: Deliveries,
-    count: int,
-    answered: bool,
+    supervisors: Supervisors, state: SupervisorState, s: int, tick: int, delivered: Deliveries, answered: bool
 ) -> None:
     """Process the frames of a tick, one arrival time after another, as the controller does."""
-    row, i = state.rows[s], 0
+    row, i, count = state.rows[s], 0, delivered.size
     owed = UNSET
     while i < count:
         arrival, j = delivered[i].arrival_ns, i

@@ -58,4 +58,4 @@ def bench(arguments: argparse.Namespace) -> None:
     for line in pages.text(results, rates, shown):
         say(arguments, line)
     if folder is not None and results:
-        say(arguments, f"picture: {pages.draw(results, folder / 'bench.png', shown)}")
+        say(arguments, f"picture: {pages.plot(results, folder / 'bench.png', shown)}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.simulation import loop
+from facts_damping.simulation.tick import AT
 from facts_damping_bench.grid import DURATION, Grid, TimedRun, case
 
 if TYPE_CHECKING:
@@ -43,6 +44,6 @@ def timed(make: Callable[[], Case]) -> TimedRun:
     ready = time.perf_counter()
     loop.run_loop(parts)
     ended = time.perf_counter()
-    ticks, kept = int(parts.signals.used[0]), parts.signals
+    ticks, kept = int(parts.signals.used[AT.ticks]), parts.signals
     time_s = np.asarray(kept.time_ns[:ticks] * 1e-9, np.float64)
     return TimedRun(ready - began, ended - ready, time_s, kept.machines["speed_deviation"][:ticks])

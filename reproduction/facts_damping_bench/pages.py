@@ -128,7 +128,7 @@ def _document(result: Result, ours: Result) -> dict[str, Any]:
     }
 
 
-def draw(results: Iterable[Result], path: Path, of: Shown = SHOWN) -> Path:
+def plot(results: Iterable[Result], path: Path, of: Shown = SHOWN) -> Path:
     """Error over the time of a run, log-log, a line a program, a marker a step, as PNG."""
     figure = Figure(figsize=(4.5, 4.2), layout="constrained")  # read at 400 px
     axes = figure.add_subplot()

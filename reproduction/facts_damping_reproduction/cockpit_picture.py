@@ -16,7 +16,7 @@ RUN = ("cockpit", "two_area_deployment", "--supervised", "--port", "0", "--set",
 DELAY_S, LATER_S = 8.0, 12.0  # when the delay changes, and how long after that the picture is taken
 
 
-def draw(path: str) -> None:
+def plot(path: str) -> None:
     """Run the graph, work the page, and write the picture."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 (of the extra `test`)
 
@@ -43,4 +43,4 @@ def draw(path: str) -> None:
 
 
 if __name__ == "__main__":
-    draw(sys.argv[1])
+    plot(sys.argv[1])

@@ -65,7 +65,7 @@ SIGNALS = {"two_area": ("w12", "w34", "w13", EFFORT), "smib": ("w1", EFFORT)}
 
 
 class Picture(NamedTuple):
-    """One file to be drawn: a kind of picture of a scenario."""
+    """One file to be plotted: a kind of picture of a scenario."""
 
     kind: str
     system: str
@@ -88,8 +88,8 @@ def wanted(tables: Sequence[str]) -> list[Picture]:
     return sorted(found, key=lambda picture: list(SCENARIOS).index(picture.system))
 
 
-def draw(folder: Path, picture: Picture) -> Path:
-    """Run what a picture shows and draw it: its file."""
+def plot(folder: Path, picture: Picture) -> Path:
+    """Run what a picture shows and plot it: its file."""
     kind = next(kind for kind in KINDS if kind.stem == picture.kind)
     title = f"{kind.title}: {picture.system}, {picture.scenario}"
     records = [(who, _run(picture, who)) for who in kind.whos]

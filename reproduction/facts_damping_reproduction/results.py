@@ -122,6 +122,6 @@ def _pictures(tables: Sequence[str], folder: Path, jobs: int) -> list[Path]:
     """Pictures of responses, distributions, and what is learnt, several at a time."""
     progress = Progress("pictures", "pictures")
     try:
-        return run_all(partial(pictures.draw, folder), pictures.wanted(tables), jobs, progress)
+        return run_all(partial(pictures.plot, folder), pictures.wanted(tables), jobs, progress)
     finally:
         progress.close()

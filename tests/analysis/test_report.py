@@ -57,7 +57,7 @@ def said(*named: tuple[str, Record]) -> Report:
 
 def written(folder: Path, *named: tuple[str, Record]) -> Path:
     """The report of records, as `analyze` writes it."""
-    report.write(folder / "report.html", runs(named))
+    report.write(folder / "report.html", named)
     return folder / "report.html"
 
 

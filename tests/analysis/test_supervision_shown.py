@@ -67,7 +67,7 @@ def test_report_shows_states_monitors_and_changes(tripped: Record, tmp_path: Pat
     ((*_, shadow, armed, _, _, probe),) = [[cell.text for cell in row] for row in named["supervisors"].rows]
     assert (shadow, armed, probe) == ("6.2", "61.7", "-")
     result = summarise(tripped)
-    report.write(tmp_path / "report.html", [ReportedRun("it", tripped, result)])
+    report.write(tmp_path / "report.html", [("it", tripped)], [result])
     page = (tmp_path / "report.html").read_text()
     assert "<h2>Supervision</h2>" in page
     assert "major_label_overrides" in page

@@ -104,7 +104,7 @@ _cache: dict[str, bytes] = {}  # object code by file name, in the process that c
 def law_twice(package: str, top: str) -> list[float]:
     """Values of the law as it is in the files now: by code that was compiled for its key before, and compiled now."""
     from facts_damping.compiling import keys, store, with_numba  # noqa: PLC0415 (only the process that compiles)
-    from facts_damping.compiling.kernels import ENTRY_POINTS  # noqa: PLC0415 (as before)
+    from facts_damping.compiling.functions import ENTRY_POINTS  # noqa: PLC0415 (as before)
 
     sys.dont_write_bytecode = True  # files of one second have one time stamp
     for path in (sys.path, facts_damping.__path__):

@@ -22,6 +22,7 @@ from facts_damping.recording.reader import load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import loop
 from facts_damping_testing.loopback.domain import domain as of_loopback
+from facts_damping_testing.loopback.topics import Subscription
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, quiet
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def test_recorder_notes_what_it_lost_from_queues_of_bounded_depth(loopback: Any,
                 for topic, _ in node.get_topic_names_and_types():
                     profiles.extend(one.qos_profile for one in node.get_publishers_info_by_topic(topic))
             if 40 < int.from_bytes(data[20:28], "little") < 100:
-                for one in of_loopback().subscriptions:
+                for one in of_loopback().of(Subscription):
                     if one.node.get_node_name() == "recorder" and one.name == "/pmu/frames":
                         one.waiting.clear()
 

@@ -35,9 +35,8 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
     kept, rate = parts.signals, case.run.frame_rate
     for k in range(case.ticks):
         start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
-        plant = parts.plant, parts.plant_state, parts.pmus, parts.pmu_state
         reported = kept.frames[k], kept.measured_ns[k], kept.status[k]
-        measure_with_pmus(*plant, k, *reported, kept.machines[k], kept.devices[k], parts.work)
+        measure_with_pmus(parts.measured, k, *reported, kept.machines[k], kept.devices[k])
         delivered = uplink(parts.links, 0, k, start, end, *reported)
         issued = act(
             parts.control.bank,
@@ -51,7 +50,7 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
         )
         arrived = downlink(parts.links, 0, k, end, parts.control.issued, issued)
         applied = merge(parts.applied, 0, parts.links.down.out[0], arrived)
-        advance_with_pmus(*plant, k, parts.applied, applied, parts.work)
+        advance_with_pmus(parts.measured, k, parts.applied, applied)
     assert kept.frames.tobytes() == whole.frames.tobytes()
     assert kept.machines.tobytes() == whole.machines.tobytes()
     assert kept.devices.tobytes() == whole.devices.tobytes()

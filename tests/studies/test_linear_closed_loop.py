@@ -99,11 +99,11 @@ def test_frame_by_frame_it_moves_as_the_nonlinear_loop(which: str, ways: str) ->
     """All speeds disturbed by about 1e-7 p.u.: signals of 240 frames, and every setpoint applied, to linear order."""
     case = case_of(which, *DELAYS[ways])
     parts = loop.build_loop(case)
-    disturbance = np.zeros(len(parts.plant_state.x))
+    disturbance = np.zeros(len(parts.measured.plant_state.x))
     speeds = [i for i, name in enumerate(linear_of(which).names) if name.endswith(".omega")]
     disturbance[speeds] = 1e-7 * np.random.default_rng(1).normal(size=len(speeds))
     still = loop.run(case)
-    parts.plant_state.x[:] += disturbance
+    parts.measured.plant_state.x[:] += disturbance
     record = loop.finish(case, parts)
 
     linear, delay = delayed_loop(case), sum(DELAYS[ways])

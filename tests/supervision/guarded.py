@@ -11,7 +11,7 @@ from facts_damping.monitor_table import COMMANDS, MONITORS, STATES, cause_name
 from facts_damping.parameters.plant.pmus import Signal
 from facts_damping.parameters.run import Controller
 from facts_damping.parameters.supervision import Supervision
-from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, SETPOINT, SUPERVISION
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, SETPOINT, SUPERVISION, Span
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.supervision.model import Watched, supervisors
 from facts_damping.supervision.step import supervise, write_status
@@ -109,15 +109,14 @@ class Guarded:
             self._entry["values"][0, list(CHANNELS).index("speed_deviation")] = speed
             self._entry["values"][0, list(CHANNELS).index("frequency")] = NOMINAL
         self.truth["blocked"] = float(blocked)
-        told = self.made, self.state, 0, self.tick
-        frames = int(speed is not None)
-        end_of = supervise(*told, start, end, self._entry, frames, issued, len(issued), self.truth, self._out, 0)
-        assert write_status(*told, self._told, 0)
+        this, span = (self.made, self.state, 0), Span(self.tick, start, end)
+        count = supervise(*this, span, self._entry[: int(speed is not None)], issued, self.truth, self._out)
+        assert write_status(*this, self.tick, self._told, 0)
         self.tick += 1
         row = self._told[0]
         values = dict(zip(MONITORS, row["values"].tolist(), strict=True))
         cause, refused = (cause_name(int(row[name])) for name in ("cause", "refused"))
-        return Told(self._out[:end_of].copy(), STATES[row["state"]], cause, refused, float(row["fraction"]), values)
+        return Told(self._out[:count].copy(), STATES[row["state"]], cause, refused, float(row["fraction"]), values)
 
     def arm(self, ticks: int = 3) -> None:
         """Some quiet ticks, and armed with the last of them."""

@@ -173,7 +173,7 @@ def document(margin: Margin, beside: Beside | None) -> dict[str, Any]:
 
 def plot_loops(margin: Margin, path: Path) -> Path:
     """The one-line diagram with the paths of the control loops, and the mode at the margin, as PNG."""
-    from facts_damping.small_signal import one_line  # noqa: PLC0415 (its library takes a while to be loaded)
+    from facts_damping_studies.modes import one_line  # noqa: PLC0415 (its library takes a while to be loaded)
 
     case = margin.case
     loops = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections import deque
+from collections import defaultdict, deque
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -18,9 +18,7 @@ from facts_damping_testing.loopback.processes import process, world
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from facts_damping_testing.loopback.services import Client, Service
-    from facts_damping_testing.loopback.topics import Publisher, Subscription
-
+D = TypeVar("D", bound="Destroyable")
 E = TypeVar("E", bound="Endpoint")
 GID_TAIL = 4  # bytes of an identity that distinguish the endpoints of a participant
 _handles = itertools.count(1)
@@ -73,27 +71,23 @@ def _flat(content: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]
 
 @dataclass
 class Domain:
-    """Nodes and endpoints of a world."""
+    """Nodes and endpoints of a world, by class and in the order in which they came."""
 
     version: int = 0  # changes with the endpoints
-    nodes: list[Node] = field(default_factory=list)
-    publishers: list[Publisher] = field(default_factory=list)
-    subscriptions: list[Subscription] = field(default_factory=list)
-    services: list[Service] = field(default_factory=list)
-    clients: list[Client] = field(default_factory=list)
+    by_class: dict[type[Any], list[Any]] = field(default_factory=lambda: defaultdict(list))
 
-    def ends(self) -> list[list[Any]]:
-        """Its lists."""
-        return [self.nodes, self.publishers, self.subscriptions, self.services, self.clients]
+    def of(self, kind: type[D]) -> list[D]:
+        """Nodes, or endpoints of a class."""
+        return self.by_class[kind]
 
-    def add(self, ends: list[Any], added: Any) -> None:
-        """Add a node or an endpoint to one of the lists."""
-        ends.append(added)
+    def add(self, kind: type[D], added: D) -> None:
+        """Add a node, or an endpoint of a class."""
+        self.by_class[kind].append(added)
         self.version += 1
 
     def remove(self, gone: Callable[[Any], bool]) -> None:
         """Remove nodes and endpoints."""
-        for ends in self.ends():
+        for ends in self.by_class.values():
             ends[:] = [one for one in ends if not gone(one)]
         self.version += 1
 
@@ -165,8 +159,7 @@ class Node(Destroyable):
         self.identity = self.pointer.to_bytes(12, "big")
         self.ends = itertools.count(1)
         self.process, self.since_ns = process(), world().now_ns
-        here = domain()
-        here.add(here.nodes, self)
+        domain().add(Node, self)
         self.rosout = rosout
         self.process.at_end.append(self.leave)
 
@@ -213,20 +206,8 @@ class Node(Destroyable):
     def resolve(self, name: str) -> str:
         return self.remapped(self.full(name))
 
-    def get_count_publishers(self, topic: str) -> int:
-        return len(known(self, domain().publishers, topic))
-
-    def get_count_subscribers(self, topic: str) -> int:
-        return len(known(self, domain().subscriptions, topic))
-
-    def get_count_services(self, name: str) -> int:
-        return len(known(self, domain().services, name))
-
-    def get_count_clients(self, name: str) -> int:
-        return len(known(self, domain().clients, name))
-
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        return [(one.get_node_name(), one.get_namespace()) for one in domain().nodes]  # all, at once
+        return [(one.get_node_name(), one.get_namespace()) for one in domain().of(Node)]  # all, at once
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
         return [(*one, "/") for one in self.get_node_names_and_namespaces()]

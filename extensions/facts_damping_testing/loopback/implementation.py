@@ -10,7 +10,8 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.qos import qos_profile_rosout_default
 from rclpy.type_support import check_for_type_support
 
-from facts_damping_testing.loopback.domain import Context, Destroyable, Node, domain, known
+from facts_damping_testing.loopback import domain as domains
+from facts_damping_testing.loopback.domain import Context, Destroyable, domain, known
 from facts_damping_testing.loopback.lifecycle import LifecycleStateMachine
 from facts_damping_testing.loopback.processes import wall_ns, world
 from facts_damping_testing.loopback.services import (
@@ -30,6 +31,22 @@ if TYPE_CHECKING:
     from facts_damping_testing.loopback.topics import TopicEndpoint
 
 
+class Node(domains.Node):
+    """A node that counts the endpoints that it knows."""
+
+    def get_count_publishers(self, topic: str) -> int:
+        return len(known(self, domain().of(Publisher), topic))
+
+    def get_count_subscribers(self, topic: str) -> int:
+        return len(known(self, domain().of(Subscription), topic))
+
+    def get_count_services(self, name: str) -> int:
+        return len(known(self, domain().of(Service), name))
+
+    def get_count_clients(self, name: str) -> int:
+        return len(known(self, domain().of(Client), name))
+
+
 class EventHandle:
     """Endpoints of a loopback have no events."""
 
@@ -42,7 +59,7 @@ class Logger(RcutilsLogger):
 
     def log(self, message: str, severity: Any, *_: Any, **__: Any) -> bool:
         world().logs.append((world().now_ns, str(self.name), int(severity), str(message)))
-        node = next((one for one in domain().nodes if one.logger_name() == self.name), None)
+        node = next((one for one in domain().of(domains.Node) if one.logger_name() == self.name), None)
         if node is not None and node.rosout:
             text = Log(level=int(severity), name=self.name or "", msg=str(message))
             text.stamp.sec, text.stamp.nanosec = divmod(wall_ns(), 10**9)
@@ -50,7 +67,7 @@ class Logger(RcutilsLogger):
         return True
 
 
-def _rosout(node: Node) -> Publisher:
+def _rosout(node: domains.Node) -> Publisher:
     kept: dict[Any, Publisher] = world().main.values.setdefault("rosout", {})
     if node not in kept:
         check_for_type_support(Log)
@@ -79,14 +96,14 @@ CLASSES = (
 NAMES: dict[str, Any] = {one.__name__: one for one in CLASSES} | {
     "rclpy_resolve_name": lambda node, name, only_expand, _: node.full(name) if only_expand else node.resolve(name),
     "rclpy_remap_topic_name": Node.remapped,
-    "rclpy_get_publishers_info_by_topic": lambda node, topic, _: _info_by_topic(node, domain().publishers, topic, 1),
+    "rclpy_get_publishers_info_by_topic": lambda node, topic, _: _info_by_topic(node, domain().of(Publisher), topic, 1),
     "rclpy_get_subscriptions_info_by_topic": lambda node, topic, _: _info_by_topic(
-        node, domain().subscriptions, topic, 2
+        node, domain().of(Subscription), topic, 2
     ),
     "rclpy_get_topic_names_and_types": lambda *_: _types(
-        [*domain().publishers, *domain().subscriptions], lambda one: str(one.described(0)["topic_type"])
+        [*domain().of(Publisher), *domain().of(Subscription)], lambda one: str(one.described(0)["topic_type"])
     ),
-    "rclpy_get_service_names_and_types": lambda *_: _types(domain().services, lambda one: str(one.kind.__name__)),
+    "rclpy_get_service_names_and_types": lambda *_: _types(domain().of(Service), lambda one: str(one.kind.__name__)),
     "rclpy_get_rmw_implementation_identifier": lambda: "loopback",
     **dict.fromkeys(("register_sigint_guard_condition", "unregister_sigint_guard_condition"), lambda _: None),
     **dict.fromkeys(("rclpy_logging_configure", "rclpy_logging_fini"), lambda *_: None),

@@ -7,12 +7,31 @@ from __future__ import annotations
 
 import random
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 from facts_damping.signals import NEVER
 
-if TYPE_CHECKING:
-    from facts_damping_testing.loopback.domain import Endpoint, Node
+
+class Node(Protocol):
+    """What the middleware knows of a node (`domain.Node`)."""
+
+    since_ns: int
+    process: Any  # `processes.Process`
+
+    def get_node_name(self) -> str:
+        """Its name without the namespace."""
+
+
+class Endpoint(Protocol):
+    """What the middleware knows of a publisher, subscription, service or client (`domain.Endpoint`)."""
+
+    name: str
+    since_ns: int
+    known_ns: dict[Any, int]  # by node: when it discovers the endpoint
+
+    @property
+    def node(self) -> Node:
+        """The node that it belongs to."""
 
 
 @dataclass

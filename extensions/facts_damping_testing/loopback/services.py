@@ -44,7 +44,7 @@ class Service(Endpoint):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        domain().add(domain().services, self)
+        domain().add(Service, self)
 
     def service_take_request(self, kind: type[Any]) -> tuple[Any, Any]:
         return _take(self, kind)
@@ -60,10 +60,10 @@ class Client(Endpoint):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.service_name, self._count = self.name, 0  # rclpy reads `service_name`
-        domain().add(domain().clients, self)
+        domain().add(Client, self)
 
     def _server(self) -> Service | None:
-        return next(iter(known(self.node, domain().services, self.service_name)), None)
+        return next(iter(known(self.node, domain().of(Service), self.service_name)), None)
 
     def service_server_is_available(self) -> bool:
         return self._server() is not None

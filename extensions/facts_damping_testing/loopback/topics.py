@@ -76,14 +76,13 @@ class Publisher(TopicEndpoint):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self._count, self._version, self._fitting = 0, -1, list[Subscription]()
-        here = domain()
-        here.add(here.publishers, self)
+        domain().add(Publisher, self)
 
     def readers(self) -> list[Subscription]:
         """The subscriptions that it sends to: those that it knows. One that does not know it yet gets them then."""
         ends = domain()
         if self._version != ends.version:
-            self._version, self._fitting = ends.version, [one for one in ends.subscriptions if fit(self, one)]
+            self._version, self._fitting = ends.version, [one for one in ends.of(Subscription) if fit(self, one)]
         here = world()
         knows, now = here.middleware.knows, here.now_ns
         return [one for one in self._fitting if knows(now, self.node, one)]
@@ -127,8 +126,8 @@ class Subscription(TopicEndpoint):
     def __init__(self, node: Node, kind: type[Any], topic: str, qos: Any, _filter: Any = None) -> None:
         super().__init__(node, kind, topic, qos)
         here = domain()
-        here.add(here.subscriptions, self)
-        for publisher in here.publishers if self.latched else ():
+        here.add(Subscription, self)
+        for publisher in here.of(Publisher) if self.latched else ():
             if fit(publisher, self):
                 _send_kept(publisher, self)
 
@@ -139,4 +138,4 @@ class Subscription(TopicEndpoint):
         return (data if raw else real.rclpy_deserialize(data, kind)), information
 
     def get_publisher_count(self) -> int:
-        return sum(self in one.readers() for one in domain().publishers)
+        return sum(self in one.readers() for one in domain().of(Publisher))

@@ -13,6 +13,7 @@ from facts_damping_testing.attacker import forgeries
 from facts_damping_testing.foreign.messages import foreign
 from facts_damping_testing.foreign.outsider import Outsider
 from facts_damping_testing.loopback.domain import domain
+from facts_damping_testing.loopback.topics import Subscription
 from facts_damping_testing.storm.events import KINDS, words
 from facts_damping_testing.storm.storm_graph import MARK, PATIENCE_S, STALLED_S, Done
 
@@ -76,7 +77,7 @@ def _measure(storm_graph: StormGraph, tick: int) -> None:
     """
     ticks, last = storm_graph.case.ticks, storm_graph.memory[-1][0] if storm_graph.memory else 0
     due = ticks >= MEASURED and ticks // 2 <= tick < ticks and tick - last >= ticks // 16
-    if due and all(len(one.waiting) + one.under_way <= BEHIND for one in domain().subscriptions):
+    if due and all(len(one.waiting) + one.under_way <= BEHIND for one in domain().of(Subscription)):
         gc.collect()
         storm_graph.memory.append((tick, sys.getallocatedblocks()))
 

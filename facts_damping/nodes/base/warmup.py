@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib
 import sys
 
-from facts_damping.compiling.kernels import ENTRY_POINTS
+from facts_damping.compiling.functions import ENTRY_POINTS
 from facts_damping.compiling.store import address, prepare, ship
 from facts_damping.errors import FactsDampingError, InputError, one_line, traced
 from facts_damping.escaping import escaped

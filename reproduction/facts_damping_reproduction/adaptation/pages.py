@@ -144,7 +144,7 @@ def repetitions(every: Mapping[int, Mapping[str, Any]], ratios: Sequence[Ratio])
     return table(heads, lines, 1, markdown=True)
 
 
-def draw(ratios: Sequence[Ratio], path: Path) -> Path:
+def plot(ratios: Sequence[Ratio], path: Path) -> Path:
     """Change against no control by arm, a colour for each kind of cases."""
     arms = list(dict.fromkeys(one.arm for one in ratios))
     figure = Figure(figsize=(6.5, 1.0 + 0.5 * len(arms)), layout="constrained")
@@ -166,7 +166,7 @@ def draw(ratios: Sequence[Ratio], path: Path) -> Path:
     return save_picture(figure, path)
 
 
-def draw_searches(every: Every, path: Path) -> Path:
+def plot_searches(every: Every, path: Path) -> Path:
     """The best of training over the generations, a line for each search."""
     figure = Figure(figsize=(6.5, 3.6), layout="constrained")
     axes = figure.subplots()
@@ -196,7 +196,7 @@ def write(
     """
     (name, first), *others = by_devices(every).items()
     csv.write_csv(arrow(rows(ratios)), folder / "what_holds.csv")
-    made = [draw(ratios[name], folder / "what_holds.png"), draw_searches(first, folder / "searches.png")]
+    made = [plot(ratios[name], folder / "what_holds.png"), plot_searches(first, folder / "searches.png")]
     values: dict[str, Any] = {
         "question": plan()["question"].strip(),
         "rule": plan()["rule"].strip(),

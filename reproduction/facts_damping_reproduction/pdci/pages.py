@@ -35,7 +35,7 @@ SHOWN = (0.0, 0.1, 0.2, 0.3)  # s, delays in the figure
 NAMES = ("north-south A", "north-south B", "least damped")
 
 
-def draw(rows: Rows, path: Path) -> Path:
+def plot(rows: Rows, path: Path) -> Path:
     """Damping ratios against the gain, a panel for each mode and a line for each delay."""
     figure = Figure(figsize=(4.4, 6.2), layout="constrained")
     panels: Any = figure.subplots(len(NAMES), 1, sharex=True)
@@ -197,7 +197,7 @@ def write(folder: Path) -> list[Path]:
     before = folder / "tuned.csv"
     tuned = {"tuned": csv.read_csv(before).to_pylist()} if before.exists() else {}
     write_whole(folder / "pdci.md", page(found | tuned))
-    draw(found["linear"], folder / "damping.png")
+    plot(found["linear"], folder / "damping.png")
     return [folder / name for name in ("pdci.md", "damping.png", *(f"{name}.csv" for name in found))]
 
 

@@ -1,4 +1,4 @@
-"""Deliberate faults in nodes, and how long storms take to find each: `python -m tests.storm.faults --minutes 10`.
+"""Deliberate faults in nodes, and how long storms take to find each: `python -m tests.testing.storm.faults --jobs 2`.
 
 A fault replaces some text of a module: a check that is left out, a flag that is not reset, a wait that is too long.
 """

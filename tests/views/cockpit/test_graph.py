@@ -16,8 +16,8 @@ from facts_damping.nodes.launching import graph
 from facts_damping.nodes.launching.starting import Cockpit, Parts
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
-from tests.cockpit.serving import page_socket
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, nodes_left, quiet
+from tests.views.cockpit.serving import page_socket
 
 if TYPE_CHECKING:
     from collections.abc import Callable

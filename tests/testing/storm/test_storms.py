@@ -18,12 +18,12 @@ from facts_damping_testing.storm import drawing, model, running, search
 from facts_damping_testing.storm.events import KINDS, words
 from facts_damping_testing.storm.rules import RULES, violations
 from facts_damping_testing.storm.shrinking import fingerprint, shrink
-from tests.storm.faults import FAULTS, Fault, insert
+from tests.testing.storm.faults import FAULTS, Fault, insert
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-CORPUS = sorted((Path(__file__).parents[1] / "data" / "storms").glob("*.yaml"))
+CORPUS = sorted((Path(__file__).parents[2] / "data" / "storms").glob("*.yaml"))
 FIXED = range(110)  # seeds
 LONG = 224, 303  # seeds of storms of 47 s in lockstep and of 38 s in real time
 RANDOM = 20  # storms of a random seed

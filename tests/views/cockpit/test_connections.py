@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from facts_damping_views.cockpit import application, connections
-from tests.cockpit.serving import page_socket, request, serving
+from tests.views.cockpit.serving import page_socket, request, serving
 
 LAYOUT: dict[str, Any] = {"type": "layout", "title": "it", "mode": "live", "panels": [], "duration": None}
 IDLE = 600  # more than the 512 connections with which uvicorn refuses a page

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.output.picture_files import save_picture
-from facts_damping.small_signal import one_line
 from facts_damping.small_signal.modal_tables import MAX_MACHINES, MAX_MODES, shown_modes
+from facts_damping_studies.modes import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -14,7 +14,7 @@ from tests.passed import inputs
 
 pytestmark = inputs(contents=["setup.py", "extensions/*/cockpit/static/**/*"], names=["extensions/**/*.py"])
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 STATIC = ROOT / "extensions" / "facts_damping_views" / "cockpit" / "static"
 FILES = [path for path in sorted(STATIC.rglob("*")) if path.is_file()]
 NAMESPACE = "http://www.w3.org/2000/svg"

@@ -13,15 +13,21 @@ from facts_damping.monitor_table import STATES
 from facts_damping.recording.reader import load
 from facts_damping_views.cockpit import application
 from tests.chromium import CHROMIUM, START, needs_browser
-from tests.cockpit.serving import serving
 from tests.passed import inputs
+from tests.views.cockpit.serving import serving
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
 pytestmark = inputs(
-    contents=["facts_damping/**/*", "extensions/**/*", "config/**/*", "tests/chromium.py", "tests/cockpit/serving.py"]
+    contents=[
+        "facts_damping/**/*",
+        "extensions/**/*",
+        "config/**/*",
+        "tests/chromium.py",
+        "tests/views/cockpit/serving.py",
+    ]
 )
 
 RUN = [sys.executable, "-m", "facts_damping", "run", "two_area_deployment", "--supervised", "--cockpit", "0"]

@@ -21,7 +21,7 @@ from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping_views.cockpit import application, controls, server
 from facts_damping_views.commands import content
-from tests.cockpit.serving import page_socket, request, serving
+from tests.views.cockpit.serving import page_socket, request, serving
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

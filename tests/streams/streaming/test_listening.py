@@ -13,7 +13,7 @@ from facts_damping_streams.parameters import server as address
 from facts_damping_streams.streaming.client import Lost
 from facts_damping_streams.streaming.listening import ServerState
 from tests.commands import assert_one_line
-from tests.streaming.test_server import GRID, HERE, instant, run, served, until
+from tests.streams.streaming.test_server import GRID, HERE, instant, run, served, until
 
 if TYPE_CHECKING:
     from pathlib import Path

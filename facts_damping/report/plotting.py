@@ -47,7 +47,7 @@ class _Shared(NamedTuple):
     events: Sequence[float]
 
 
-def draw(report: Report) -> dict[str, list[tuple[str, Figure]]]:
+def plot(report: Report) -> dict[str, list[tuple[str, Figure]]]:
     """Titles and figures of each chart and of each group of maps, by key."""
     items = [item for section in report.sections for item in section.items]
     spans = [

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from facts_damping_views.cockpit import application
-from tests.cockpit.serving import request, serving
+from tests.views.cockpit.serving import request, serving
 
 LAYOUT: dict[str, Any] = {"type": "layout", "title": "it", "mode": "live", "panels": [], "duration": None}
 # In place of the command; its arguments are -m facts_damping analyze RECORDING --report PAGE.

@@ -22,7 +22,7 @@ from facts_damping_streams.parameters import server as address
 from facts_damping_streams.streaming import client as clients
 from facts_damping_streams.streaming.client import Client, Lost
 from facts_damping_streams.streaming.server import Server
-from tests.streaming.test_server import FORMATS, GRID, HERE, instant, served, until
+from tests.streams.streaming.test_server import FORMATS, GRID, HERE, instant, served, until
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable

@@ -1,0 +1,1 @@
+"""Pictures of a small-signal analysis: one-line diagram, mode shapes, transfer functions."""
