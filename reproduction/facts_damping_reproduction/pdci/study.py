@@ -90,7 +90,9 @@ def outcome(sets: dict[str, Any]) -> dict[str, Any]:
         "ITAE": found["indices"]["ITAE"],
         "damping_ratio": modes[0]["damping_ratio"] if modes else None,
         "frequency_hz": modes[0]["frequency_hz"] if modes else None,
-        **{name: did[name] for name in ("armed_s", "tripped_s", "cause")},
+        "armed_s": did.armed_s,
+        "tripped_s": did.tripped_s,
+        "cause": did.cause,
     }
 
 
