@@ -80,7 +80,7 @@ def parts_of_a_run(plan: sweep.SweepPlan) -> None:
         "a run of a sweep": lambda: batch.one_run(plan.base, task),
         "  case": lambda: batch.make(plan.base, task.changes),
         "  closed loop": lambda: loop.run(case),
-        "  figures": lambda: batch.figures(record, summarise(record), modes=True),
+        "  figures": lambda: batch.figures(record, summarise(record)),
         "    modes": lambda: ringdown_modes(t, signals, 1.0),
         "    verdict": lambda: judge(t, signals, 1.0),
         "    settling time": lambda: settling_time(t, signals, 1.0),
@@ -113,7 +113,7 @@ def many(plan: sweep.SweepPlan) -> None:
             for _ in each(function, tasks[: 4 * JOBS]):
                 pass  # processes start, plants are built
             began = time.perf_counter()
-            failed = [row["error"] for _, row in each(function, tasks) if row["error"]]
+            failed = [row.error for _, row in each(function, tasks) if row.error]
             if failed:
                 raise SystemExit(failed[0])
             took = time.perf_counter() - began

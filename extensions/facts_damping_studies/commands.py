@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
@@ -19,9 +19,12 @@ from facts_damping_studies.sweeps.batch import make
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Sequence
 
     from facts_damping_studies.campaigns.campaign import CampaignPlan
+    from facts_damping_studies.campaigns.draw_rows import DrawRow
     from facts_damping_studies.sweeps.sweep import SweepPlan
+    from facts_damping_studies.sweeps.sweep_rows import FractionRow, MarginRow, SweepRow
 
 
 def modes(arguments: argparse.Namespace) -> None:
@@ -142,7 +145,10 @@ def sweep(arguments: argparse.Namespace) -> None:
     fractions, across = study.found_fractions(plan, found), study.across(plan)
     asked = plan.study.tables
     figures = tables.figure_tables(rows, asked) if asked else []
-    write_json(arguments.json, {"rows": rows, "margins": margins, "fractions": fractions})
+    parts: dict[str, Sequence[SweepRow | MarginRow | FractionRow]] = {
+        "rows": rows, "margins": margins, "fractions": fractions,
+    }  # fmt: skip
+    write_json(arguments.json, {name: [row.cells for row in part] for name, part in parts.items()})
     say(arguments, *results.sweep_tables(rows, margins, fractions, across), "", *figures)
     if asked:
         write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
@@ -187,7 +193,6 @@ def campaign(arguments: argparse.Namespace) -> None:
     """Run the draws of a campaign and check the conditions for each, or hunt for the worst; both write run files."""
     from facts_damping_studies.campaigns import campaign as study
     from facts_damping_studies.campaigns import campaign_pages as pages
-    from facts_damping_studies.campaigns.campaign_tables import holds
     from facts_damping_studies.sweeps import results
 
     made = study.plan(arguments.campaign, arguments.set, arguments.draws, arguments.graphs)
@@ -198,7 +203,7 @@ def campaign(arguments: argparse.Namespace) -> None:
         return
     with Progress("campaign", "draws") as progress:
         rows = study.run(made, folder, arguments.jobs, arguments.scheduler, progress)
-    graphs: list[dict[str, Any]] = []
+    graphs: list[DrawRow] = []
     if made.campaign.graphs:
         from facts_damping_studies.campaigns import graphs as campaign_graphs
 
@@ -207,19 +212,20 @@ def campaign(arguments: argparse.Namespace) -> None:
     given = [f"--{name} {value}" for name in ("draws", "graphs") if (value := getattr(arguments, name)) is not None]
     sets = [f"--set {change}" for change in arguments.set]
     text = pages.page(made, rows, graphs, " ".join(["facts-damping campaign", arguments.campaign, *given, *sets]))
-    write_json(arguments.json, {"draws": rows, "graphs": graphs})
+    cells = {"draws": [row.cells for row in rows], "graphs": [row.cells for row in graphs]}
+    write_json(arguments.json, cells)
     say(arguments, *pages.overview(rows, graphs))
-    for name, part in (("draws", rows), ("graphs", graphs)):
+    for name, part in cells.items():
         say(arguments, *(f"table: {path}" for path in results.tables(folder, name, part)) if part else ())
     say(arguments, *(f"table: {path}" for path in pages.write_tables(rows, graphs, folder)))
     write_whole(folder / "page.md", text)
     say(arguments, f"page: {folder / 'page.md'}")
-    failed = [row for row in (*rows, *graphs) if not holds(row)]
+    failed = [row for row in (*rows, *graphs) if not row.holds]
     if failed:
         say(arguments, f"{len(failed)} that violate a requirement: {folder / study.FAILED}")
-    errors = [row for row in (*rows, *graphs) if row["error"] is not None]
+    errors = [row for row in (*rows, *graphs) if row.error is not None]
     if errors:
-        raise RunError(f"{len(errors)} draws failed, the first: {errors[0]['number']}: {errors[0]['error']}")
+        raise RunError(f"{len(errors)} draws failed, the first: {errors[0].number}: {errors[0].error}")
 
 
 def _hunt(arguments: argparse.Namespace, campaign: CampaignPlan, folder: Path) -> None:
@@ -238,9 +244,9 @@ def _hunt(arguments: argparse.Namespace, campaign: CampaignPlan, folder: Path) -
     say(arguments, *(f"written: {path}" for path in hunt_pages.write(campaign, found, folder, " ".join(command))))
     if not found.complete:
         raise KeyboardInterrupt
-    errors = [row for row in found.rows if row["error"] is not None]
+    errors = [row for row in found.rows if row.error is not None]
     if errors:
-        raise RunError(f"{len(errors)} cases failed, the first: {errors[0]['error']}")
+        raise RunError(f"{len(errors)} cases failed, the first: {errors[0].error}")
 
 
 def score(arguments: argparse.Namespace) -> None:
@@ -258,7 +264,8 @@ def score(arguments: argparse.Namespace) -> None:
         cards = card.cards_of(case_set, own, arguments.jobs, progress)
     cards = with_worst(case_set, cards, own, arguments.hunt, arguments.jobs)
     ranked = card.ranking(cards)
-    write_json(arguments.json, {"ranking": ranked} if arguments.controller is None else cards[0])
+    documents = [each.document() for each in ranked]
+    write_json(arguments.json, {"ranking": documents} if arguments.controller is None else cards[0].document())
     if arguments.controller is not None:
         say(arguments, *pages.answer(cards[0]), "", *pages.kinds_table(cards[0]), "")
     say(arguments, *pages.ranking_table(ranked))

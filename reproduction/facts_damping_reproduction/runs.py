@@ -104,7 +104,7 @@ def carry_out(study: Study, title: str, folder: Path, jobs: int) -> list[Row]:
         found = sweep.run(plan, folder / f"{title}-{plan.fingerprint[:12]}", jobs, None, progress)
     finally:
         progress.close()
-    return sweep.rows(found)
+    return [row.cells for row in sweep.rows(found)]
 
 
 def figures(rows: Iterable[Row], asked: Sequence[ControllerId]) -> dict[ComparedRun, dict[str, float] | None]:

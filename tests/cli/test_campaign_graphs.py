@@ -29,11 +29,12 @@ def test_graphs_are_made_once_and_hold(tmp_path: Path, monkeypatch: pytest.Monke
     (tmp_path / "small.yaml").write_text(CAMPAIGN)
     made, out = campaign.plan(str(tmp_path / "small.yaml")), tmp_path / "out"
     rows = campaign_graphs.graphs(made, out, 2, Progress("test", "graphs"))
-    assert [(row["number"], row["graph"], row["error"]) for row in rows] == [(0, True, None), (1, True, None)]
-    assert {row["fault"]: row["mode"] for row in rows} == {"biased": "lockstep", "hung": "realtime"}
-    assert all(isinstance(row[name], bool) for row in rows for name in INVARIANTS)
-    assert {row["mode"]: row["as_computed"] for row in rows} == {"lockstep": True, "realtime": None}
-    assert all(row["recorded"] and row["within_limits"] and row["lets_go"] for row in rows)
+    assert [(row.number, row.graph, row.error) for row in rows] == [(0, True, None), (1, True, None)]
+    assert {row.cells["fault"]: row.cells["mode"] for row in rows} == {"biased": "lockstep", "hung": "realtime"}
+    assert all(isinstance(row.invariants[name], bool) for row in rows for name in INVARIANTS)
+    same = {row.cells["mode"]: row.invariants["as_computed"] for row in rows}
+    assert same == {"lockstep": True, "realtime": None}
+    assert all(row.invariants[name] for row in rows for name in ("recorded", "within_limits", "lets_go"))
 
     def never(*_: object) -> None:
         raise AssertionError

@@ -25,7 +25,7 @@ def test_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tmp_
     rows = carry_out(nominal("two_area", asked, duration=4), "some", tmp_path, 1)
     found = figures(rows, asked)
     plan = sweep.plan("comparison", ["duration=4"], ["kind=LLC,HBsWC*"])
-    compared = sweep.rows(sweep.run(plan, tmp_path / "compare", 1, None, Progress("compare")))
+    compared = [row.cells for row in sweep.rows(sweep.run(plan, tmp_path / "compare", 1, None, Progress("compare")))]
     for scenario in SCENARIOS["two_area"].values():
         for who in asked[:2]:
             place = (scenario, who.controller, who.scheme)

@@ -30,7 +30,10 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> Rows:
     plan = sweep.plan("architectures", [])
     asked = [p for p in plan.points if p.columns["kind"] == "LLC-tuned" or place(p.columns) in RUN]
     plan = plan._replace(points=asked, base=plan.base._replace(modes=False))
-    return sweep.rows(sweep.run(plan, tmp_path_factory.mktemp("rows"), 1, None, Progress("architectures")))
+    return [
+        row.cells
+        for row in sweep.rows(sweep.run(plan, tmp_path_factory.mktemp("rows"), 1, None, Progress("architectures")))
+    ]
 
 
 def place(row: dict[str, Any]) -> tuple[str, str]:

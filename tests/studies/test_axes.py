@@ -153,8 +153,8 @@ def test_run_that_holds_again_is_noticed_and_the_first_edge_is_the_margin() -> N
     assert low < 0.33 <= high
     assert {0.6, 0.7, 0.8} <= set(again)  # and values beside the edges, which are refined
     told = margins.over_seeds([margins.Bracket(low, high, again)], margin(), 0)
-    assert (told["monotonic"], told["holds_again"]) == (False, again)
-    assert (told["low_s"], told["high_s"]) == (low, high)
+    assert (told.monotonic, told.holds_again) == (False, again)
+    assert (told.low_s, told.high_s) == (low, high)
 
 
 @given(edges=st.lists(st.floats(0.02, 0.98), min_size=1, max_size=4, unique=True).map(sorted))
@@ -185,9 +185,9 @@ def test_margins_beyond_what_was_run_are_none() -> None:
     assert never == margins.Bracket(1.0, None, [])
     assert always == margins.Bracket(None, 0.0, [])
     told = margins.over_seeds([never], margin(), 0)
-    assert (told["margin_s"], told["low_s"], told["high_s"], told["beyond"]) == (None, 1.0, None, "high")
+    assert (told.margin_s, told.low_s, told.high_s, told.beyond) == (None, 1.0, None, "high")
     told = margins.over_seeds([always], margin(), 0)
-    assert (told["margin_s"], told["low_s"], told["high_s"], told["beyond"]) == (None, None, 0.0, "low")
+    assert (told.margin_s, told.low_s, told.high_s, told.beyond) == (None, None, 0.0, "low")
 
 
 def test_share_that_holds_is_of_the_coarse_grid_over_all_searches() -> None:
@@ -207,7 +207,7 @@ def test_values_that_could_not_be_run_do_not_stop_the_search() -> None:
     found, _ = search(lambda _: None, margin())
     assert found == margins.Bracket(None, None, [])
     told = margins.over_seeds([found], margin(), 0)
-    assert (told["margin_s"], told["low_s"], told["high_s"]) == (None, None, None)
+    assert (told.margin_s, told.low_s, told.high_s) == (None, None, None)
 
 
 def test_median_over_seeds_lies_in_its_interval_which_holds_it_as_often_as_it_says() -> None:
@@ -215,27 +215,30 @@ def test_median_over_seeds_lies_in_its_interval_which_holds_it_as_often_as_it_sa
     for seed in range(200):
         edges = random.normal(0.3, 0.05, 20)
         told = margins.over_seeds([margins.Bracket(e - 0.0025, e + 0.0025, []) for e in edges], margin(), seed)
-        assert told["low_s"] < told["margin_s"] < told["high_s"]
-        inside += told["low_s"] <= 0.3 <= told["high_s"]
+        assert told.low_s is not None
+        assert told.margin_s is not None
+        assert told.high_s is not None
+        assert told.low_s < told.margin_s < told.high_s
+        inside += told.low_s <= 0.3 <= told.high_s
     assert 0.88 <= inside / 200 <= 1.0
 
 
 def test_seeds_of_which_some_never_fail_have_a_median() -> None:
     brackets = [margins.Bracket(0.2, 0.21, [])] * 8 + [margins.Bracket(1.0, None, [])] * 2
     told = margins.over_seeds(brackets, margin(), 0)
-    assert told["margin_s"] == pytest.approx(0.205)
-    assert told["low_s"] == 0.2
+    assert told.margin_s == pytest.approx(0.205)
+    assert told.low_s == 0.2
     few = margins.over_seeds(brackets[7:], margin(), 0)
-    assert (few["margin_s"], few["high_s"], few["beyond"]) == (None, None, "high")
+    assert (few.margin_s, few.high_s, few.beyond) == (None, None, "high")
 
 
 def test_shares_have_wilson_s_interval() -> None:
     told = margins.failed_fraction(3, 20)
     z, p, n = 1.959964, 0.15, 20
     middle, half = (p + z**2 / 2 / n) / (1 + z**2 / n), z * np.sqrt(p * (1 - p) / n + z**2 / 4 / n**2) / (1 + z**2 / n)
-    assert (told["runs"], told["failed"], told["fraction"]) == (20, 3, 0.15)
-    assert told["low"] == pytest.approx(middle - half)
-    assert told["high"] == pytest.approx(middle + half)
+    assert (told.runs, told.failed, told.fraction) == (20, 3, 0.15)
+    assert told.low == pytest.approx(middle - half)
+    assert told.high == pytest.approx(middle + half)
 
 
 # Draws of several kinds

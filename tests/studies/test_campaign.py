@@ -15,7 +15,10 @@ from facts_damping.output.terminal import Progress
 from facts_damping.parameters.files import shipped
 from facts_damping.simulation import loop
 from facts_damping_studies.campaigns import campaign, campaign_tables, invariants
+from facts_damping_studies.campaigns.actions import Actions
+from facts_damping_studies.campaigns.draw_rows import DrawnFault, DrawRow, Judgement
 from facts_damping_studies.campaigns.faults import FAULTS, ONLY_REAL
+from facts_damping_studies.campaigns.invariants import Effect
 from facts_damping_studies.campaigns.parameters import Campaign
 from tests.commands import assert_one_line
 
@@ -50,7 +53,7 @@ def small(tmp_path: Path) -> Path:
     return path
 
 
-def carried_out(path: Path, folder: Path, **more: Any) -> list[dict[str, Any]]:
+def carried_out(path: Path, folder: Path, **more: Any) -> list[DrawRow]:
     progress = Progress("test", "draws")
     try:
         return campaign.run(campaign.plan(str(path), **more), folder, 1, None, progress)
@@ -92,7 +95,7 @@ def test_draw_that_fails_is_a_run_file_that_runs_again_bit_for_bit(
 ) -> None:
     monkeypatch.setitem(invariants.ALONE, "within_limits", invariants.Rule("", lambda *_: -1.0))
     rows = carried_out(small, tmp_path / "out", draws=2)
-    assert [campaign.holds(row) for row in rows] == [False, False]
+    assert [row.holds for row in rows] == [False, False]
     made = campaign.plan(str(small))
     for number in (0, 1):
         again = loop.run(load_case(str(tmp_path / "out" / "failed" / f"{number}.yaml")))
@@ -106,7 +109,7 @@ def test_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatch: 
     asked: list[int] = []
     one_draw = campaign.one_draw
 
-    def noted(made: campaign.CampaignPlan, number: int) -> tuple[str, dict[str, Any]]:
+    def noted(made: campaign.CampaignPlan, number: int) -> tuple[str, DrawRow]:
         asked.append(number)
         return one_draw(made, number)
 
@@ -117,18 +120,20 @@ def test_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatch: 
     assert rows == carried_out(small, tmp_path / "other")
 
 
-def drawn_row(**more: Any) -> dict[str, Any]:
+def drawn_row(itae: float | None = 1.0, fault: str = "none", lasts: str = "", **actions: Any) -> DrawRow:
     """A row of a campaign: nothing fails, and the controller stays armed."""
-    figures = {"ITAE": 1.0, "unsupervised_ITAE": 1.0, "tripped_s": None, "fallback_s": None, "fallback_cause": None}
-    known = {"fault": "none", "base_run": "smib", "armed_s": 0.5, "cause": None, "lasts": "", "early": False}
-    return {**known, **figures, "detected_s": None, "does_no_harm": True, **more}
+    did = Actions(armed_s=0.5)._replace(**actions)
+    judgement = Judgement(did, Effect(ITAE=itae, does_no_harm=True), released=False, alone={})
+    drawn = DrawnFault("smib", fault, "none", wrong=False, start_s=1.0, labels={"lasts": lasts})
+    free = Effect(ITAE=1.0).controlled
+    return DrawRow(0, error=None, drawn=drawn, judgement=judgement, unsupervised=free)
 
 
 def test_harmful_trips_are_counted_of_all_healthy_draws() -> None:
-    off = {"tripped_s": 5.0, "cause": "growing"}
-    harmful = [drawn_row(**off, ITAE=1.06), drawn_row(**off, ITAE=None)]
-    others = [drawn_row(**off, ITAE=0.9), drawn_row(**off, ITAE=1.04), drawn_row(ITAE=2.0), drawn_row(armed_s=None)]
-    rows = [*harmful, *others, drawn_row(**off, ITAE=9.0, fault="wrong_sign")]
+    off: dict[str, Any] = {"tripped_s": 5.0, "cause": "growing"}
+    harmful = [drawn_row(1.06, **off), drawn_row(None, **off)]
+    others = [drawn_row(0.9, **off), drawn_row(1.04, **off), drawn_row(2.0), drawn_row(armed_s=None)]
+    rows = [*harmful, *others, drawn_row(9.0, "wrong_sign", **off)]
     of_all = campaign_tables.healthy_table(rows).rows[0]
     assert of_all[:4] == ["smib", "all", "6", "1"]
     assert [(cell.number, cell.percent) for cell in of_all[4:]] == [(4, 66.67), (2, 33.33), (1, 16.67)]

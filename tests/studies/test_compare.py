@@ -67,7 +67,9 @@ def rows(tmp_path_factory: pytest.TempPathFactory, plans: list[sweep.SweepPlan])
             )
 
         few = plan._replace(points=[point for point in plan.points if chosen(point.columns)])
-        found += sweep.rows(sweep.run(few, tmp_path_factory.mktemp(case), 1, None, Progress("compare")))
+        found += [
+            row.cells for row in sweep.rows(sweep.run(few, tmp_path_factory.mktemp(case), 1, None, Progress("compare")))
+        ]
     return found
 
 

@@ -95,7 +95,8 @@ def test_noise_is_behind_any_link(name: str, link: str) -> None:
 def test_row_names_the_link_that_noise_was_put_behind() -> None:
     plan = sweep.plan("ensemble_two_area_small", ["link=pdci_100ms", "duration=2"])
     row = one_run(plan.base, sweep._tasks(plan, {})[0])[1]
-    assert (row["link"], row["scenario"], row["controller"], row["error"]) == ("pdci_100ms", "small", "LLC", None)
+    told = [row.cells[name] for name in ("link", "scenario", "controller", "error")]
+    assert told == ["pdci_100ms", "small", "LLC", None]
 
 
 def test_measured_speeds_are_noisy_for_controllers_alone() -> None:

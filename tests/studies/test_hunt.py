@@ -14,6 +14,7 @@ from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping_studies.campaigns import campaign, hunt, hunt_pages, invariants
 from facts_damping_studies.campaigns.faults import FAULTS, ONLY_REAL, Numbers
+from facts_damping_studies.campaigns.hunt_rows import HuntRow, ShrunkRow
 from facts_damping_studies.campaigns.proposals import proposal, spread, turns
 from facts_damping_studies.campaigns.shrink import shrunk
 from tests.commands import assert_one_line
@@ -128,9 +129,9 @@ def test_shrunk_case_still_violates_and_no_worse() -> None:
 def test_campaign_fault_of_the_mildest_size_makes_a_case(turned: Path, fault: str) -> None:
     """Also where the mildest of its stages takes more numbers than the one that was found."""
     made, mild = campaign.plan(str(turned)), FAULTS[fault].mild
-    choice = campaign.Choice("two_area", {}, fault, 1.0, 0.5, None)._asdict()
+    choice = campaign.Choice("two_area", {}, fault, 1.0, 0.5, None)
     for sizes in ([mild], [0.99, mild], [mild, 0.99]):
-        drawn = hunt.draw_of(made, {"arm": hunt.SHRUNK, "number": 0, "choice": choice, "sizes": sizes})
+        drawn = hunt.draw_of(made, ShrunkRow("shrunk", 0, choice._asdict(), sizes, 0.0, 0))
         assert campaign.case_of(made, drawn).run.seed == 0
         assert fault in hunt_pages.words(made, drawn) or fault == "none"
 
@@ -164,7 +165,7 @@ def test_hunt_keeps_its_cases_after_an_interrupt(
 ) -> None:
     evaluate, asked = hunt.evaluate, iter(range(10))
 
-    def interrupted(*given: Any) -> tuple[str, dict[str, Any]]:
+    def interrupted(*given: Any) -> tuple[str, HuntRow]:
         if next(asked) == 5:
             raise KeyboardInterrupt
         return evaluate(*given)

@@ -124,7 +124,7 @@ def test_harm_is_an_index_above_that_without_control_or_a_lost_synchronism(
         free = replace(free, in_synchronism=np.arange(240) < 239)
     found, index = invariants.beside(own, free), itae(own)
     kept, harmless = lost is None, index is not None and index <= HARM * (itae(free) or 0.0)
-    assert found["keeps_synchronism"] == (None if free_lost else kept)
-    assert found["does_no_harm"] == (None if free_lost else harmless)
+    assert found.keeps_synchronism == (None if free_lost else kept)
+    assert found.does_no_harm == (None if free_lost else harmless)
     for name, rule in invariants.BESIDE.items():
-        assert found[name] == invariants.holds(rule.margin(own, free))
+        assert found.invariants[name] == invariants.holds(rule.margin(own, free))

@@ -6,15 +6,18 @@ from typing import Any
 
 import numpy as np
 
+from facts_damping_studies.margins.margins import OverSeeds
 from facts_damping_studies.sweeps.margin_plots import plot_margins
 from facts_damping_studies.sweeps.results import margin_table
+from facts_damping_studies.sweeps.sweep_rows import MarginRow
 
 
-def margin(criterion: str, scenario: str, link: str, controller: str, at: float, **more: Any) -> dict[str, Any]:
-    told = {"criterion": criterion, "scenario": scenario, "link": link, "controller": controller, "scheme": None}
-    found = {"margin_s": at, "low_s": at - 0.01, "high_s": at + 0.01, "beyond": None, "field": "delay_s"}
-    rest = {"horizon_s": 20.0, "monotonic": True, "holds_again": [], "holds": 0.5, "seeds": 1, "per_seed": None}
-    return {**told, **found, **rest, **more}
+def margin(
+    criterion: str, scenario: str, link: str, controller: str, at: float, holds: float = 0.5, **more: Any
+) -> MarginRow:
+    place = {"scenario": scenario, "link": link, "controller": controller, "scheme": None, "horizon_s": 20.0}
+    reached = OverSeeds(at, at - 0.01, at + 0.01, 1, True, [], None, None, "delay_s")._replace(**more)
+    return MarginRow(place, criterion, reached, holds, [])
 
 
 MARGINS = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -68,8 +69,8 @@ def test_controller_that_does_nothing_is_no_control_and_a_wrong_one_is_below(cas
     assert right.content["change"]["percent"] < -10.0 < 10.0 < wrong.content["change"]["percent"]
     assert wrong.content["does_harm"]
     assert "It cannot be said to be better than no control." in repr(wrong)
-    better = {**right.content, "score": 5.0}
-    ranked = ranking([wrong.content, better])
+    better = replace(right._card, score=5.0)
+    ranked = ranking([wrong._card, better])
     rows = [line.split()[0] for line in ranking_table(ranked)[2:]]
     assert rows == ["LLC", "no", "tests.studies.test_score:WrongSign"]
     table, _ = write_ranking(ranked, tmp_path)
@@ -87,7 +88,9 @@ def test_card_is_the_same_on_any_number_of_cores_and_from_the_command(
     assert told == one.content
     hunted = told["worst"]
     case_set = read_set(cases)
-    assert hunted == worst(case_set, case_set.content.controllers["LLC-tuned"], 4)
+    (cases_hunted, again) = worst(case_set, case_set.content.controllers["LLC-tuned"], 4)
+    assert again is not None
+    assert hunted == {"cases": cases_hunted, **again._asdict()}
     assert hunted["ratio"] > 0.0
     assert "ITAE in the worst hunted case" in capsys.readouterr().out
     assert (tmp_path / "card.png").read_bytes().startswith(b"\x89PNG")

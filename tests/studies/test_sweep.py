@@ -31,6 +31,7 @@ from facts_damping_studies.sweeps import axes, batch, sweep
 from facts_damping_studies.sweeps.batch import RunRequest, make, names, one_run
 from facts_damping_studies.sweeps.journal import Journal
 from facts_damping_studies.sweeps.results import cell
+from facts_damping_studies.sweeps.sweep_rows import SweepRow
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
@@ -331,7 +332,7 @@ def table(out: Path) -> list[dict[str, Any]]:
 def at_strike(monkeypatch: pytest.MonkeyPatch, strike: Callable[[], None]) -> None:
     """What happens as soon as the journal holds `STRUCK` runs."""
 
-    def append_and_strike(journal: Journal, key: str, row: dict[str, Any]) -> None:
+    def append_and_strike(journal: Journal[SweepRow], key: str, row: SweepRow) -> None:
         APPEND(journal, key, row)
         if len(journal.rows) == STRUCK:
             strike()
@@ -518,7 +519,7 @@ def test_another_study_in_the_same_folder_is_refused(
 def test_two_sweeps_cannot_write_the_same_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = study(tmp_path), tmp_path / "out"
     out.mkdir()
-    with Journal(out / sweep.JOURNAL, sweep.plan(str(path), []).fingerprint):
+    with Journal(out / sweep.JOURNAL, sweep.plan(str(path), []).fingerprint, SweepRow.read):
         assert_one_line(2, ["sweep", str(path), "--jobs", "1", "--out", str(out)], "another sweep writes there", capsys)
 
 
@@ -732,7 +733,7 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
     points = {}
     for point in plan.points:
         identity = {
-            **names(plan.base, point.changes),
+            **names(plan.base, point.changes)._asdict(),
             **batch.identity(make(plan.base, point.changes)),
             **point.columns,
         }
@@ -754,7 +755,7 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
                 expected.append((key, criterion, failed))
     rows = dict(one_run(plan.base, task) for task in tasks.values())
     assert len(expected) >= 1.5 * len(written[::every]) - 2 * sum(text.endswith("~") for *_, text in written)
-    assert [one for one in expected if fails(one[1], rows[one[0]]) is not one[2]] == []
+    assert [one for one in expected if fails(one[1], rows[one[0]].judged) is not one[2]] == []
 
 
 def test_study_of_delay_margins_asks_for_every_controller_and_scenario() -> None:

@@ -9,13 +9,21 @@ import pytest
 
 from facts_damping_studies.sweeps.column_names import axis_label, value_label
 from facts_damping_studies.sweeps.sweep_plots import LOST_RUNS, plot_curves, settings
+from facts_damping_studies.sweeps.sweep_rows import SweepRow, figure_names
 
 
-def row(delay: float, jitter: float, seed: int, itae: float | None) -> dict[str, Any]:
+def row(delay: float, jitter: float, seed: int, itae: float | None) -> SweepRow:
     """A row of a sweep; without ITAE synchronism is lost."""
-    found: dict[str, Any] = {"system": "two_area", "scenario": "large", "controller": "LLC", "scheme": None}
-    found |= {"link": "custom", "delay_s": delay, "jitter_s": jitter, "seed": seed, "horizon_s": 30.0, "error": None}
-    return found | {"stable": itae is not None, "ITAE": itae}
+    columns: dict[str, Any] = {
+        "system": "two_area",
+        "scenario": "large",
+        "controller": "LLC",
+        "scheme": None,
+        "link": "custom",
+    }
+    columns |= {"delay_s": delay, "jitter_s": jitter, "seed": seed}
+    cells = {**columns, "horizon_s": 30.0, **dict.fromkeys(figure_names(modes=False)), "error": None}
+    return SweepRow.read(cells | {"stable": itae is not None, "ITAE": itae})
 
 
 ROWS = [row(delay, jitter, seed, None if delay * seed > 0.5 else 1.0 + delay + jitter)

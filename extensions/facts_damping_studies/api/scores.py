@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,28 +22,39 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from facts_damping_studies.score.card import Set
+    from facts_damping_studies.score.score_card import ScoreCard
 
 
 @dataclass(frozen=True, repr=False)
 class Score:
     """A controller's card (docs/score.md), and those of the controllers beside it."""
 
-    content: dict[str, Any]
-    beside: list[dict[str, Any]]
+    _card: ScoreCard = field(repr=False)
+    _beside: list[ScoreCard] = field(repr=False)
     _set: Set = field(repr=False)
+
+    @cached_property
+    def content(self) -> dict[str, Any]:
+        """The card as in its JSON."""
+        return self._card.document()
+
+    @cached_property
+    def beside(self) -> list[dict[str, Any]]:
+        """The cards of the controllers beside it."""
+        return [card.document() for card in self._beside]
 
     @property
     def value(self) -> float:
         """The score: the reduction of the index, in percent of that without control, that can be claimed."""
-        return float(self.content["score"])
+        return self._card.score
 
     def save(self, folder: str | PathLike[str]) -> list[Path]:
         """Write the card as page, JSON and picture; return the paths."""
-        return pages.write(self._set, [self.content, *self.beside], new_folder(Path(folder)))
+        return pages.write(self._set, [self._card, *self._beside], new_folder(Path(folder)))
 
     def __repr__(self) -> str:
         """What came out, in a few lines."""
-        return "\n".join([*pages.answer(self.content), "", *pages.kinds_table(self.content)])
+        return "\n".join([*pages.answer(self._card), "", *pages.kinds_table(self._card)])
 
 
 @short_traceback

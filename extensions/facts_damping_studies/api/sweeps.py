@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from facts_damping_studies.sweeps.sweep import SweepPlan
+    from facts_damping_studies.sweeps.sweep_rows import MarginRow, SweepRow
 
 SHOWN = 20  # runs, in a notebook
 
@@ -34,9 +36,19 @@ class Sweep:
     """A study that was carried out."""
 
     name: str
-    rows: list[dict[str, Any]]  # a run each: columns of its point, figures (docs/studies.md)
-    margins: list[dict[str, Any]]  # a margin each, where the study asks for them
+    _rows: list[SweepRow] = field(repr=False)
+    _margins: list[MarginRow] = field(repr=False)
     _plan: SweepPlan = field(repr=False)
+
+    @cached_property
+    def rows(self) -> list[dict[str, Any]]:
+        """A run each: columns of its point, figures (docs/studies.md)."""
+        return [row.cells for row in self._rows]
+
+    @cached_property
+    def margins(self) -> list[dict[str, Any]]:
+        """A margin each, where the study asks for them."""
+        return [row.cells for row in self._margins]
 
     def to_pandas(self) -> Any:
         """The rows as a DataFrame. Needs pandas."""
@@ -51,20 +63,20 @@ class Sweep:
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
         across = studies.across(self._plan)
-        return list(sweep_plots.plot(self.rows, studies.swept(self._plan), self.margins, across, place))
+        return list(sweep_plots.plot(self._rows, studies.swept(self._plan), self._margins, across, place))
 
     def __repr__(self) -> str:
         """In a line."""
-        failed = sum(row["error"] is not None for row in self.rows)
-        parts = [f"{len(self.rows)} runs", *([f"{failed} failed"] if failed else [])]
-        parts += [f"{len(self.margins)} margins"] if self.margins else []
+        failed = sum(row.error is not None for row in self._rows)
+        parts = [f"{len(self._rows)} runs", *([f"{failed} failed"] if failed else [])]
+        parts += [f"{len(self._margins)} margins"] if self._margins else []
         return f"<Sweep {self.name}: {', '.join(parts)}>"
 
     def _repr_html_(self) -> str:
         """Its tables, for a notebook: margins, and figures of the first runs."""
         columns = [*dict.fromkeys((*self._plan.points[0].columns, "controller", "verdict", *INDICES))]
         cells = [[cell(row.get(name)) for name in columns] for row in self.rows[:SHOWN]]
-        lines = [*sweep_tables(self.rows, self.margins, [], studies.across(self._plan)), "", *table(columns, cells)]
+        lines = [*sweep_tables(self._rows, self._margins, [], studies.across(self._plan)), "", *table(columns, cells)]
         return f"<pre>{chr(10).join(lines)}</pre>"
 
 

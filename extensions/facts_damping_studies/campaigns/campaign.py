@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from copy import deepcopy
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,6 +23,7 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping.version import __version__
 from facts_damping_studies.campaigns import actions, invariants
+from facts_damping_studies.campaigns.draw_rows import DrawnFault, DrawRow, Judgement, Law
 from facts_damping_studies.campaigns.faults import FAULTS, NOTHING, ONLY_REAL, Chance
 from facts_damping_studies.campaigns.parameters import Campaign
 from facts_damping_studies.sweeps.journal import Journal
@@ -212,43 +214,44 @@ def run_file(plan: CampaignPlan, drawn: Draw, what: str = "Draw") -> str:
     return f"# {what} {drawn.number} of the campaign {plan.name}: {drawn.fault} at {drawn.start:g} s.\n" + dump(kept)
 
 
-def one_draw(plan: CampaignPlan, number: int) -> tuple[str, dict[str, Any]]:
+def one_draw(plan: CampaignPlan, number: int) -> tuple[str, DrawRow]:
     """Key and row of a draw; a failed draw has a row too, with the reason in `error`."""
-    row: dict[str, Any] = {"number": number, "error": None}
+    row = DrawRow(number, error=None)
     try:
         drawn = draw(plan, number)
-        row |= identity(drawn)
+        row = replace(row, drawn=identity(drawn))
         case = case_of(plan, drawn)
-        row |= {"controller": case.controllers[0].name, "scheme": case.controllers[0].scheme}
-        row |= {"horizon_s": case.duration}
+        row = replace(row, law=law_of(case), horizon_s=case.duration)
         reference = uncontrolled(plan, drawn)
-        row |= judged(case, loop.run(case), reference, drawn)
+        row = replace(row, judgement=judged(case, loop.run(case), reference, drawn))
         if plan.campaign.unsupervised:
-            figures = invariants.beside(loop.run(unsupervised(case)), reference)
-            row |= {f"unsupervised_{name}": figures[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
+            free = invariants.beside(loop.run(unsupervised(case)), reference)
+            row = replace(row, unsupervised=free.controlled)
     except FactsDampingError as error:
-        row["error"] = one_line(error)
+        row = replace(row, error=one_line(error))
     except Exception as error:  # noqa: BLE001 (whatever a draw dies of, the others go on)
-        row["error"] = f"{type(error).__name__}: {one_line(error)}"
+        row = replace(row, error=f"{type(error).__name__}: {one_line(error)}")
     return str(number), row
 
 
-def identity(drawn: Draw) -> dict[str, Any]:
-    """Columns that identify a draw."""
-    fault = FAULTS[drawn.fault]
-    found = {"base_run": drawn.base_run, "fault": drawn.fault, "group": fault.group, "wrong": fault.wrong}
-    found |= {"start_s": drawn.start}
-    return found | {name: label for name, label in drawn.chosen.items() if name != "controller"}
+def identity(drawn: Draw) -> DrawnFault:
+    """What was drawn; the controller is known by its name (`law_of`)."""
+    fault, labels = FAULTS[drawn.fault], {name: label for name, label in drawn.chosen.items() if name != "controller"}
+    return DrawnFault(drawn.base_run, drawn.fault, fault.group, fault.wrong, drawn.start, labels)
 
 
-def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int = 0) -> dict[str, Any]:
+def law_of(case: Case) -> Law:
+    """The first controller of a case."""
+    return Law(case.controllers[0].name, case.controllers[0].scheme)
+
+
+def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int = 0) -> Judgement:
     """Actions of the supervisor, invariants, and figures relative to no control.
 
     `late`: largest number of ticks by which setpoints acted too late (`invariants.late_ticks`).
     """
-    row = actions.doings(record, drawn.start) | invariants.beside(record, reference)
-    row["released"] = bool(record.devices["released"].any())
-    return row | invariants.alone(case, record, late)
+    did, effect = actions.doings(record, drawn.start), invariants.beside(record, reference)
+    return Judgement(did, effect, bool(record.devices["released"].any()), invariants.alone(case, record, late))
 
 
 def uncontrolled(plan: CampaignPlan, drawn: Draw) -> Record:
@@ -263,14 +266,17 @@ def uncontrolled(plan: CampaignPlan, drawn: Draw) -> Record:
     return shared(_uncontrolled, key, lambda: loop.run(changed_case(deepcopy(content), source, changes)))
 
 
-def run(plan: CampaignPlan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:
+def run(plan: CampaignPlan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[DrawRow]:
     """The rows of all draws; only those missing in the folder are made.
 
     Draws that violate an invariant are written as run files. Raises `InputError` if the folder belongs to another
     campaign, `RunError` if the draws cannot continue.
     """
     campaign = plan.campaign
-    with workers(jobs, scheduler) as each, Journal(new_folder(folder) / JOURNAL, plan.fingerprint) as journal:
+    with (
+        workers(jobs, scheduler) as each,
+        Journal(new_folder(folder) / JOURNAL, plan.fingerprint, DrawRow.read) as journal,
+    ):
         write_whole(folder / COPY, plan.text)
         todo = [number for number in range(campaign.draws) if str(number) not in journal.rows]
         progress.resume(len(journal.rows))
@@ -280,12 +286,7 @@ def run(plan: CampaignPlan, folder: Path, jobs: int, scheduler: str | None, prog
             progress(done, campaign.draws)
         rows = [journal.rows[str(number)] for number in range(campaign.draws)]
     for row in rows:
-        if not holds(row):
-            text = run_file(plan, draw(plan, row["number"]))
-            write_whole(new_folder(folder / FAILED) / f"{row['number']}.yaml", text)
+        if not row.holds:
+            text = run_file(plan, draw(plan, row.number))
+            write_whole(new_folder(folder / FAILED) / f"{row.number}.yaml", text)
     return rows
-
-
-def holds(row: dict[str, Any], names: Sequence[str] = invariants.INVARIANTS) -> bool:
-    """Whether all applicable invariants hold for a draw (None: not applicable)."""
-    return row["error"] is None and all(row.get(name) is not False for name in names)

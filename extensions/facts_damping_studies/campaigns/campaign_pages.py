@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from facts_damping.input_files import share_folder
 from facts_damping.output.tables import as_csv
@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping_studies.campaigns.campaign import CampaignPlan
+    from facts_damping_studies.campaigns.draw_rows import DrawRow
 
-    Rows = Sequence[dict[str, Any]]
+    Rows = Sequence[DrawRow]
 
 
 def page(plan: CampaignPlan, rows: Rows, graphs: Rows, command: str) -> str:
@@ -65,29 +66,29 @@ def overview(rows: Rows, graphs: Rows) -> list[str]:
 
 def sections(rows: Rows, graphs: Rows) -> dict[str, Table]:
     """All tables of a campaign, by name."""
-    good = [row for row in rows if row["error"] is None]
-    wrong = [row for row in good if row["wrong"]]
+    good = [row for row in rows if row.error is None]
+    wrong = [row for row in good if row.drawn.wrong]
     found = {
         "invariants": invariant_table(good),
         "outcomes": outcome_table(good),
         "healthy": healthy_table(good),
         "missed": missed_table(good),
-        "limits": limit_table(good if all("limit" in row for row in good) else []),
+        "limits": limit_table(good if all("limit" in row.drawn.labels for row in good) else []),
         "wrong": invariant_table(wrong, ("does_no_harm",)),
         "faults": fault_table(good),
         "controllers": controller_table(good),
         "places": place_table(good),
         "cost": cost_table(good),
-        "grid": grid_table(good if any("unsupervised_ratio" in row for row in good) else []),
+        "grid": grid_table(good if any(row.unsupervised is not None for row in good) else []),
     }
-    sound = [row for row in graphs if row["error"] is None]
+    sound = [row for row in graphs if row.error is None]
     return found | {"graphs": invariant_table(sound, tuple(WORDS) if sound else ())}
 
 
 def counts(rows: Rows) -> str:
     """The numbers of cases as a sentence."""
-    errors = sum(row["error"] is not None for row in rows)
-    horizons = " or ".join(f"{each:g}" for each in sorted({row["horizon_s"] for row in rows if row["error"] is None}))
-    kinds = len({row["fault"] for row in rows if row["error"] is None} - {NOTHING})
+    errors = sum(row.error is not None for row in rows)
+    horizons = " or ".join(f"{each:g}" for each in sorted({row.horizon_s or 0.0 for row in rows if row.error is None}))
+    kinds = len({row.drawn.fault for row in rows if row.error is None} - {NOTHING})
     faults = {0: "without a fault", 1: "with one fault"}.get(kinds, f"with {kinds} faults")
     return f"{len(rows)} cases {faults}, of {horizons} s each" + (f", {errors} with an error" if errors else "")

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import shutil
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import replace
 from threading import Event, Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.interruption import clean_up_first
@@ -17,7 +18,7 @@ from facts_damping.parameters.files import new_folder
 from facts_damping.parameters.security import add_key
 from facts_damping.simulation import loop
 from facts_damping_studies.campaigns import campaign, fault_injection, faults
-from facts_damping_studies.campaigns.campaign_tables import holds
+from facts_damping_studies.campaigns.draw_rows import DrawRow, GraphRun, GraphStart
 from facts_damping_studies.campaigns.invariants import late_ticks
 from facts_damping_studies.sweeps.journal import Journal
 
@@ -38,7 +39,7 @@ _computing = Lock()  # runs in process share what they compile
 SAME = ("time_ns", "delivered", "issued", "supervised", "supervision", "applied", "machines", "devices")
 
 
-def graphs(plan: CampaignPlan, folder: Path, jobs: int, progress: Progress) -> list[dict[str, Any]]:
+def graphs(plan: CampaignPlan, folder: Path, jobs: int, progress: Progress) -> list[DrawRow]:
     """Rows of the draws that run as graphs, the first ones of the campaign; only missing ones are run.
 
     Graphs that violate a condition are kept below `folder`, with their runs as files. Raises `InputError` if the folder
@@ -46,7 +47,10 @@ def graphs(plan: CampaignPlan, folder: Path, jobs: int, progress: Progress) -> l
     """
     clean_up_first()
     count, place, ended = plan.campaign.graphs, new_folder(folder), Event()
-    with Journal(place / JOURNAL, plan.fingerprint) as journal, ThreadPoolExecutor(min(jobs, AT_ONCE)) as each:
+    with (
+        Journal(place / JOURNAL, plan.fingerprint, DrawRow.read) as journal,
+        ThreadPoolExecutor(min(jobs, AT_ONCE)) as each,
+    ):
         todo = [number for number in range(count) if str(number) not in journal.rows]
         progress.resume(count - len(todo))
         progress(count - len(todo), max(1, count))
@@ -60,59 +64,65 @@ def graphs(plan: CampaignPlan, folder: Path, jobs: int, progress: Progress) -> l
             each.shutdown(cancel_futures=True)
         rows = [journal.rows[str(number)] for number in range(count)]
     for row in rows:
-        if not holds(row):
-            text = campaign.run_file(plan, campaign.draw(plan, row["number"], real=True))
-            write_whole(new_folder(folder / campaign.FAILED) / f"graph-{row['number']}.yaml", text)
+        if not row.holds:
+            text = campaign.run_file(plan, campaign.draw(plan, row.number, real=True))
+            write_whole(new_folder(folder / campaign.FAILED) / f"graph-{row.number}.yaml", text)
     return rows
 
 
-def one_graph(plan: CampaignPlan, folder: Path, number: int, wanted: Callable[[], bool]) -> tuple[str, dict[str, Any]]:
+def one_graph(plan: CampaignPlan, folder: Path, number: int, wanted: Callable[[], bool]) -> tuple[str, DrawRow]:
     """Key and row of a draw run as a graph; if it fails, the row has the reason in `error`.
 
     Runs in a thread of its own: graphs run in processes and share the one that nodes are forked from.
     """
-    row: dict[str, Any] = {"number": number, "graph": True, "error": None}
+    row = DrawRow(number, graph=True, error=None)
     place = folder / FOLDER / str(number)
     shutil.rmtree(place, ignore_errors=True)  # left by an interrupted run
     try:
         draw = campaign.draw(plan, number, real=True)
-        row |= campaign.identity(draw)
-        row |= _run(plan, draw, place, wanted)
+        row = replace(row, drawn=campaign.identity(draw))
+        row = _run(plan, draw, place, wanted, row)
     except FactsDampingError as error:
-        row["error"] = one_line(error)
+        row = replace(row, error=one_line(error))
     except Exception as error:  # noqa: BLE001 (whatever a graph dies of, the others go on)
-        row["error"] = f"{type(error).__name__}: {one_line(error)}"
-    if holds(row):
+        row = replace(row, error=f"{type(error).__name__}: {one_line(error)}")
+    if row.holds:
         shutil.rmtree(place, ignore_errors=True)
     return str(number), row
 
 
-def _run(plan: CampaignPlan, draw: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
-    """Run a draw as a graph in its own domain, and also in process and without control."""
+def _run(plan: CampaignPlan, draw: Draw, folder: Path, wanted: Callable[[], bool], row: DrawRow) -> DrawRow:
+    """Run a draw as a graph in its own domain, and also in process and without control; its row, more of `row`."""
     real, lasts = faults.FAULTS[draw.fault].real, draw.chosen["lasts"]
     fault = fault_injection.GraphFault(real, draw.start, float(lasts) if lasts else None)
     # An attacker's messages must change nothing: no bit in lockstep; in real time no more than timing does.
     paced = fault.kind in ("kill", "stop") or (fault.kind == "forge" and draw.number % 2 == 1)
-    mode, more = fault_injection.REALTIME if paced else fault_injection.LOCKSTEP, dict[str, Any]()
+    mode, more = fault_injection.REALTIME if paced else fault_injection.LOCKSTEP, {}
     if real.endswith("signed"):
         add_key(new_folder(folder) / KEYS)
-        more["security"] = {"keys": str(folder / KEYS)}
+        more = {"security": {"keys": str(folder / KEYS)}}
     case = campaign.case_of(plan, campaign.healthy(plan, draw) if real else draw, more)
     with _computing:
         computed = loop.run(case)  # also compiles the kernels that the nodes need
         reference = campaign.uncontrolled(plan, draw)
     with fault_injection.own_domain() as domain:
         faulted = fault_injection.run_with_fault(case, mode, folder, fault, domain, wanted)
-    first = case.controllers[0]
-    row: dict[str, Any] = {"controller": first.name, "scheme": first.scheme, "mode": mode, "real": real}
-    late = late_ticks(faulted.record, faulted.outcome.deadline_misses)
-    row |= campaign.judged(case, faulted.record, reference, draw, late)
-    outcome = faulted.outcome
-    row |= {"begun_s": faulted.begun_s, "back_s": faulted.back_s, "wall_s": outcome.wall_s}
-    row |= {"deadline_misses": outcome.deadline_misses, "nodes_ended": outcome.fallen}
-    row |= {"forged": sum(faulted.forged.values()), "refused": sum(outcome.messages_refused.values())}
-    row["notes"] = faulted.record.notes
-    return row | {name: applies(case, faulted, computed, paced, fault.kind) for name, applies in OF_GRAPHS.items()}
+    outcome, record = faulted.outcome, faulted.record
+    late = late_ticks(record, outcome.deadline_misses)
+    done = GraphRun(
+        begun_s=faulted.begun_s,
+        back_s=faulted.back_s,
+        wall_s=outcome.wall_s,
+        deadline_misses=outcome.deadline_misses,
+        nodes_ended=outcome.fallen,
+        forged=sum(faulted.forged.values()),
+        refused=sum(outcome.messages_refused.values()),
+        notes=record.notes,
+        conditions={name: holds(case, faulted, computed, paced, fault.kind) for name, holds in CONDITIONS.items()},
+    )
+    judgement = campaign.judged(case, record, reference, draw, late)
+    start = GraphStart(mode, real)
+    return replace(row, law=campaign.law_of(case), graph_start=start, judgement=judgement, graph_run=done)
 
 
 def recorded(case: Case, faulted: FaultedRun, _computed: Record, _paced: bool, kind: str) -> bool:
@@ -147,8 +157,8 @@ def nothing_forged_acts(_case: Case, faulted: FaultedRun, _computed: Record, _pa
     return acts <= passed and counted == faulted.forged and causes <= {"publisher"}
 
 
-OF_GRAPHS: dict[str, Callable[[Case, FaultedRun, Record, bool, str], bool | None]] = {
+CONDITIONS: dict[str, Callable[[Case, FaultedRun, Record, bool, str], bool | None]] = {
     "recorded": recorded,
     "as_computed": as_computed,
     "nothing_forged_acts": nothing_forged_acts,
-}  # by column: conditions for graphs beside those for records; None: not applicable
+}  # by the names of OF_GRAPHS; None: not applicable

@@ -10,8 +10,9 @@ from __future__ import annotations
 import itertools
 import math
 import time
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,23 +22,22 @@ from facts_damping.simulation import loop
 from facts_damping_studies.campaigns import campaign as study
 from facts_damping_studies.campaigns import invariants
 from facts_damping_studies.campaigns.faults import NOTHING, Numbers
+from facts_damping_studies.campaigns.hunt_rows import HUNTED, RANDOM, SHRUNK, HuntRow, ShrunkRow, read_hunt
 from facts_damping_studies.campaigns.proposals import proposal, spread, turns
 from facts_damping_studies.campaigns.shrink import shrunk
 from facts_damping_studies.sweeps.journal import Journal
 from facts_damping_studies.sweeps.pool import workers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from facts_damping_studies.campaigns.campaign import CampaignPlan, Choice, Draw
 
-    Rows = Sequence[dict[str, Any]]
 
 JOURNAL = "hunt.jsonl"
-HUNTED, RANDOM, SHRUNK = "hunted", "random", "shrunk"
 ARMS = (HUNTED, RANDOM)
 BATCH = 28  # points of a generation: four for each rule
 EXPLORED = 112  # points that fill the cube first
@@ -49,8 +49,8 @@ TRIES = 10  # points proposed at most for one whose case is new
 class Hunt(NamedTuple):
     """A hunt: rows of all cases, the mildest forms by rule, and whether it came to its end."""
 
-    rows: list[dict[str, Any]]
-    shrunk: dict[str, dict[str, Any]]
+    rows: list[HuntRow]
+    shrunk: dict[str, ShrunkRow]
     complete: bool
 
 
@@ -75,28 +75,29 @@ def margins_of(plan: CampaignPlan, drawn: Draw) -> dict[str, float | None]:
     return invariants.margins(case, loop.run(case), study.uncontrolled(plan, drawn))
 
 
-def evaluate(plan: CampaignPlan, task: tuple[str, list[float]]) -> tuple[str, dict[str, Any]]:
+def evaluate(plan: CampaignPlan, task: tuple[str, list[float]]) -> tuple[str, HuntRow]:
     """Key and row of a point; a case that fails has a row too, with the reason in `error`."""
     key, numbers = task
     began = time.process_time()
     arm, number = key.split()
-    row: dict[str, Any] = {"arm": arm, "number": int(number), "numbers": numbers, "error": None, "margins": {}}
-    row["content"] = content(plan, numbers)
+    which = HUNTED if arm == HUNTED else RANDOM
+    row = HuntRow(which, int(number), numbers, None, {}, content(plan, numbers), took_s=0.0)
     try:
         source = Numbers(numbers)
         drawn = study.drawn(plan, int(number), study.choose(plan, source), source)
-        row |= study.identity(drawn) | drawn.chosen
-        row["margins"] = margins_of(plan, drawn)
+        identity = study.identity(drawn)
+        row = replace(row, drawn=identity._replace(labels=identity.labels | drawn.chosen))
+        row = replace(row, margins=margins_of(plan, drawn))
     except FactsDampingError as error:
-        row["error"] = one_line(error)
+        row = replace(row, error=one_line(error))
     except Exception as error:  # noqa: BLE001 (whatever a case dies of, the others go on)
-        row["error"] = f"{type(error).__name__}: {one_line(error)}"
-    return key, row | {"took_s": time.process_time() - began}
+        row = replace(row, error=f"{type(error).__name__}: {one_line(error)}")
+    return key, replace(row, took_s=time.process_time() - began)
 
 
-def search(plan: CampaignPlan, rule: str, cases: int) -> list[dict[str, Any]]:
+def search(plan: CampaignPlan, rule: str, cases: int) -> list[HuntRow]:
     """Rows of so many cases, one after the other, hunted for the smallest margin of a rule."""
-    rows: dict[str, dict[str, Any]] = {}
+    rows: dict[str, HuntRow] = {}
     for i in range(cases):
         key, row = evaluate(plan, points_of(plan, rows, i, 1, [rule], cases // 4)[0])
         rows[key] = row
@@ -123,7 +124,7 @@ def content(plan: CampaignPlan, numbers: Sequence[float]) -> str:
     return str((choice._replace(seed=None), sizes))
 
 
-def mildest(plan: CampaignPlan, task: tuple[str, str, list[float]]) -> tuple[str, dict[str, Any]]:
+def mildest(plan: CampaignPlan, task: tuple[str, str, list[float]]) -> tuple[str, ShrunkRow]:
     """Key and row of the mildest form of a point that violates a rule; the task: key, rule and point."""
     key, rule, numbers = task
     asked = 0
@@ -132,13 +133,12 @@ def mildest(plan: CampaignPlan, task: tuple[str, str, list[float]]) -> tuple[str
         nonlocal asked
         asked += 1
         try:
-            return margin({"margins": margins_of(plan, _drawn(plan, 0, choice, sizes))}, rule)
+            return margin(margins_of(plan, _drawn(plan, 0, choice, sizes)), rule)
         except Exception:  # noqa: BLE001 (a milder case that cannot be run is none)
             return math.inf
 
     (choice, sizes), reached = shrunk(*case_of(plan, numbers), margin_of)
-    found = {"choice": choice._asdict(), "sizes": sizes, "margin": reached, "cases": asked}
-    return key, {"arm": SHRUNK, "number": int(key.split()[-1]), **found}
+    return key, ShrunkRow(SHRUNK, int(key.split()[-1]), choice._asdict(), sizes, reached, asked)
 
 
 def _drawn(plan: CampaignPlan, number: int, choice: Choice, sizes: list[float]) -> Draw:
@@ -146,16 +146,16 @@ def _drawn(plan: CampaignPlan, number: int, choice: Choice, sizes: list[float]) 
     return study.drawn(plan, number, choice, Numbers([*sizes, *([0.0] * SIZES)]))
 
 
-def draw_of(plan: CampaignPlan, row: dict[str, Any]) -> Draw:
+def draw_of(plan: CampaignPlan, row: HuntRow | ShrunkRow) -> Draw:
     """The draw of a row."""
-    if row["arm"] == SHRUNK:
-        return _drawn(plan, row["number"], study.Choice(**row["choice"]), row["sizes"])
-    return _drawn(plan, row["number"], *case_of(plan, row["numbers"]))
+    if isinstance(row, ShrunkRow):
+        return _drawn(plan, row.number, row.chosen, row.sizes)
+    return _drawn(plan, row.number, *case_of(plan, row.numbers))
 
 
-def margin(row: dict[str, Any], rule: str) -> float:
-    """Margin of a row; infinity if the rule cannot be violated."""
-    value = row["margins"].get(rule)
+def margin(margins: Mapping[str, float | None], rule: str) -> float:
+    """Margin of a rule; infinity if it cannot be violated."""
+    value = margins.get(rule)
     return math.inf if value is None else float(value)
 
 
@@ -173,53 +173,59 @@ def run(
     campaign.
     """
     whole, complete = max(1, round(60.0 * minutes)), False
-    with workers(jobs, scheduler) as each, Journal(new_folder(folder) / JOURNAL, plan.fingerprint) as journal:
+    with (
+        workers(jobs, scheduler) as each,
+        Journal(new_folder(folder) / JOURNAL, plan.fingerprint, read_hunt) as journal,
+    ):
         rows = journal.rows
-        began = time.monotonic() - max((row.get("at_s", 0.0) for row in rows.values()), default=0.0)
+        began = time.monotonic() - max((row.at_s or 0.0 for row in _cases(rows).values()), default=0.0)
         try:
             for first in itertools.count(0, BATCH):
                 if time.monotonic() - began >= 60.0 * minutes:
                     break
-                tasks = [task for task in points_of(plan, rows, first, BATCH) if task[0] not in rows]
+                tasks = [task for task in points_of(plan, _cases(rows), first, BATCH) if task[0] not in rows]
                 for key, row in each(partial(evaluate, plan), tasks):
-                    journal.append(key, {**row, "at_s": time.monotonic() - began})
+                    journal.append(key, replace(row, at_s=time.monotonic() - began))
                     progress(min(round(time.monotonic() - began), whole), whole)
-            worst = [task for task in violating(rows) if task[0] not in rows]
+            worst = [task for task in violating(_cases(rows)) if task[0] not in rows]
             for key, row in each(partial(mildest, plan), worst):
                 journal.append(key, row)
             complete = True
         except KeyboardInterrupt:
             pass
-        found: dict[str, dict[str, Any]] = {}
-        for key, rule, _ in violating(rows):
-            if key in rows:
-                found[rule] = min(found.get(rule, rows[key]), rows[key], key=distance)
-        return Hunt([row for row in rows.values() if row["arm"] != SHRUNK], found, complete)
+        found: dict[str, ShrunkRow] = {}
+        for key, rule, _ in violating(_cases(rows)):
+            if isinstance(mild := rows.get(key), ShrunkRow):
+                found[rule] = min(found.get(rule, mild), mild, key=distance)
+        return Hunt(list(_cases(rows).values()), found, complete)
 
 
-def distance(row: dict[str, Any]) -> tuple[bool, int, float]:
+def _cases(rows: Mapping[str, HuntRow | ShrunkRow]) -> dict[str, HuntRow]:
+    return {key: row for key, row in rows.items() if isinstance(row, HuntRow)}
+
+
+def distance(row: ShrunkRow) -> tuple[bool, int, float]:
     """How far a mildest form is from its base run: whether a part fails, how much was chosen, how long it lasts (s)."""
-    choice = study.Choice(**row["choice"])
+    choice = row.chosen
     lasts = math.inf if choice.duration is None else choice.duration
     return choice.fault != NOTHING, len(choice.chosen) + (choice.seed is not None), lasts
 
 
-def violating(rows: dict[str, dict[str, Any]]) -> list[tuple[str, str, list[float]]]:
+def violating(cases: Mapping[str, HuntRow]) -> list[tuple[str, str, list[float]]]:
     """The worst case of each of the worst faults, for each violated rule: key of its mildest form, rule, point."""
     found = []
-    cases = {key: row for key, row in rows.items() if row["arm"] != SHRUNK}
     for rule in invariants.INVARIANTS:
         faults: dict[str, str] = {}
-        for key in sorted(cases, key=lambda key: margin(cases[key], rule)):
-            if margin(cases[key], rule) < 0.0 and len(faults) < KINDS:
-                faults.setdefault(cases[key]["fault"], key)
-        found += [(f"{SHRUNK} {rule} {key}", rule, cases[key]["numbers"]) for key in faults.values()]
+        for key in sorted(cases, key=lambda key: margin(cases[key].margins, rule)):
+            if margin(cases[key].margins, rule) < 0.0 and len(faults) < KINDS:
+                faults.setdefault(cases[key].drawn.fault, key)
+        found += [(f"{SHRUNK} {rule} {key}", rule, cases[key].numbers) for key in faults.values()]
     return found
 
 
 def points_of(
     plan: CampaignPlan,
-    rows: dict[str, dict[str, Any]],
+    rows: Mapping[str, HuntRow],
     first: int,
     many: int,
     rules: Sequence[str] = tuple(invariants.INVARIANTS),
@@ -230,10 +236,10 @@ def points_of(
     The first `explored` points fill the cube.
     """
     known = [rows[f"{HUNTED} {i}"] for i in range(first)]
-    kinds = [(row.get("base_run"), row.get("fault")) for row in known]  # neither if a case cannot be made
-    seen, which, seed = {row["content"] for row in known}, amounts(plan), plan.campaign.seed
-    points = np.array([row["numbers"] for row in known]).reshape(-1, len(which))
-    margins = np.array([[margin(row, rule) for rule in rules] for row in known]).reshape(-1, len(rules))
+    kinds = [(row.drawn.base_run, row.drawn.fault) for row in known]  # empty if a case cannot be made
+    seen, which, seed = {row.content for row in known}, amounts(plan), plan.campaign.seed
+    points = np.array([row.numbers for row in known]).reshape(-1, len(which))
+    margins = np.array([[margin(row.margins, rule) for rule in rules] for row in known]).reshape(-1, len(rules))
     random, anywhere = (np.random.default_rng((seed, first // many, arm)) for arm in (1, 2))
     hunted = spread(max(1, explored), which, np.random.default_rng(seed))[first : first + many].tolist()
     for i in turns(np.minimum.accumulate(margins)[many - 1 :: many], many)[len(hunted) :]:

@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 
     from facts_damping_studies.campaigns.campaign import CampaignPlan, Draw
     from facts_damping_studies.campaigns.hunt import Hunt
+    from facts_damping_studies.campaigns.hunt_rows import HuntRow
 
-    Rows = Sequence[dict[str, Any]]
+    Rows = Sequence[HuntRow]
 
 FOLDER, PAGE = "hunt", "hunt.md"
 NONE = "-"
@@ -35,8 +36,8 @@ class Found(NamedTuple):
 
     rule: str
     unit: str
-    hunted: dict[str, Any] | None  # row with the smallest margin of the hunt; None: nothing can violate the rule
-    random: dict[str, Any] | None  # the same of as many random cases
+    hunted: HuntRow | None  # row with the smallest margin of the hunt; None: nothing can violate the rule
+    random: HuntRow | None  # the same of as many random cases
     violated: int  # hunted cases that violate the rule
     random_violated: int
     ratio: float | None  # severity of the worst to that of the random ones; None: not both violate the rule
@@ -44,17 +45,17 @@ class Found(NamedTuple):
 
 def compared(rows: Rows) -> list[Found]:
     """What was found about each rule, by hunted and random cases in the same time of computing."""
-    arms = [[row for row in rows if row["arm"] == arm] for arm in ARMS]
-    until = [list(accumulate(row["took_s"] for row in arm)) for arm in arms]
+    arms = [[row for row in rows if row.arm == arm] for arm in ARMS]
+    until = [list(accumulate(row.took_s for row in arm)) for arm in arms]
     many = [bisect_right(own, min((each[-1] for each in until if each), default=0.0)) for own in until]
     return [_found(rule, arms[0][: many[0]], arms[1][: many[1]]) for rule in invariants.INVARIANTS]
 
 
 def _found(rule: str, hunted: Rows, drawn: Rows) -> Found:
     units = {name: one.unit for name, one in (invariants.ALONE | invariants.BESIDE).items()}
-    worst, other = (min(rows, key=lambda row: margin(row, rule), default=None) for rows in (hunted, drawn))
-    counts = [sum(margin(row, rule) < 0.0 for row in rows) for rows in (hunted, drawn)]
-    own, beside = (math.inf if row is None else margin(row, rule) for row in (worst, other))
+    worst, other = (min(rows, key=lambda row: margin(row.margins, rule), default=None) for rows in (hunted, drawn))
+    counts = [sum(margin(row.margins, rule) < 0.0 for row in rows) for rows in (hunted, drawn)]
+    own, beside = (math.inf if row is None else margin(row.margins, rule) for row in (worst, other))
     ratio = own / beside if own < 0.0 and beside < 0.0 else None
     kept = [row if math.isfinite(value) else None for row, value in ((worst, own), (other, beside))]
     return Found(rule, units[rule], kept[0], kept[1], counts[0], counts[1], ratio)
@@ -65,7 +66,7 @@ def rules_table(findings: Sequence[Found], *, markdown: bool = False) -> list[st
     heads = ["what must hold", "unit", "smallest margin", "random draws", "violated", "random draws", "times as severe"]
     lines = []
     for one in findings:
-        margins = [NONE if row is None else f"{margin(row, one.rule):.3g}" for row in (one.hunted, one.random)]
+        margins = [NONE if row is None else f"{margin(row.margins, one.rule):.3g}" for row in (one.hunted, one.random)]
         counts = [str(one.violated), str(one.random_violated)]
         lines.append([WORDS[one.rule], one.unit, *margins, *counts, NONE if one.ratio is None else f"{one.ratio:.2g}"])
     return table(heads, lines, 2, markdown=markdown)
@@ -73,9 +74,9 @@ def rules_table(findings: Sequence[Found], *, markdown: bool = False) -> list[st
 
 def counts(hunt: Hunt) -> str:
     """The number of cases and their time as a sentence."""
-    arms = [[row for row in hunt.rows if row["arm"] == arm] for arm in ARMS]
-    hunted, drawn = (f"{len(arm)} in {sum(row['took_s'] for row in arm):.0f} s" for arm in arms)
-    minutes = max((row["at_s"] for row in hunt.rows), default=0.0) / 60.0
+    arms = [[row for row in hunt.rows if row.arm == arm] for arm in ARMS]
+    hunted, drawn = (f"{len(arm)} in {sum(row.took_s for row in arm):.0f} s" for arm in arms)
+    minutes = max((row.at_s or 0.0 for row in hunt.rows), default=0.0) / 60.0
     rate = f", {len(hunt.rows) / minutes:.0f} a minute" if minutes else ""
     return f"Cases hunted: {hunted} of computing; drawn: {drawn}{rate}"
 
@@ -107,7 +108,10 @@ def _sizes(plan: CampaignPlan, drawn: Draw) -> dict[str, Any]:
 
 def document(plan: CampaignPlan, hunt: Hunt) -> dict[str, Any]:
     """The result for JSON."""
-    found = [one._asdict() | {"shrunk": hunt.shrunk.get(one.rule)} for one in compared(hunt.rows)]
+    found = []
+    for one in compared(hunt.rows):
+        rows = {"hunted": one.hunted, "random": one.random, "shrunk": hunt.shrunk.get(one.rule)}
+        found.append(one._asdict() | {name: None if row is None else row.cells for name, row in rows.items()})
     return {"campaign": plan.name, "seed": plan.campaign.seed, "cases": len(hunt.rows), "rules": found}
 
 
@@ -119,10 +123,10 @@ def write(plan: CampaignPlan, hunt: Hunt, folder: Path, command: str) -> list[Pa
     lines += ["A margin is the distance to a violation, below zero beyond it. Each case is a run file, for"]
     lines += ["`facts-damping simulate`. The mildest form has what can be left out, shortened or made smaller.", ""]
     for rule, shrunk in hunt.shrunk.items():
-        worst = min(hunt.rows, key=lambda row: margin(row, rule))
+        worst = min(hunt.rows, key=lambda row: margin(row.margins, rule))
         lines += [f"## {WORDS[rule][0].upper()}{WORDS[rule][1:]}", ""]
-        for what, row, value in (("worst", worst, margin(worst, rule)), ("mildest", shrunk, shrunk["margin"])):
-            drawn = draw_of(plan, row)
+        of_worst = "worst", draw_of(plan, worst), margin(worst.margins, rule)
+        for what, drawn, value in (of_worst, ("mildest", draw_of(plan, shrunk), shrunk.margin)):
             path = new_folder(folder / FOLDER) / f"{rule}_{what}.yaml"
             write_whole(path, study.run_file(plan, drawn, f"Hunted, {what}: case"))
             written.append(path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -243,19 +243,45 @@ def lost_s(record: Record) -> float | None:
     return float(record.time_s[lost[0]]) if len(lost) else None
 
 
-def beside(record: Record, uncontrolled: Record) -> dict[str, Any]:
+class EffectAlone(NamedTuple):
+    """Figures of a run relative to the same without control, which is known; fields as in `Effect`."""
+
+    lost_s: float | None
+    ITAE: float | None
+    ratio: float | None
+    keeps_synchronism: bool | None
+    does_no_harm: bool | None
+
+
+class Effect(NamedTuple):
+    """Figures of a run relative to the same without control, and of that; None where synchronism is lost."""
+
+    lost_s: float | None = None  # when synchronism is lost; None: it is kept
+    uncontrolled_lost_s: float | None = None
+    ITAE: float | None = None  # p.u. s^2
+    uncontrolled_ITAE: float | None = None
+    ratio: float | None = None  # of the two
+    keeps_synchronism: bool | None = None  # rules of BESIDE; None: not applicable
+    does_no_harm: bool | None = None
+
+    @property
+    def invariants(self) -> dict[str, bool | None]:
+        """Whether the rules of BESIDE hold."""
+        return {name: getattr(self, name) for name in BESIDE}
+
+    @property
+    def controlled(self) -> EffectAlone:
+        """Without the figures of the run without control."""
+        return EffectAlone(self.lost_s, self.ITAE, self.ratio, self.keeps_synchronism, self.does_no_harm)
+
+
+def beside(record: Record, uncontrolled: Record) -> Effect:
     """Figures of a run relative to the same without control.
 
     If that one falls out of step, control cannot make it worse: both conditions are None. If it does not, a run that
     falls out of step violates both. A ratio exists if neither does.
     """
     own, none = itae(record), itae(uncontrolled)
-    found = {name: holds(rule.margin(record, uncontrolled)) for name, rule in BESIDE.items()}
-    return {
-        "lost_s": lost_s(record),
-        "uncontrolled_lost_s": lost_s(uncontrolled),
-        "ITAE": own,
-        "uncontrolled_ITAE": none,
-        "ratio": own / none if own is not None and none else None,
-        **found,
-    }
+    rules = {name: holds(rule.margin(record, uncontrolled)) for name, rule in BESIDE.items()}
+    ratio = own / none if own is not None and none else None
+    return Effect(lost_s(record), lost_s(uncontrolled), own, none, ratio, **rules)

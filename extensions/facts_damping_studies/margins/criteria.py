@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, LOST
 from facts_damping.case.supervision import unsupervised
@@ -11,48 +11,57 @@ from facts_damping_studies.margins.delay_margin import STILL
 from facts_damping_studies.margins.linear_closed_loop import delayed_loop, eigen, link_delays, sampled
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from facts_damping.analysis.modes.ringdown import RingdownMode
     from facts_damping.analysis.summary import ModeFit, Summary
     from facts_damping.case.model import Case
 
 STRONG = 0.1  # of the amplitude of the largest mode; weaker modes do not count for `damping`
-LOWEST, RATIO, LINEAR = "lowest_damping_ratio", "ITAE_ratio", "linear_growth_per_s"  # columns
+
+
+class Judged(NamedTuple):
+    """What criteria need to know of a run; None: not asked for, or not defined."""
+
+    verdict: str
+    lowest_damping_ratio: float | None = None  # of the modes that matter; None: none is seen
+    ITAE_ratio: float | None = None  # to the run without control; None: one of them loses synchronism
+    linear_growth_per_s: float | None = None  # largest growth rate of the linear closed loop, 1/s
 
 
 class Criterion(NamedTuple):
-    """What a run fails by, and what it is otherwise, in words; whether a row fails, with the smallest damping ratio."""
+    """What a run fails by, and what it is otherwise, in words; whether it fails, with the smallest damping ratio."""
 
     words: str
     holds: str
-    fails: Callable[[Mapping[str, Any], float], bool]
+    fails: Callable[[Judged, float], bool]
 
 
-def _damped_too_little(row: Mapping[str, Any], ratio: float) -> bool:
-    lowest = row.get(LOWEST)
-    return row["verdict"] in (LOST, GROWING, LIMIT_CYCLE) or (lowest is not None and lowest < ratio)
+def _damped_too_little(run: Judged, ratio: float) -> bool:
+    lowest = run.lowest_damping_ratio
+    return run.verdict in (LOST, GROWING, LIMIT_CYCLE) or (lowest is not None and lowest < ratio)
 
 
-def _worse(row: Mapping[str, Any], _: float) -> bool:
-    ratio = row.get(RATIO)  # None: without control synchronism is lost
-    return row["verdict"] == LOST or (ratio is not None and ratio > 1.0)
+def _worse(run: Judged, _: float) -> bool:
+    return run.verdict == LOST or (run.ITAE_ratio is not None and run.ITAE_ratio > 1.0)
+
+
+def _grows(run: Judged, _: float) -> bool:
+    return run.linear_growth_per_s is not None and run.linear_growth_per_s > STILL
 
 
 CRITERIA = {
-    "unstable": Criterion("loses synchronism", "in synchronism", lambda row, _: row["verdict"] == LOST),
-    "not_damped": Criterion("is not damped", "damped", lambda row, _: row["verdict"] != DAMPED),
+    "unstable": Criterion("loses synchronism", "in synchronism", lambda run, _: run.verdict == LOST),
+    "not_damped": Criterion("is not damped", "damped", lambda run, _: run.verdict != DAMPED),
     "damping": Criterion("is damped too little", f"damped by {100 * DAMPING_RATIO:g} %", _damped_too_little),
     "worse": Criterion("is worse than without control", "better than no control", _worse),
-    "linear": Criterion(
-        "is unstable in the linear model", "stable in the linear model", lambda row, _: row[LINEAR] > STILL
-    ),
+    "linear": Criterion("is unstable in the linear model", "stable in the linear model", _grows),
 }
 
 
-def fails(criterion: str, row: Mapping[str, Any], ratio: float = DAMPING_RATIO) -> bool:
-    """Whether a run fails a criterion, by its row."""
-    return CRITERIA[criterion].fails(row, ratio)
+def fails(criterion: str, run: Judged, ratio: float = DAMPING_RATIO) -> bool:
+    """Whether a run fails a criterion."""
+    return CRITERIA[criterion].fails(run, ratio)
 
 
 def lowest_damping_ratio(modes: Sequence[ModeFit | RingdownMode]) -> float | None:

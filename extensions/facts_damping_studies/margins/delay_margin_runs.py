@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -18,7 +18,7 @@ from facts_damping.parameters.study import Margin
 from facts_damping.simulation import loop
 from facts_damping.simulation.twins import twin_of, with_pulse
 from facts_damping_studies.margins import margins
-from facts_damping_studies.margins.criteria import LOWEST, fails, lowest_damping_ratio
+from facts_damping_studies.margins.criteria import Judged, fails, lowest_damping_ratio
 from facts_damping_studies.margins.linear_closed_loop import with_delay
 
 if TYPE_CHECKING:
@@ -104,16 +104,16 @@ def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
     twin = twin_of(record)
     swings, found = swings_of(record, twin), dict[tuple[str, float], bool]()
     for horizon in HORIZONS:
-        row = _row(record, twin, shortened(swings, horizon)) if lost >= horizon else {"verdict": LOST}
-        found |= {(criterion, horizon): not fails(criterion, row) for criterion in CRITERIA}
+        run = _judged(record, twin, shortened(swings, horizon)) if lost >= horizon else Judged(LOST)
+        found |= {(criterion, horizon): not fails(criterion, run) for criterion in CRITERIA}
     return found
 
 
-def _row(record: Record, twin: Twin | None, swings: Swings) -> dict[str, Any]:
+def _judged(record: Record, twin: Twin | None, swings: Swings) -> Judged:
     """What the criteria need of a run."""
     fit = fit_ringdown(swings.time_s[: swings.ringing], swings.judged[: swings.ringing], swings.last)
     verdict = judge_run(record, twin, swings, lambda: fit).judgement.verdict
-    return {"verdict": verdict, LOWEST: lowest_damping_ratio(fit.modes if fit else [])}
+    return Judged(verdict, lowest_damping_ratio(fit.modes if fit else []))
 
 
 def holding(case: Case, longest: float, looked: Callable[[], None]) -> list[Holds]:

@@ -8,7 +8,7 @@ value failed.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -33,6 +33,30 @@ class Bracket(NamedTuple):
     low: float | None
     high: float | None
     again: list[float]
+
+
+class OverSeeds(NamedTuple):
+    """The median margin over seeds; None where it lies beyond the values that were run."""
+
+    margin_s: float | None  # median of the middles of the brackets
+    low_s: float | None  # ends of the bootstrap 95 % intervals of the medians of the lower and the upper ends;
+    high_s: float | None  # for one seed those of its bracket
+    seeds: int
+    monotonic: bool  # no seed holds again at a higher value
+    holds_again: list[float]  # such values, of all seeds
+    beyond: Literal["low", "high"] | None  # where the margin lies beyond the values that were run
+    per_seed: list[float | None] | None  # margins of several seeds
+    field: str  # column of the value
+
+
+class FailedFraction(NamedTuple):
+    """The fraction of failed runs with Wilson's 95 % interval."""
+
+    runs: int
+    failed: int
+    fraction: float
+    low: float
+    high: float
 
 
 def grid(margin: Margin) -> list[float]:
@@ -110,27 +134,23 @@ def max_runs(margin: Margin) -> int:
     )
 
 
-def over_seeds(brackets: Sequence[Bracket], margin: Margin, seed: int) -> dict[str, Any]:
-    """The median margin over seeds with an interval; None where it lies beyond the values that were run.
-
-    The median is of the middles of the brackets; `low_s` and `high_s` are the ends of the bootstrap 95 % intervals of
-    the medians of the lower and upper ends. For one seed they equal its bracket.
-    """
+def over_seeds(brackets: Sequence[Bracket], margin: Margin, seed: int) -> OverSeeds:
+    """The median margin over seeds with an interval; `seed`: of the bootstrap."""
     lows = np.array([-np.inf if one.low is None else one.low for one in brackets])
     highs = np.array([np.inf if one.high is None else one.high for one in brackets])
     with np.errstate(invalid="ignore"):
         middles = (lows + highs) / 2.0  # not a number where nothing was run
-    return {
-        "margin_s": _finite(np.median(middles)),
-        "low_s": _finite(_end(lows, 0, seed)),
-        "high_s": _finite(_end(highs, 1, seed)),
-        "seeds": len(brackets),
-        "monotonic": not any(one.again for one in brackets),
-        "holds_again": sorted({value for one in brackets for value in one.again}),
-        "beyond": "low" if np.median(middles) == -np.inf else "high" if np.median(middles) == np.inf else None,
-        "per_seed": [_finite(value) for value in middles] if len(brackets) > 1 else None,
-        "field": margin.column,
-    }
+    return OverSeeds(
+        margin_s=_finite(np.median(middles)),
+        low_s=_finite(_end(lows, 0, seed)),
+        high_s=_finite(_end(highs, 1, seed)),
+        seeds=len(brackets),
+        monotonic=not any(one.again for one in brackets),
+        holds_again=sorted({value for one in brackets for value in one.again}),
+        beyond="low" if np.median(middles) == -np.inf else "high" if np.median(middles) == np.inf else None,
+        per_seed=[_finite(value) for value in middles] if len(brackets) > 1 else None,
+        field=margin.column,
+    )
 
 
 def _end(values: np.ndarray[Any, Any], end: int, seed: int) -> float:
@@ -144,10 +164,10 @@ def _end(values: np.ndarray[Any, Any], end: int, seed: int) -> float:
     return float(np.quantile(np.median(resampled, axis=1), 1 - tail if end else tail, method=method))  # type: ignore[call-overload]
 
 
-def failed_fraction(failed: int, of: int) -> dict[str, float]:
+def failed_fraction(failed: int, of: int) -> FailedFraction:
     """The fraction of failed runs with Wilson's 95 % interval."""
     low, high = stats.binomtest(failed, of).proportion_ci(CONFIDENCE, method="wilson")
-    return {"runs": of, "failed": failed, "fraction": failed / of, "low": float(low), "high": float(high)}
+    return FailedFraction(of, failed, failed / of, float(low), float(high))
 
 
 def _finite(value: float) -> float | None:

@@ -26,6 +26,7 @@ from facts_damping.parameters.files import find, read_table
 from facts_damping.simulation.loop import build_loop
 from facts_damping_studies.score.case_set import CaseSet
 from facts_damping_studies.score.measure import Measured, measure
+from facts_damping_studies.score.score_card import Estimate, KindScore, ScoreCard
 from facts_damping_studies.sweeps.pool import workers
 
 if TYPE_CHECKING:
@@ -48,14 +49,6 @@ class Set(NamedTuple):
     name: str
     content: CaseSet
     digest: str
-
-
-class Estimate(NamedTuple):
-    """Change against a reference in percent, negative is less, with its 95 % interval."""
-
-    percent: float
-    low: float
-    high: float
 
 
 def read_set(name: str) -> Set:
@@ -139,59 +132,57 @@ def estimate(values: NDArray[np.float64], kinds: Sequence[str]) -> Estimate:
     return Estimate(*(_rounded(100.0 * (np.exp(x) - 1.0)) for x in (middle, low, high)))
 
 
-def _plain(measured_run: Measured) -> dict[str, Any]:
-    return {
-        key: _rounded(value) if isinstance(value, float) else value for key, value in measured_run._asdict().items()
+def _plain(measured_run: Measured) -> Measured:
+    floats: dict[str, Any] = {
+        name: _rounded(value) for name, value in measured_run._asdict().items() if isinstance(value, float)
     }
+    return measured_run._replace(**floats)
 
 
 def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}") + 0.0  # no negative zero
 
 
-def card(case_set: Set, name: str, measured_runs: Mapping[str, Sequence[Measured]]) -> dict[str, Any]:
-    """The card of a controller for JSON, from what `run_set` found."""
+def card(case_set: Set, name: str, measured_runs: Mapping[str, Sequence[Measured]]) -> ScoreCard:
+    """The card of a controller, from what `run_set` found."""
     kinds = [case.kind for case in case_set.content.cases]
     own, none = measured_runs[name], measured_runs[NONE]
     ratios = logs(own, none)
-    by_kind: dict[str, Any] = {}
+    by_kind: dict[str, KindScore] = {}
     for kind in case_set.content.kinds:
         at = [i for i, one in enumerate(kinds) if one == kind]
-        by_kind[kind] = {
-            "cases": len(at),
-            "change": estimate(ratios[at], [kind] * len(at))._asdict(),
-            "lost": sum(own[i].lost_s is not None for i in at),
-            "lost_without_control": sum(none[i].lost_s is not None for i in at),
-            "tripped": sum(own[i].tripped for i in at),
-        }
+        by_kind[kind] = KindScore(
+            cases=len(at),
+            change=estimate(ratios[at], [kind] * len(at)),
+            lost=sum(own[i].lost_s is not None for i in at),
+            lost_without_control=sum(none[i].lost_s is not None for i in at),
+            tripped=sum(own[i].tripped for i in at),
+        )
     whole = estimate(ratios, kinds)
-    made = {
-        "controller": name,
-        "set": case_set.name,
-        "set_digest": case_set.digest,
-        "score": _rounded(-whole.high),
-        "change": whole._asdict(),
-        "kinds": by_kind,
-        "against": {
-            other: estimate(logs(own, rows), kinds)._asdict()
-            for other, rows in measured_runs.items()
-            if other not in (name, NONE)
-        },
-        "effort": _rounded(float(np.mean([one.effort for one in own]))),
-        "saturated": _rounded(float(np.mean([one.saturated for one in own]))),
-        "cases": [{"kind": kind, **_plain(one)} for kind, one in zip(kinds, own, strict=True)],
-    }
-    return {**made, "does_harm": [kind for kind, row in by_kind.items() if row["change"]["low"] > NOTICED]}
+    others = {other: rows for other, rows in measured_runs.items() if other not in (name, NONE)}
+    return ScoreCard(
+        controller=name,
+        set=case_set.name,
+        set_digest=case_set.digest,
+        score=_rounded(-whole.high),
+        change=whole,
+        kinds=by_kind,
+        against={other: estimate(logs(own, rows), kinds) for other, rows in others.items()},
+        effort=_rounded(float(np.mean([one.effort for one in own]))),
+        saturated=_rounded(float(np.mean([one.saturated for one in own]))),
+        cases=[(kind, _plain(one)) for kind, one in zip(kinds, own, strict=True)],
+        does_harm=[kind for kind, row in by_kind.items() if row.change.low > NOTICED],
+    )
 
 
 def cards_of(
     case_set: Set, controllers: Mapping[str, Controllers], jobs: int, progress: Callable[[int, int], None]
-) -> list[dict[str, Any]]:
+) -> list[ScoreCard]:
     """The cards of controllers, each beside the others, in their order. Raises `InputError`."""
     found = run_set(case_set, controllers, jobs, progress)
     return [card(case_set, name, found) for name in controllers]
 
 
-def ranking(cards: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def ranking(cards: Sequence[ScoreCard]) -> list[ScoreCard]:
     """Cards, the best score first."""
-    return sorted(cards, key=lambda one: -float(one["score"]))
+    return sorted(cards, key=lambda card: -card.score)

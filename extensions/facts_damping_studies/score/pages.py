@@ -16,128 +16,127 @@ from facts_damping_studies.score.card import NONE, NOTICED
 from facts_damping_studies.sweeps.results import table as arrow
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from facts_damping_studies.score.card import Set
+    from facts_damping_studies.score.score_card import Estimate, ScoreCard
 
 TICKS = (-90, -75, -50, 0, 100, 300, 900)  # %
 
 
-def change_text(row: Mapping[str, float]) -> str:
+def change_text(change: Estimate) -> str:
     """A change with its interval, `-29 % [-39, -16]`."""
-    percent, low, high = (f"{row[name]:+.0f}" if abs(row[name]) >= 0.5 else "0" for name in ("percent", "low", "high"))
+    percent, low, high = (f"{value:+.0f}" if abs(value) >= 0.5 else "0" for value in change)
     return f"{percent} % [{low}, {high}]"
 
 
-def answer(card: Mapping[str, Any]) -> list[str]:
+def answer(card: ScoreCard) -> list[str]:
     """The card in a few sentences."""
-    against = [f"{other}: {change_text(row)}" for other, row in card["against"].items()]
-    lost = sum(row["lost"] for row in card["kinds"].values())
-    free = sum(row["lost_without_control"] for row in card["kinds"].values())
-    harm = ", ".join(card["does_harm"]) or "in no kind of case"
-    duty = f"at a limit {100 * card['saturated']:.1f} % of the time"
+    against = [f"{other}: {change_text(change)}" for other, change in card.against.items()]
+    harm = ", ".join(card.does_harm) or "in no kind of case"
+    duty = f"at a limit {100 * card.saturated:.1f} % of the time"
     lines = [
-        f"{card['controller']}: score {card['score']:.1f} ({card['set']}, {len(card['cases'])} cases)",
-        f"index relative to no control: {change_text(card['change'])}",
+        f"{card.controller}: score {card.score:.1f} ({card.set}, {len(card.cases)} cases)",
+        f"index relative to no control: {change_text(card.change)}",
         *([f"relative to others: {'; '.join(against)}"] if against else []),
         f"worse than no control: {harm}",
-        f"synchronism lost in {lost} cases, without control in {free}",
+        f"synchronism lost in {card.lost} cases, without control in {card.lost_without_control}",
         f"better than no control up to {delays(card)} more delay",
-        f"mean setpoint {100 * card['effort']:.1f} % of the limit; {duty}",
+        f"mean setpoint {100 * card.effort:.1f} % of the limit; {duty}",
     ]
-    if "worst" in card:
-        lines.append(f"ITAE in the worst of {card['worst']['cases']} hunted cases: {worst_text(card)}")
-    if card["score"] <= 0.0:
+    if card.hunted is not None:
+        lines.append(f"ITAE in the worst of {card.hunted.cases} hunted cases: {worst_text(card)}")
+    if card.score <= 0.0:
         lines.insert(1, "It cannot be said to be better than no control.")
     return lines
 
 
-def worst_text(card: Mapping[str, Any]) -> str:
+def worst_text(card: ScoreCard) -> str:
     """The worst hunted case: ITAE relative to no control, kind of the case and fault; - if there is none."""
-    worst = card.get("worst", {})
-    return f"{worst['ratio']:.3g} times ({worst['kind']}, {worst['fault']})" if worst.get("ratio") else "-"
+    worst = None if card.hunted is None else card.hunted.worst
+    return f"{worst.ratio:.3g} times ({worst.kind}, {worst.fault})" if worst is not None and worst.ratio else "-"
 
 
-def delays(card: Mapping[str, Any]) -> str:
+def delays(card: ScoreCard) -> str:
     """The largest delay of the kinds `delay ...` up to which a controller is better than no control."""
     last = "0 ms"
-    for kind, row in card["kinds"].items():
+    for kind, row in card.kinds.items():
         if kind.startswith("delay "):
-            if row["change"]["high"] > -NOTICED:
+            if row.change.high > -NOTICED:
                 break
             last = kind.removeprefix("delay ")
     return last
 
 
-def kinds_table(card: Mapping[str, Any], *, markdown: bool = False) -> list[str]:
+def kinds_table(card: ScoreCard, *, markdown: bool = False) -> list[str]:
     """A row for each kind of cases."""
     rows = [
-        [kind, str(row["cases"]), change_text(row["change"]), *(str(row[name]) for name in ("lost", "tripped"))]
-        for kind, row in card["kinds"].items()
+        [kind, str(row.cases), change_text(row.change), str(row.lost), str(row.tripped)]
+        for kind, row in card.kinds.items()
     ]
     heads = ["cases", "number", "index relative to no control", "lost", "tripped"]
     return table(heads, rows, 1, markdown=markdown)
 
 
-RANKING = {
-    "controller": "controller",
-    "score": "score",
-    "change": "index relative to no control",
-    "lost": "lost",
-    "helps_to": "helps to a delay of",
-    "harm": "harm",
-}
-WORST = {"worst": "ITAE in the worst hunted case"}  # the last column, if cases were hunted
+RANKING = ("controller", "score", "index relative to no control", "lost", "helps to a delay of", "harm")
+WORST = "ITAE in the worst hunted case"  # the last column, if cases were hunted
 
 
-def ranking_table(cards: Sequence[Mapping[str, Any]], *, markdown: bool = False) -> list[str]:
+def ranking_table(cards: Sequence[ScoreCard], *, markdown: bool = False) -> list[str]:
     """A row for each card, and one for no control."""
     rows = [
-        {**row, "score": f"{row['score']:.1f}", "change": change_text(row), "harm": row["harm"] or "-"}
-        for row in ranked(cards)
+        [card.controller, f"{card.score:.1f}", change_text(card.change), card.lost, delays(card), _harm(card) or "-"]
+        for card in cards
     ]
-    at = next((i for i, card in enumerate(cards) if card["score"] < 0.0), len(cards))
-    none = sum(row["lost_without_control"] for row in cards[0]["kinds"].values())
-    shown = RANKING | (WORST if "worst" in cards[0] else {})
-    rows.insert(at, {**dict.fromkeys(shown, ""), "controller": NONE, "score": "0", "lost": none})
-    return table(list(shown.values()), [[row[name] for name in shown] for row in rows], 1, markdown=markdown)
+    at = next((i for i, card in enumerate(cards) if card.score < 0.0), len(cards))
+    rows.insert(at, [NONE, "0", "", cards[0].lost_without_control, "", ""])
+    if cards[0].hunted is None:
+        return table(RANKING, rows, 1, markdown=markdown)
+    worst = [worst_text(card) for card in cards]
+    worst.insert(at, "")
+    rows = [[*row, text] for row, text in zip(rows, worst, strict=True)]
+    return table([*RANKING, WORST], rows, 1, markdown=markdown)
 
 
-def ranked(cards: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The cards as rows: score, change of the index in per cent, lost cases, and where a controller helps and harms."""
+def _harm(card: ScoreCard) -> str:
+    return ", ".join(card.does_harm)
+
+
+def ranked(cards: Sequence[ScoreCard]) -> list[dict[str, Any]]:
+    """The cards as rows of a file: score, change of the index in per cent, lost cases, where a controller helps."""
     return [
         {
-            "controller": card["controller"],
-            "score": card["score"],
-            **{name: card["change"][name] for name in ("percent", "low", "high")},
-            "lost": sum(row["lost"] for row in card["kinds"].values()),
+            "controller": card.controller,
+            "score": card.score,
+            **card.change._asdict(),
+            "lost": card.lost,
             "helps_to": delays(card),
-            "harm": ", ".join(card["does_harm"]),
-            **({"worst": worst_text(card)} if "worst" in card else {}),
+            "harm": _harm(card),
+            **({} if card.hunted is None else {"worst": worst_text(card)}),
         }
         for card in cards
     ]
 
 
-def write_ranking(cards: Sequence[Mapping[str, Any]], folder: Path) -> list[Path]:
+def write_ranking(cards: Sequence[ScoreCard], folder: Path) -> list[Path]:
     """Write `ranking.csv` and `ranking.png`; return the paths."""
     csv.write_csv(arrow(ranked(cards)), folder / "ranking.csv")
     return [folder / "ranking.csv", plot(cards, folder / "ranking.png")]
 
 
-def plot(cards: Sequence[Mapping[str, Any]], path: Path) -> Path:
+def plot(cards: Sequence[ScoreCard], path: Path) -> Path:
     """Change of the index in each kind of cases, with intervals: a colour for each card."""
-    kinds = list(cards[0]["kinds"])
+    kinds = list(cards[0].kinds)
     figure = Figure(figsize=(6.5, 1.6 + 0.42 * len(kinds)), layout="constrained")
     axes = figure.subplots()
     step = min(0.16, 0.8 / len(cards))
     for i, (card, colour) in enumerate(zip(cards, COLOURS, strict=False)):
-        rows = [card["kinds"][kind]["change"] for kind in kinds]
+        changes = [card.kinds[kind].change for kind in kinds]
         at = [j + step * (i - (len(cards) - 1) / 2) for j in range(len(kinds))]
-        low, high = ([_ratio(row[end]) for row in rows] for end in ("low", "high"))
+        low, high = [_ratio(change.low) for change in changes], [_ratio(change.high) for change in changes]
         axes.hlines(at, low, high, color=colour, lw=1.2)
-        axes.plot([_ratio(row["percent"]) for row in rows], at, "o", ms=4, color=colour, label=card["controller"])
+        axes.plot([_ratio(change.percent) for change in changes], at, "o", ms=4, color=colour, label=card.controller)
     axes.axvline(1.0, color="black", lw=0.8)
     axes.set_yticks(range(len(kinds)), kinds)
     axes.invert_yaxis()
@@ -153,13 +152,13 @@ def _ratio(percent: float) -> float:
     return max(1.0 + percent / 100.0, 0.01)
 
 
-def write(case_set: Set, cards: Sequence[Mapping[str, Any]], folder: Path) -> list[Path]:
+def write(case_set: Set, cards: Sequence[ScoreCard], folder: Path) -> list[Path]:
     """Write `card.json`, `card.md` and `card.png` of the first card beside the others; return the paths."""
     first = cards[0]
     picture = plot(cards, folder / "card.png")
     kinds = [f"- **{kind}**: {text}" for kind, text in case_set.content.kinds.items()]
     lines = [
-        f"# {first['controller']}",
+        f"# {first.controller}",
         "",
         *(f"{line}  " for line in answer(first)),
         "",
@@ -169,9 +168,9 @@ def write(case_set: Set, cards: Sequence[Mapping[str, Any]], folder: Path) -> li
         "",
         *kinds,
         "",
-        f"Cases: {first['set']}, digest {first['set_digest']}. The index is ITAE of the response to the events, or the",
+        f"Cases: {first.set}, digest {first.set_digest}. The index is ITAE of the response to the events, or the",
         f"rms of the speed differences without an event. It is compared with that of {NONE} in the same case.",
     ]
     write_whole(folder / "card.md", "\n".join(lines) + "\n")
-    write_whole(folder / "card.json", json.dumps(first, indent=2) + "\n")
+    write_whole(folder / "card.json", json.dumps(first.document(), indent=2) + "\n")
     return [folder / "card.md", folder / "card.json", picture]

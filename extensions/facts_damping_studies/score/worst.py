@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from facts_damping_studies.campaigns.campaign import CampaignPlan
 from facts_damping_studies.campaigns.hunt import margin, search
 from facts_damping_studies.campaigns.invariants import HARM
 from facts_damping_studies.campaigns.parameters import BaseRun, Campaign
 from facts_damping_studies.score.card import run_of
+from facts_damping_studies.score.score_card import Hunted, WorstCase
 from facts_damping_studies.sweeps.pool import workers
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping_studies.score.card import Controllers, Set
+    from facts_damping_studies.score.score_card import ScoreCard
 
 RULE = "does_no_harm"
 
@@ -31,31 +34,30 @@ def campaign_of(case_set: Set, rows: Controllers, seed: int = 0) -> CampaignPlan
     )
 
 
-def worst(case_set: Set, rows: Controllers, cases: int) -> dict[str, Any]:
-    """The worst of so many hunted cases: number and kind of the case, fault, and ITAE relative to no control.
+def worst(case_set: Set, rows: Controllers, cases: int) -> Hunted:
+    """The worst of so many hunted cases.
 
-    The same search for each controller, with the margin of the campaigns' rule `does_no_harm`; None: no case tells.
+    The same search for each controller, with the margin of the campaigns' rule `does_no_harm`.
     """
     found = search(campaign_of(case_set, rows), RULE, cases)
-    row = min(found, key=lambda one: margin(one, RULE), default=None)
-    if row is None or row["margins"].get(RULE) is None:
-        return {"cases": cases, "ratio": None}
-    case = int(row["base_run"])
-    told = {name: row[name] for name in ("fault", "start_s", "lasts")}
-    kind = case_set.content.cases[case].kind
-    return {"cases": cases, "ratio": HARM - margin(row, RULE), "case": case, "kind": kind, **told}
+    row = min(found, key=lambda one: margin(one.margins, RULE), default=None)
+    if row is None or row.margins.get(RULE) is None:
+        return Hunted(cases, None)
+    drawn, case = row.drawn, int(row.drawn.base_run)
+    ratio, kind = HARM - margin(row.margins, RULE), case_set.content.cases[case].kind
+    return Hunted(cases, WorstCase(ratio, case, kind, drawn.fault, drawn.start_s, drawn.labels["lasts"]))
 
 
 def with_worst(
-    case_set: Set, cards: Sequence[dict[str, Any]], controllers: Mapping[str, Controllers], cases: int, jobs: int
-) -> list[dict[str, Any]]:
-    """The cards, each with the `worst` of so many hunted cases of its controller; as they are for 0."""
+    case_set: Set, cards: Sequence[ScoreCard], controllers: Mapping[str, Controllers], cases: int, jobs: int
+) -> list[ScoreCard]:
+    """The cards, each with the worst of so many hunted cases of its controller; as they are for 0."""
     if not cases:
         return list(cards)
     with workers(jobs) as each:
         found = dict(each(partial(_named, case_set, cases), list(controllers.items())))
-    return [{**card, "worst": found[card["controller"]]} for card in cards]
+    return [replace(card, hunted=found[card.controller]) for card in cards]
 
 
-def _named(case_set: Set, cases: int, task: tuple[str, Controllers]) -> tuple[str, dict[str, Any]]:
+def _named(case_set: Set, cases: int, task: tuple[str, Controllers]) -> tuple[str, Hunted]:
     return task[0], worst(case_set, task[1], cases)

@@ -104,9 +104,9 @@ def draws(
         raise InputError(f"SYSTEM: '{system}' given, for which LLC-tuned is not tuned; allowed: {allowed}")
     base = made.base if link is None else made.base._replace(set={**made.base.set, "link": link})
     given, found = names(base, made.points[0].changes), list[Draw]()
-    if given["scenario"] == SCENARIO:
+    if given.scenario == SCENARIO:
         plain = {name: value for name, value in base.set.items() if name in ("profile", "link")}
-        plain |= {name: given[name] for name in ("system", "scenario")}
+        plain |= {"system": given.system, "scenario": given.scenario}
         found.append(_draw(make(base._replace(set=plain, content={}), {}), reference))
     random = {name for axis in made.study.sweep for name in drawn_columns(axis)}
     for point in made.points:
@@ -137,11 +137,11 @@ def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFI
     made = sweep.plan(study or f"search_{system}{end}", [f"profile={profile}"] if end else [])
     for point in made.points:
         given, source = names(made.base, point.changes), made.base.source
-        if given["system"] not in (system, CUSTOM):
-            raise InputError(f"{source}: system: '{given['system']}' given; allowed: '{system}', the SYSTEM")
-        if system in systems and given["scenario"] not in (SCENARIO, CUSTOM):
+        if given.system not in (system, CUSTOM):
+            raise InputError(f"{source}: system: '{given.system}' given; allowed: '{system}', the SYSTEM")
+        if system in systems and given.scenario not in (SCENARIO, CUSTOM):
             allowed = f"{SCENARIO} of {system}, or events"
-            raise InputError(f"{source}: scenario: '{given['scenario']}' given; allowed: {allowed}")
+            raise InputError(f"{source}: scenario: '{given.scenario}' given; allowed: {allowed}")
     return made
 
 

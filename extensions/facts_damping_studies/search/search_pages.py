@@ -100,7 +100,9 @@ def search_table(entries: Sequence[Entry]) -> list[str]:
     maximum = max(len(entry.scores) for entry in entries)
     titles = ["controller", "scheme", "devices", "compensation", *(f"rung {i}" for i in range(maximum - 1)), "fresh"]
     cells = []
-    for row in rows(entries):
-        scores = [f"{value:.3f}" for value in row["scores"]] + [""] * (maximum - len(row["scores"]))
-        cells.append([row["controller"], row["scheme"] or "-", "+".join(row["devices"]), row["compensation"], *scores])
+    for entry in entries:
+        structure = entry.structure
+        compensation = entry.controller.compensation if entry.controller else None
+        scores = [f"{one.value:.3f}" for one in entry.scores] + [""] * (maximum - len(entry.scores))
+        cells.append([structure.name, structure.scheme or "-", "+".join(structure.devices), compensation, *scores])
     return table(titles, cells, left=4, markdown=True)

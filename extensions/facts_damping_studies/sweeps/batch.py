@@ -1,4 +1,4 @@
-"""One run of a sweep: from its changed fields to a flat row of figures.
+"""One run of a sweep: from its changed fields to its row.
 
 The figures equal those of `facts-damping simulate` bit for bit.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from copy import deepcopy
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,15 @@ from facts_damping.parameters.run import Run
 from facts_damping.simulation import loop, twins
 from facts_damping_studies.margins import criteria
 from facts_damping_studies.sweeps import true_jacobian
+from facts_damping_studies.sweeps.sweep_rows import (
+    IDENTITY,
+    LATENCIES,
+    QUANTILES,
+    HalfStep,
+    Interarea,
+    RunFigures,
+    SweepRow,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,18 +43,8 @@ if TYPE_CHECKING:
     from facts_damping.record import Record
 
 INTERAREA_HZ = 0.9  # a ringdown mode below this frequency is the interarea mode
-QUANTILES = (0, 1, 5, 10, 25, 50, 75, 90, 95, 99, 100)  # %, of the latency
-LATENCIES = ("latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms")
-SUMMED = ("settling_time_s", "roughness", "max_injected_voltage_pu")
-OUTCOME = ("verdict", "damped", "instability", "duration_s")
-RESPONSE_INDEX = "ITAE_of_response"  # of runs with noise
-GROWTH = {"value": "growth_per_s", "low": "growth_low_per_s", "high": "growth_high_per_s"}
-# Results with half the integration step; the second is the relative change of the index that changes most.
-CHECKED = ("converged", "step_change", "verdict_half_step")
-INTERAREA = ("interarea_hz", "interarea_damping_ratio")
 CUSTOM = "custom"  # name of inline content
 NAMED = ("system", "scenario", "link")
-IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
 
 _free: dict[str, Summary] = {}  # summaries without control
 
@@ -86,41 +86,46 @@ def make(base: Base, changes: Mapping[str, Any]) -> Case:
     return loading.changed_case(deepcopy(base.content), base.source, values)
 
 
-def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
+def one_run(base: Base, task: RunRequest) -> tuple[str, SweepRow]:
     """Key and row of a run; a failed run has a row too, with the reason in `error`."""
-    row: dict[str, Any] = {**dict.fromkeys(IDENTITY), **names(base, task.changes), **task.columns}
+    row = SweepRow({**dict.fromkeys(IDENTITY), **names(base, task.changes)._asdict(), **task.columns}, error=None)
     try:
         case = make(base, task.changes)
-        row |= {**identity(case), **task.columns, "horizon_s": case.duration}
+        row = replace(row, columns={**row.columns, **identity(case), **task.columns}, horizon_s=case.duration)
         record, finer = loop.run(case), None
         summary = summarise(record, method=AUTO if base.modes else None, twin=twins.twin(case, record))
         if task.check_step:
             half = loop.with_half_step(case)
             finer_record = loop.run(half)
             finer = summarise(finer_record, method=None, twin=twins.twin(half, finer_record))
-        row |= figures(record, summary, finer, modes=base.modes)
-        row |= criterion_columns(case, record, summary, base.criteria)
+        row = replace(
+            row,
+            figures=figures(record, summary),
+            half_step=None if finer is None else half_step(summary, finer),
+            interarea=interarea(summary) if base.modes else None,
+        )
+        row = replace(row, asked=criterion_figures(case, record, summary, base.criteria))
         if base.jacobian is not None:
-            row |= true_jacobian.figures(case, true_jacobian.follow(case, record, base.jacobian))
-        row["error"] = None
+            compared = true_jacobian.figures(case, true_jacobian.follow(case, record, base.jacobian))
+            row = replace(row, asked={**row.asked, **compared})
     except FactsDampingError as error:
-        row["error"] = one_line(error)
+        row = replace(row, error=one_line(error))
     except Exception as error:  # noqa: BLE001 (whatever a run dies of, the others go on)
-        row["error"] = f"{type(error).__name__}: {one_line(error)}"
+        row = replace(row, error=f"{type(error).__name__}: {one_line(error)}")
     return task.key, row
 
 
-def criterion_columns(case: Case, record: Record, summary: Summary, wanted: Sequence[str]) -> dict[str, Any]:
-    """Columns that the criteria of a margin need."""
-    found: dict[str, Any] = {}
+def criterion_figures(case: Case, record: Record, summary: Summary, wanted: Sequence[str]) -> dict[str, float | None]:
+    """Fields of `Judged` that the criteria of a margin need."""
+    found: dict[str, float | None] = {}
     if "damping" in wanted:
-        found[criteria.LOWEST] = criteria.lowest_damping_ratio(summary.modes)
+        found["lowest_damping_ratio"] = criteria.lowest_damping_ratio(summary.modes)
     if "worse" in wanted:
         plant = {name: value for name, value in record.configuration.items() if name not in ("link", *NO_CONTROL)}
         free = shared(_free, json.dumps(plant, default=str), lambda: _summary(uncontrolled(record.configuration)))
-        found[criteria.RATIO] = criteria.itae_ratio(summary, free)
+        found["ITAE_ratio"] = criteria.itae_ratio(summary, free)
     if "linear" in wanted:
-        found[criteria.LINEAR] = criteria.linear_growth(case)
+        found["linear_growth_per_s"] = criteria.linear_growth(case)
     return found
 
 
@@ -129,55 +134,64 @@ def _summary(case: Case) -> Summary:
     return summarise(record, method=None, twin=twins.twin(case, record))
 
 
-def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
+class Names(NamedTuple):
+    """Names of what a run consists of."""
+
+    system: str
+    scenario: str
+    link: str
+
+
+def names(base: Base, changes: Mapping[str, Any]) -> Names:
     """Names of system, scenario and link as given; `custom` for inline content."""
     values = {**{name: Run.model_fields[name].default for name in NAMED}, **base.content, **base.set, **changes}
-    return {name: values[name] if isinstance(values[name], str) else CUSTOM for name in NAMED}
+    return Names(*(values[name] if isinstance(values[name], str) else CUSTOM for name in NAMED))
 
 
 def identity(case: Case) -> dict[str, Any]:
     """Columns that identify a run in every study, in addition to the names; without the fallback controller."""
     own = [c for c in case.controllers if c.fallback_of is None]
     schemes = dict.fromkeys(c.scheme for c in own if c.scheme)
-    return {
-        "controller": "+".join(c.name for c in own) or "none",
-        "scheme": "+".join(schemes) or None,
-        "seed": case.run.seed,
-    }
+    name = "+".join(c.name for c in own) or "none"
+    return {"controller": name, "scheme": "+".join(schemes) or None, "seed": case.run.seed}
 
 
-def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
-    """Columns of `figures`."""
-    found = ["stable", *OUTCOME, *INDICES, RESPONSE_INDEX, *SUMMED, "saturation_duty"]
-    found += [*LATENCIES, "frames_lost", "trips"]
-    found += [*GROWTH.values(), "warnings", *(CHECKED if check_step else ())]
-    return [*found, *INTERAREA] if modes else found
+def figures(record: Record, summary: Summary) -> RunFigures:
+    """The figures of a run."""
+    growth = summary.growth_per_s
+    return RunFigures(
+        stable=summary.stable is True,
+        verdict=summary.verdict,
+        damped=summary.damped,
+        instability=summary.instability,
+        duration_s=summary.duration_s,
+        indices={**dict.fromkeys(INDICES), **(summary.indices or {})},
+        ITAE_of_response=(summary.indices_of_response or {}).get("ITAE"),
+        settling_time_s=summary.settling_time_s,
+        roughness=summary.roughness,
+        max_injected_voltage_pu=summary.max_injected_voltage_pu,
+        saturation_duty=max(summary.saturation_duty.values(), default=None),
+        latency=_latency(record),
+        frames_lost=summary.frames_lost,
+        trips=len(trips(summary.supervision)),
+        growth_per_s=growth and growth.value,
+        growth_low_per_s=growth and growth.low,
+        growth_high_per_s=growth and growth.high,
+        warnings="; ".join(summary.warnings) or None,
+    )
 
 
-def figures(record: Record, summary: Summary, finer: Summary | None = None, *, modes: bool) -> dict[str, Any]:
-    """The figures of a run, flat; None where undefined. `finer`: its summary with half the integration step."""
-    found: dict[str, Any] = {
-        "stable": summary.stable is True,
-        **{name: getattr(summary, name) for name in OUTCOME},
-        **(summary.indices or dict.fromkeys(INDICES)),
-        RESPONSE_INDEX: (summary.indices_of_response or {}).get("ITAE"),
-        **{name: getattr(summary, name) for name in SUMMED},
-        "saturation_duty": max(summary.saturation_duty.values(), default=None),
-        **_latency(record),
-        "frames_lost": summary.frames_lost,
-        "trips": len(trips(summary.supervision)),
-        **{name: summary.growth_per_s and getattr(summary.growth_per_s, end) for end, name in GROWTH.items()},
-        "warnings": "; ".join(summary.warnings) or None,
-    }
-    if finer is not None:
-        compared = convergence.compare(summary, finer)
-        maximum = max((compared.step_change or {})[index] for index in INDICES)
-        found |= dict(zip(CHECKED, (compared.converged, maximum, finer.verdict), strict=True))
-    if modes:
-        slow = next((mode for mode in summary.modes if mode.frequency_hz < INTERAREA_HZ), None)
-        values = (slow.frequency_hz, slow.damping_ratio) if slow else (None, None)
-        found |= dict(zip(INTERAREA, values, strict=True))
-    return found
+def half_step(summary: Summary, finer: Summary) -> HalfStep:
+    """What changes with half the integration step, whose summary is `finer`."""
+    compared = convergence.compare(summary, finer)
+    changes = compared.step_change or {}
+    return HalfStep(compared.converged, max(changes[index] for index in INDICES), finer.verdict)
+
+
+def interarea(summary: Summary) -> Interarea:
+    """The interarea mode of a run's ringdown."""
+    slow = next((mode for mode in summary.modes if mode.frequency_hz < INTERAREA_HZ), None)
+    return Interarea(slow.frequency_hz, slow.damping_ratio) if slow else Interarea(None, None)
 
 
 def _latency(record: Record) -> dict[str, float | None]:

@@ -34,7 +34,7 @@ def expand_axis(study: Study, base: Base) -> Study:
         if path in RESTS_ON:
             raise InputError(f"sweep: '{path}' beside an axis over every {asked[0]}; allowed: --set {path}=...")
     case = make(base, {"scenario": [], "controllers.*.name": ANY})
-    system = names(base, {})["system"]
+    system = names(base, {}).system
     if system == CUSTOM:
         raise InputError(f"sweep: a system inline beside an axis over every {asked[0]}; allowed: a name, or a file")
     return study.model_copy(update={"sweep": [_rows(axis, system, case) for axis in study.sweep]})

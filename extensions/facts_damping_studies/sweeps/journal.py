@@ -8,13 +8,15 @@ import json
 import os
 import time
 import zlib
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, Generic, TypeVar
 
 from facts_damping.errors import InputError
 from facts_damping.input_files import RECORDING, check_file
 from facts_damping.output.writing import finite, naming
+from facts_damping_studies.rows import Row
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from typing_extensions import Self
@@ -22,16 +24,19 @@ if TYPE_CHECKING:
 CHECKSUM = b', "crc32": "%08x"}'  # end of a line: checksum of the rest of the line
 SYNC_S = 1.0  # interval of flushing to disk: a kill loses no finished run, a power cut at most this interval
 
+AnyRow = TypeVar("AnyRow", bound=Row)
 
-class Journal:
+
+class Journal(Generic[AnyRow]):
     """An append-only file of rows by key; the first line identifies the study, and each line has a checksum.
 
     Damaged lines, such as an incomplete last line of a killed process, are counted in `damaged` and ignored, so their
     runs are repeated. Raises `InputError` for the journal of another study, or one in use by another process.
     """
 
-    def __init__(self, path: Path, study: str) -> None:
+    def __init__(self, path: Path, study: str, read: Callable[[Mapping[str, Any]], AnyRow]) -> None:
         """Open the journal of a study, identified by its fingerprint, and read its rows."""
+        self._row_of = read
         if path.exists():
             check_file(path, RECORDING)
         self._file: IO[bytes] = path.open("a+b")
@@ -41,7 +46,7 @@ class Journal:
         except OSError as error:
             self._file.close()
             raise InputError(f"--out {path.parent}: another sweep writes there; allowed: another folder") from error
-        self.rows: dict[str, dict[str, Any]] = {}
+        self.rows: dict[str, AnyRow] = {}
         self._synced = time.monotonic()
         self._read(study, path)
 
@@ -59,13 +64,13 @@ class Journal:
             self._file.close()
             holds = "holds runs of another study, or of another version of it, its files or this package"
             raise InputError(f"--out {path.parent}: {holds}; allowed: a new folder")
-        self.rows = {one["key"]: one["row"] for one in lines if "key" in one and "row" in one}
+        self.rows = {one["key"]: self._row_of(one["row"]) for one in lines if "key" in one and "row" in one}
 
-    def append(self, key: str, row: dict[str, Any]) -> None:
-        """Append a row."""
-        row = finite(row)
-        self.rows[key] = row
-        self._write({"key": key, "row": row})
+    def append(self, key: str, row: AnyRow) -> None:
+        """Append a row; the one kept in `rows` is that which is read again, without numbers that JSON lacks."""
+        cells = finite(row.cells)
+        self.rows[key] = self._row_of(cells)
+        self._write({"key": key, "row": cells})
 
     def _write(self, content: dict[str, Any]) -> None:
         line = json.dumps(content, allow_nan=False).encode()

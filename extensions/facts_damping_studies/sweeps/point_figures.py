@@ -195,7 +195,7 @@ def _jacobian(base: Base, changes: dict[str, Any], path: Path) -> None:
 def _portrait(base: Base, changes: dict[str, Any], path: Path) -> None:
     """Draw a portrait beside the available baselines: the run without control and the lead-lags."""
     case = make(base, changes)
-    others = candidates(names(base, changes)["system"], case)
+    others = candidates(names(base, changes).system, case)
     own: dict[str, Any] = {"controllers.*.scheme": None, "controllers.*.parameters": {}}
     beside = {name: make(base, {**changes, **own, **others[name]}) for name in BASELINES if name in others}
     plot_portrait(case, beside, path)

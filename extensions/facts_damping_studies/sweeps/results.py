@@ -24,12 +24,16 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    Rows = Sequence[dict[str, Any]]
+    from facts_damping_studies.sweeps.sweep_rows import FractionRow, MarginRow, SweepRow
+
+    Rows = Sequence[SweepRow]
+    Margins = Sequence[MarginRow]
+    Cells = Mapping[str, Any]  # values of a row by column
 
 MAX_LINES = 40  # longest table on the terminal; longer ones are only written to a file
 
 
-def table(rows: Rows) -> pa.Table:
+def table(rows: Sequence[Cells]) -> pa.Table:
     """Rows as an Arrow table: columns are booleans, numbers or text; other values become text as JSON."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     return pa.table({name: _column([row.get(name) for row in rows]) for name in names})
@@ -55,23 +59,26 @@ def _commit() -> str | None:
     return done.stdout.strip() or None
 
 
-def write(folder: Path, rows: Rows, margins: Rows, fractions: Rows) -> list[Path]:
+def write(folder: Path, rows: Rows, margins: Margins, fractions: Sequence[FractionRow]) -> list[Path]:
     """Write all tables and the versions; return their paths."""
-    made = [_written(folder / "rows.parquet", rows)]
-    for name, some in (("rows", rows), ("margins", margins), ("fractions", fractions)):
-        if some:
-            made.append(_written(folder / f"{name}.csv", some))
+    made = [_written(folder / "rows.parquet", [row.cells for row in rows])]
+    parts: dict[str, Sequence[SweepRow | MarginRow | FractionRow]] = {
+        "rows": rows, "margins": margins, "fractions": fractions,
+    }  # fmt: skip
+    for name, part in parts.items():
+        if part:
+            made.append(_written(folder / f"{name}.csv", [row.cells for row in part]))
     about = {**versions("joblib", "pyarrow"), "git": _commit()}
     write_whole(folder / "versions.json", json.dumps(about, indent=2) + "\n")
     return [*made, folder / "versions.json"]
 
 
-def tables(folder: Path, name: str, rows: Rows) -> list[Path]:
+def tables(folder: Path, name: str, rows: Sequence[Cells]) -> list[Path]:
     """Write rows as Parquet and CSV; return the paths."""
     return [_written(folder / f"{name}.parquet", rows), _written(folder / f"{name}.csv", rows)]
 
 
-def _written(path: Path, rows: Rows) -> Path:
+def _written(path: Path, rows: Sequence[Cells]) -> Path:
     """Write rows to a file, whole or not at all, in the format of its suffix; returns the path."""
     write_format = parquet.write_table if path.suffix == ".parquet" else csv.write_csv
     with replacing(path) as beside:
@@ -79,18 +86,18 @@ def _written(path: Path, rows: Rows) -> Path:
     return path
 
 
-def sweep_tables(rows: Rows, margins: Rows, fractions: Rows, across: str = "scenario") -> list[str]:
+def sweep_tables(rows: Rows, margins: Margins, fractions: Sequence[FractionRow], across: str = "scenario") -> list[str]:
     """Lines for a terminal: counts, margins, fractions of failed runs."""
-    failed = [row["error"] for row in rows if row["error"]]
-    sound = [row for row in rows if not row["error"]]
+    failed = [row.error for row in rows if row.error]
+    sound = [row for row in rows if not row.error]
     lines = [f"{len(rows)} runs"]
     if sound:
-        unstable = failed_fraction(sum(not row["stable"] for row in sound), len(sound))
-        lines[0] += f", {unstable['failed']} unstable ({100 * unstable['fraction']:.1f} %)"
-    open_ = sum(row.get("converged") is False for row in sound)
+        unstable = failed_fraction(sum(not row.stable for row in sound), len(sound))
+        lines[0] += f", {unstable.failed} unstable ({100 * unstable.fraction:.1f} %)"
+    open_ = sum(row.unsure for row in sound)
     if open_:
         lines[0] += f", {open_} not converged"
-    never = sum(NEVER_ARMED in (row.get("warnings") or "") for row in sound)
+    never = sum(NEVER_ARMED in ((row.figures and row.figures.warnings) or "") for row in sound)
     if never:
         lines[0] += f", {never} with a controller that was {NEVER_ARMED}"
     if failed:
@@ -102,7 +109,7 @@ def sweep_tables(rows: Rows, margins: Rows, fractions: Rows, across: str = "scen
     return lines
 
 
-def varying(rows: Rows, without: Sequence[str]) -> list[str]:
+def varying(rows: Sequence[Cells], without: Sequence[str]) -> list[str]:
     """Columns that vary, without copies of an earlier one; list columns only if they group the rows in a new way."""
     found: dict[str, str] = {}
     apart: set[tuple[int, ...]] = set()
@@ -120,22 +127,18 @@ def varying(rows: Rows, without: Sequence[str]) -> list[str]:
     return list(found.values())
 
 
-FOUND = (
-    *("converged", "margin_s", "low_s", "high_s", "seeds", "monotonic", "holds_again", "holds", "holds_s", "beyond"),
-    *("per_seed", "field"),
-)
-COUNTED = ("runs", "failed", "fraction", "low", "high", "not_converged")
-
-
-def label(row: dict[str, Any], names: Sequence[str]) -> str:
+def label(row: Cells, names: Sequence[str]) -> str:
     """A label from these columns of a row; numbers with their column's name."""
     known = [(name, row[name]) for name in names if row.get(name) is not None]
     return " ".join(value if isinstance(value, str) else f"{name.split('.')[-1]}={value}" for name, value in known)
 
 
-def by_scenario(rows: Rows) -> dict[str, list[dict[str, Any]]]:
+def by_scenario(rows: Rows) -> dict[str, list[SweepRow]]:
     """Rows by scenario."""
-    return {name: [r for r in rows if r["scenario"] == name] for name in dict.fromkeys(r["scenario"] for r in rows)}
+    found: dict[str, list[SweepRow]] = {}
+    for row in rows:
+        found.setdefault(row.columns["scenario"], []).append(row)
+    return found
 
 
 def worst(name: str) -> float:
@@ -143,22 +146,22 @@ def worst(name: str) -> float:
     return -math.inf if "damping_ratio" in name else math.inf
 
 
-def counted(row: Mapping[str, Any], name: str) -> float:
+def counted(row: SweepRow, name: str) -> float:
     """A figure of a run as medians count it: not a number if unknown, infinitely bad if synchronism is lost."""
-    if row.get("converged") is False:
+    if row.unsure:
         return math.nan
-    if not row.get("stable"):
+    if not row.stable:
         return worst(name)
-    value = row.get(name)
+    value = row.cells.get(name)
     return math.nan if value is None else float(value)
 
 
-def margin_names(margins: Rows, across: str) -> list[str]:
-    """Columns that identify a margin, except criterion, scenario and the column shown side by side."""
-    return varying(margins, (*FOUND, "horizon_s", "criterion", "scenario", across))
+def margin_names(margins: Margins, across: str) -> list[str]:
+    """Columns that identify a margin, except scenario, horizon and the column shown side by side."""
+    return varying([row.place for row in margins], ("horizon_s", "scenario", across))
 
 
-def ranked(margins: Rows, names: Sequence[str]) -> list[tuple[Any, ...]]:
+def ranked(margins: Margins, names: Sequence[str]) -> list[tuple[Any, ...]]:
     """Values of these columns, ranked by the median margin of the first criterion, the largest first.
 
     Entries with a margin that is not converged come last, without a rank.
@@ -166,32 +169,32 @@ def ranked(margins: Rows, names: Sequence[str]) -> list[tuple[Any, ...]]:
     reached: dict[tuple[Any, ...], list[float]] = {}
     unsure: set[tuple[Any, ...]] = set()
     for row in margins:
-        if row["criterion"] == margins[0]["criterion"]:
-            who = tuple(row.get(name) for name in names)
+        if row.criterion == margins[0].criterion:
+            who = tuple(row.place.get(name) for name in names)
             reached.setdefault(who, []).append(reach(row))
-            if row.get("converged") is False:
+            if row.converged is False:
                 unsure.add(who)
     return sorted(reached, key=lambda one: (one in unsure, -median(reached[one])))
 
 
-def reach(row: dict[str, Any]) -> float:
+def reach(row: MarginRow) -> float:
     """A margin for sorting and drawing; beyond the range, the end of the range."""
-    known = row["margin_s"] if row["beyond"] is None else row["low_s"]
+    known = row.over_seeds.margin_s if row.over_seeds.beyond is None else row.over_seeds.low_s
     return float(known or 0.0)
 
 
-def margin_table(margins: Rows, across: str) -> list[str]:
+def margin_table(margins: Margins, across: str) -> list[str]:
     """Margins in Markdown with the values of `across` side by side: a table per criterion, and per scenario if needed.
 
     A star and the holding fraction of the coarse grid mark margins that hold again at larger values.
     """
-    names, columns = margin_names(margins, across), list(dict.fromkeys(row[across] for row in margins))
+    names, columns = margin_names(margins, across), list(dict.fromkeys(row.place[across] for row in margins))
     lines: list[str] = []
-    for criterion in dict.fromkeys(row["criterion"] for row in margins):
-        for scenario, own in beneath([row for row in margins if row["criterion"] == criterion], across).items():
-            place = {(row[across], *(row.get(name) for name in names)): row for row in own}
-            horizons = "/".join(f"{h:g}" for h in dict.fromkeys(row["horizon_s"] for row in own) if h is not None)
-            head = ", ".join(part for part in (criterion, scenario, own[0]["field"]) if part)
+    for criterion in dict.fromkeys(row.criterion for row in margins):
+        for scenario, own in beneath([row for row in margins if row.criterion == criterion], across).items():
+            place = {(row.place[across], *(row.place.get(name) for name in names)): row for row in own}
+            horizons = "/".join(f"{h:g}" for h in dict.fromkeys(row.place["horizon_s"] for row in own) if h is not None)
+            head = ", ".join(part for part in (criterion, scenario, own[0].over_seeds.field) if part)
             who = ranked(own, names)
             cells = [[*map(cell, one), *(margin_text(place.get((column, *one))) for column in columns)] for one in who]
             titles = [*names, *(f"{cell(c)} [low, high]" for c in columns)]
@@ -200,23 +203,28 @@ def margin_table(margins: Rows, across: str) -> list[str]:
     return lines
 
 
-def beneath(margins: Rows, across: str) -> dict[str, list[dict[str, Any]]]:
+def beneath(margins: Margins, across: str) -> dict[str, list[MarginRow]]:
     """Groups of margins shown below each other: by scenario, or all if scenarios are side by side."""
-    return {"": list(margins)} if across == "scenario" else by_scenario(margins)
+    found: dict[str, list[MarginRow]] = {}
+    for row in margins:
+        found.setdefault("" if across == "scenario" else row.place["scenario"], []).append(row)
+    return found
 
 
-def margin_text(row: dict[str, Any] | None) -> str:
+def margin_text(row: MarginRow | None) -> str:
     """A margin with its bracket or interval."""
     if row is None:
         return ""
-    star = "" if row["monotonic"] else f" * {100 * row['holds']:.0f} %"
-    if not row["monotonic"] and len(row.get("holds_s") or ()) > 1:
-        star += f", also {', '.join(f'{low:.3f} to {high:.3f}' for low, high in row['holds_s'][1:])}"
-    if row.get("converged") is False:
+    margin, star = row.over_seeds, ""
+    if not margin.monotonic:
+        star = f" * {100 * (row.holds or 0.0):.0f} %"
+        if len(row.holds_s) > 1:
+            star += f", also {', '.join(f'{low:.3f} to {high:.3f}' for low, high in row.holds_s[1:])}"
+    if row.converged is False:
         star += " " + MARK
-    if row["margin_s"] is None:
-        return {"high": f"> {cell(row['low_s'])}", "low": f"< {cell(row['high_s'])}", None: "-"}[row["beyond"]] + star
-    return f"{row['margin_s']:.3f} [{cell(row['low_s'])}, {cell(row['high_s'])}]{star}"
+    if margin.margin_s is None:
+        return {"high": f"> {cell(margin.low_s)}", "low": f"< {cell(margin.high_s)}", None: "-"}[margin.beyond] + star
+    return f"{margin.margin_s:.3f} [{cell(margin.low_s)}, {cell(margin.high_s)}]{star}"
 
 
 def spans(values: Sequence[float]) -> str:
@@ -226,16 +234,16 @@ def spans(values: Sequence[float]) -> str:
     return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} to {values[-1]:g}"
 
 
-def fraction_table(fractions: Rows) -> list[str]:
+def fraction_table(fractions: Sequence[FractionRow]) -> list[str]:
     """Fractions of failed runs in Markdown."""
-    columns = varying(fractions, COUNTED)
-    checked = any("not_converged" in row for row in fractions)
+    columns = varying([{**row.place, "criterion": row.criterion} for row in fractions], ())
+    checked = any(row.not_converged is not None for row in fractions)
     cells = []
     for row in fractions:
-        interval = f"{100 * row['low']:.1f} to {100 * row['high']:.1f}"
-        counted = [str(row["runs"]), f"{100 * row['fraction']:.1f}", interval]
-        counted += [cell(row.get("not_converged"))] if checked else []
-        cells.append([*(cell(row.get(name)) for name in columns), *counted])
+        runs, _, fraction, low, high = row.fraction
+        counted = [str(runs), f"{100 * fraction:.1f}", f"{100 * low:.1f} to {100 * high:.1f}"]
+        counted += [cell(row.not_converged)] if checked else []
+        cells.append([*(cell(row.cells.get(name)) for name in columns), *counted])
     titles = [*columns, "runs", "failed, %", "95 % interval", *(["not converged"] if checked else [])]
     return text_table(titles, cells, len(columns), markdown=True)
 

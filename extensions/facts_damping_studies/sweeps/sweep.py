@@ -20,12 +20,13 @@ from facts_damping.parameters.study import Study
 from facts_damping.simulation.user_code import source_hash
 from facts_damping.version import __version__
 from facts_damping_studies.margins import margins
-from facts_damping_studies.margins.criteria import fails
+from facts_damping_studies.margins.criteria import Judged, fails
 from facts_damping_studies.sweeps import axes, true_jacobian
-from facts_damping_studies.sweeps.batch import IDENTITY, Base, RunRequest, figure_names, make, one_run
+from facts_damping_studies.sweeps.batch import Base, RunRequest, make, one_run
 from facts_damping_studies.sweeps.enumerated_axes import expand_axis
 from facts_damping_studies.sweeps.journal import Journal
 from facts_damping_studies.sweeps.pool import workers
+from facts_damping_studies.sweeps.sweep_rows import IDENTITY, FractionRow, MarginRow, SweepRow, figure_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -40,8 +41,7 @@ JOURNAL = "rows.jsonl"
 COPY = "study.yaml"
 NETWORK = ("system", "scenario", "devices")  # fields of a run that determine its plant
 # Rows of a point by the value of the margin's field; None: without a margin.
-PointState = dict[float | None, dict[str, Any]]
-Rows = list[dict[str, Any]]
+PointState = dict[float | None, SweepRow]
 ALWAYS = ("unstable", "not_damped")  # criteria whose failed fractions every study counts
 
 
@@ -127,7 +127,10 @@ def run(plan: SweepPlan, folder: Path, jobs: int, scheduler: str | None, progres
     Raises `InputError` if the folder belongs to another study, `RunError` if the runs cannot continue.
     """
     maximum = len(plan.points) * (margins.max_runs(plan.study.margin) if plan.study.margin else 1)
-    with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, plan.fingerprint) as journal:
+    with (
+        workers(jobs, scheduler) as each,
+        Journal(files.new_folder(folder) / JOURNAL, plan.fingerprint, SweepRow.read) as journal,
+    ):
         write_whole(folder / COPY, plan.text)
         if journal.damaged:
             lines = f"{journal.damaged} damaged line{'s' if journal.damaged > 1 else ''}"
@@ -141,12 +144,12 @@ def run(plan: SweepPlan, folder: Path, jobs: int, scheduler: str | None, progres
         return _seen(plan, journal.rows)
 
 
-def rows(point_states: Sequence[PointState]) -> list[dict[str, Any]]:
+def rows(point_states: Sequence[PointState]) -> list[SweepRow]:
     """All rows, by point, then by the value of the margin's field."""
     return [seen[value] for seen in point_states for value in sorted(seen, key=lambda value: value or 0.0)]
 
 
-def _seen(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
+def _seen(plan: SweepPlan, rows: Mapping[str, SweepRow]) -> list[PointState]:
     found: list[PointState] = [{} for _ in plan.points]
     for key, row in rows.items():
         point, _, value = key.partition(" ")
@@ -154,7 +157,7 @@ def _seen(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[PointStat
     return found
 
 
-def _tasks(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
+def _tasks(plan: SweepPlan, rows: Mapping[str, SweepRow]) -> list[RunRequest]:
     """The next runs; empty when the study is complete. Runs with the same network are adjacent, to share it."""
     found = [
         _task(plan, i, value)
@@ -170,7 +173,7 @@ def _tasks(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[RunReque
     return [task for tasks in networks.values() for task in tasks]
 
 
-def _ends(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
+def _ends(plan: SweepPlan, rows: Mapping[str, SweepRow]) -> list[RunRequest]:
     margin = plan.study.margin
     if margin is None:
         return []
@@ -178,7 +181,7 @@ def _ends(plan: SweepPlan, rows: Mapping[str, dict[str, Any]]) -> list[RunReques
         _task(plan, i, value)._replace(check_step=True)
         for i, seen in enumerate(_seen(plan, rows))
         for value in {end: None for one in margin.criteria for end in _bracket_ends(_failed(margin, seen, one))}
-        if "converged" not in seen[value]
+        if seen[value].half_step is None
     ]
 
 
@@ -204,40 +207,40 @@ def _wanted(margin: Margin, seen: PointState) -> list[float]:
 def _failed(margin: Margin, seen: PointState, criterion: str) -> dict[float, bool | None]:
     """Whether the run failed at each value; None if it was not possible."""
     return {
-        value: None if row["error"] else fails(criterion, row, margin.damping_ratio)
+        value: None if row.error else fails(criterion, row.judged, margin.damping_ratio)
         for value, row in seen.items()
         if value is not None
     }
 
 
-def found_margins(plan: SweepPlan, point_states: Sequence[PointState]) -> list[dict[str, Any]]:
+def found_margins(plan: SweepPlan, point_states: Sequence[PointState]) -> list[MarginRow]:
     """A margin for each point and criterion, combining points that differ only by seed or draw."""
     margin = plan.study.margin
     if margin is None:
         return []
     groups: dict[str, list[PointState]] = {}
     for seen in point_states:
-        one = next((row for row in seen.values() if not row["error"]), next(iter(seen.values())))
-        groups.setdefault(json.dumps({name: one.get(name) for name in _place(plan)}), []).append(seen)
+        one = next((row for row in seen.values() if not row.error), next(iter(seen.values())))
+        groups.setdefault(json.dumps({name: one.cells.get(name) for name in _place(plan)}), []).append(seen)
     rows = []
     for place, group in groups.items():
         for criterion in margin.criteria:
             searches = [_failed(margin, seen, criterion) for seen in group]
             ends = [seen[v] for seen, one in zip(group, searches, strict=True) for v in _bracket_ends(one)]
             over = margins.over_seeds([margins.bracket(one) for one in searches], margin, plan.study.seed)
-            held = {"holds": margins.held(margin, searches), "holds_s": margins.holding(searches)}
+            held, intervals = margins.held(margin, searches), margins.holding(searches)
             changed = differ(ends, criterion)
-            sure = {"converged": not any(changed)} if changed else {}
-            rows.append({**json.loads(place), "criterion": criterion, **over, **held, **sure})
+            converged = not any(changed) if changed else None
+            rows.append(MarginRow(json.loads(place), criterion, over, held, intervals, converged))
     return rows
 
 
-def differ(rows: Sequence[dict[str, Any]], criterion: str) -> list[bool] | None:
+def differ(rows: Sequence[SweepRow], criterion: str) -> list[bool] | None:
     """For each run, whether halving the integration step changes failure; None if not checked."""
-    finer = [row.get("verdict_half_step") for row in rows]
-    if None in finer or criterion not in ALWAYS:
+    finer = [Judged(row.half_step.verdict_half_step) for row in rows if row.half_step is not None]
+    if len(finer) < len(rows) or criterion not in ALWAYS:
         return None
-    return [fails(criterion, row) != fails(criterion, {"verdict": half}) for row, half in zip(rows, finer, strict=True)]
+    return [fails(criterion, row.judged) != fails(criterion, half) for row, half in zip(rows, finer, strict=True)]
 
 
 def swept(plan: SweepPlan) -> list[str]:
@@ -256,23 +259,23 @@ def _place(plan: SweepPlan) -> list[str]:
     return [name for name in dict.fromkeys([*IDENTITY, *plan.points[0].columns, "horizon_s"]) if name not in random]
 
 
-def found_fractions(plan: SweepPlan, point_states: Sequence[PointState]) -> list[dict[str, Any]]:
+def found_fractions(plan: SweepPlan, point_states: Sequence[PointState]) -> list[FractionRow]:
     """The fraction of failed runs over seeds and random values, with Wilson's interval.
 
     A row for each place and criterion; empty if no two runs share a place.
     """
     columns = _place(plan) + ([plan.study.margin.column] if plan.study.margin else [])
-    groups: dict[str, Rows] = {}
+    groups: dict[str, list[SweepRow]] = {}
     for row in rows(point_states):
-        if not row["error"]:
-            groups.setdefault(json.dumps({name: row.get(name) for name in columns}), []).append(row)
+        if not row.error:
+            groups.setdefault(json.dumps({name: row.cells.get(name) for name in columns}), []).append(row)
     if all(len(one) == 1 for one in groups.values()):
         return []
     fractions = []
     for criterion in ALWAYS:
         for place, own in groups.items():
-            fraction = margins.failed_fraction(sum(fails(criterion, row) for row in own), len(own))
+            fraction = margins.failed_fraction(sum(fails(criterion, row.judged) for row in own), len(own))
             changed = differ(own, criterion)
-            unsure = {} if changed is None else {"not_converged": sum(changed)}
-            fractions.append({**json.loads(place), "criterion": criterion, **fraction, **unsure})
+            unsure = None if changed is None else sum(changed)
+            fractions.append(FractionRow(json.loads(place), criterion, fraction, unsure))
     return fractions

@@ -12,11 +12,11 @@ from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping_studies.margins.criteria import fails
 from facts_damping_studies.margins.margins import failed_fraction
 from facts_damping_studies.pages import save
-from facts_damping_studies.sweeps.batch import LATENCIES, QUANTILES
 from facts_damping_studies.sweeps.column_names import axis_label, value_label
 from facts_damping_studies.sweeps.margin_plots import plot_margins
 from facts_damping_studies.sweeps.results import by_scenario, counted, label, varying
 from facts_damping_studies.sweeps.sweep import differ
+from facts_damping_studies.sweeps.sweep_rows import LATENCIES, QUANTILES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from numpy.typing import NDArray
 
-    Rows = Sequence[dict[str, Any]]
+    from facts_damping_studies.sweeps.sweep_rows import MarginRow, SweepRow
+
+    Rows = Sequence[SweepRow]
 
 STYLES = ("-", "--", ":", "-.")
 CURVES = {
@@ -47,14 +49,14 @@ LEFT_OUT = "Runs that do otherwise with half the integration step are left out."
 MAX_DISTINCT = 60  # a column with more values counts as random
 
 
-def plot(rows: Rows, swept: Sequence[str], margins: Rows, across: str, folder: Path) -> list[Path]:
+def plot(rows: Rows, swept: Sequence[str], margins: Sequence[MarginRow], across: str, folder: Path) -> list[Path]:
     """Draw all pictures for which the table has data; `swept`: the swept columns."""
-    sound = [row for row in rows if not row["error"]]
-    axes = sorted(numeric(sound, swept), key=lambda name: -len({row[name] for row in sound}))
+    sound = [row for row in rows if not row.error]
+    axes = sorted(numeric(sound, swept), key=lambda name: -len({row.columns[name] for row in sound}))
     made: dict[str, Figure | None] = {"margins": plot_margins(margins, across) if margins else None}
     few = len(groups(sound, swept, axes)) <= MAX_GROUPS
     if axes and sound and few:
-        x = next((m["field"] for m in margins), axes[0])
+        x = next((margin.over_seeds.field for margin in margins), axes[0])
         made["curves"] = plot_curves(sound, x, swept, axes)
         others = [name for name in axes if name != x]
         for criterion, ending in zip(FRACTIONS, ("", "_not_damped"), strict=True):
@@ -68,7 +70,7 @@ def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:
     """Swept numeric columns with at least three values, without the seed."""
     found = []
     for name in dict.fromkeys(swept):
-        values = [row.get(name) for row in rows]
+        values = [row.columns.get(name) for row in rows]
         if name != "seed" and all(type(value) in (int, float) for value in values) and len(set(values)) >= MINIMUM:
             found.append(name)
     return found
@@ -76,14 +78,14 @@ def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:
 
 def groups(
     rows: Rows, swept: Sequence[str], without: Sequence[str], every: Rows | None = None
-) -> dict[str, list[dict[str, Any]]]:
+) -> dict[str, list[SweepRow]]:
     """Rows by a label of the columns that vary (in all of `every`, if given), except these, scenario and seed."""
     places = dict.fromkeys(["system", "controller", "scheme", "link", *swept, "horizon_s"])
     kept = [name for name in places if name not in (*without, "scenario", "seed")]
-    names = varying([{name: row.get(name) for name in kept} for row in (rows if every is None else every)], ())
-    found: dict[str, list[dict[str, Any]]] = {}
+    names = varying([{name: row.cells.get(name) for name in kept} for row in (rows if every is None else every)], ())
+    found: dict[str, list[SweepRow]] = {}
     for row in rows:
-        found.setdefault(label(row, names), []).append(row)
+        found.setdefault(label(row.cells, names), []).append(row)
     return found
 
 
@@ -94,20 +96,20 @@ def styles() -> Iterator[dict[str, Any]]:
             yield {"color": colour, "linestyle": style}
 
 
-def settings(rows: Rows, axes: Sequence[str], x: str) -> dict[str, list[dict[str, Any]]]:
+def settings(rows: Rows, axes: Sequence[str], x: str) -> dict[str, list[SweepRow]]:
     """Rows by scenario, and by the values of the other numeric axes, so that a curve over x is one setting.
 
     Of an axis with many values a few are shown, the first and the last among them; random ones are not told apart.
     """
     found = by_scenario(rows)
     for name in axes:
-        values = sorted({row[name] for row in rows})
+        values = sorted({row.columns[name] for row in rows})
         if name == x or not 1 < len(values) <= MAX_DISTINCT:
             continue
         number = min(len(values), max(2, MAX_ACROSS // len(found)))
         kept = [values[round(i * (len(values) - 1) / (number - 1))] for i in range(number)]
         found = {
-            f"{title}, {value_label(name, value)}".removeprefix(", "): [row for row in own if row[name] == value]
+            f"{title}, {value_label(name, value)}".removeprefix(", "): [r for r in own if r.columns[name] == value]
             for title, own in found.items()
             for value in kept
         }
@@ -148,27 +150,29 @@ def plot_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
     With more than eight groups only ITAE is drawn, the direct and indirect schemes separately; controllers without
     adaptation appear in both.
     """
-    shown = {name: title for name, title in CURVES.items() if any(row.get(name) is not None for row in rows)}
+    shown = {name: title for name, title in CURVES.items() if any(row.cells.get(name) is not None for row in rows)}
     if not shown:
         return None
     columns = settings(rows, axes, x)
-    schemes = [one for one in dict.fromkeys(row["scheme"] for row in rows) if one]
+    schemes = [one for one in dict.fromkeys(row.columns["scheme"] for row in rows) if one]
     if len(groups(rows, swept, axes)) <= MAX_TOGETHER or not schemes:
         parts = [(title, name, {None, *schemes}) for name, title in shown.items()]
     else:
         parts = [(f"{CURVES['ITAE']}, {one}", "ITAE", {None, one}) for one in schemes]
-        axes = [*axes, "scheme", *(name for name in swept if all(row.get(name) == row["scheme"] for row in rows))]
+        columns_of = [row.columns for row in rows]
+        same = [name for name in swept if all(one.get(name) == one["scheme"] for one in columns_of)]
+        axes = [*axes, "scheme", *same]
     figure, panels = _panels(columns, [title for title, _, _ in parts], x)
     looks, lost = dict(zip(groups(rows, swept, axes), styles(), strict=False)), False
     for setting, own in columns.items():
         for group, some in groups(own, swept, axes, rows).items():
             for panel, (_, name, kept) in zip(panels[setting], parts, strict=True):
-                plotted = [row for row in some if row["scheme"] in kept]
+                plotted = [row for row in some if row.columns["scheme"] in kept]
                 values = np.array([counted(row, name) for row in plotted])
-                lost |= _curve(panel, np.array([row[x] for row in plotted], float), values, looks[group], group)
+                lost |= _curve(panel, np.array([row.columns[x] for row in plotted], float), values, looks[group], group)
                 panel.set_yscale("linear" if name.startswith("interarea") else "log")
     notes = [LOST_RUNS] if lost else []
-    notes += [LEFT_OUT] if any(row.get("converged") is False for row in rows) else []
+    notes += [LEFT_OUT] if any(row.unsure for row in rows) else []
     figure.suptitle("\n".join(notes), fontsize="small")
     _legend(figure)
     return figure
@@ -217,8 +221,8 @@ def plot_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
     several = False
     for setting, own in columns.items():
         for group, some in groups(own, swept, axes, rows).items():
-            failed = np.array([fails(criterion, row) for row in some])
-            middles, parts = binned(np.array([row[x] for row in some], float))
+            failed = np.array([fails(criterion, row.judged) for row in some])
+            middles, parts = binned(np.array([row.columns[x] for row in some], float))
             maximum = max(int(part.sum()) for part in parts)
             several |= maximum > 1
             # Bisection adds values with few seeds, those with a margin nearby.
@@ -226,8 +230,8 @@ def plot_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
             middles, parts = [middles[i] for i in kept], [parts[i] for i in kept]
             fractions = [failed_fraction(int(failed[part].sum()), int(part.sum())) for part in parts]
             (panel,) = panels[setting]
-            panel.plot(middles, [one["fraction"] for one in fractions], label=group, lw=1.3, marker=".", **looks[group])
-            ends = [[one[end] for one in fractions] for end in ("low", "high")]
+            panel.plot(middles, [one.fraction for one in fractions], label=group, lw=1.3, marker=".", **looks[group])
+            ends = [one.low for one in fractions], [one.high for one in fractions]
             panel.fill_between(middles, *ends, color=looks[group]["color"], alpha=0.15, lw=0)
             panel.set_ylim(-0.02, 1.02)
     _legend(figure)
@@ -251,9 +255,9 @@ def plot_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
     grid: Any = figure.subplots(down, across, squeeze=False).ravel()
     marked = False
     for axes, (title, some) in zip(grid, kept, strict=False):
-        columns, wide = binned(np.array([row[x] for row in some], float))
-        lines, high = binned(np.array([row[y] for row in some], float))
-        failed = np.array([fails(criterion, row) for row in some])
+        columns, wide = binned(np.array([row.columns[x] for row in some], float))
+        lines, high = binned(np.array([row.columns[y] for row in some], float))
+        failed = np.array([fails(criterion, row.judged) for row in some])
         fractions = [[failed[a & b].mean() if np.any(a & b) else np.nan for a in wide] for b in high]
         looks: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1, "shading": "nearest"}
         at, up = _ticked(axes.xaxis, columns), _ticked(axes.yaxis, lines)
@@ -272,7 +276,7 @@ def plot_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
 
 
 def _fraction_label(rows: Rows, criterion: str) -> str:
-    horizons = sorted({row["horizon_s"] for row in rows})
+    horizons = sorted({row.horizon_s or 0.0 for row in rows})
     return f"{FRACTIONS[criterion]}, horizon {' / '.join(f'{one:g}' for one in horizons)} s"
 
 
@@ -284,27 +288,32 @@ def _ticked(axis: Axis, values: Sequence[float]) -> Sequence[float]:
     return range(len(values))
 
 
+def _latencies(row: SweepRow) -> list[float]:
+    """The quantiles of a run's latency, ms; empty if no setpoint acted."""
+    latencies = {} if row.figures is None else row.figures.latency
+    return [value for name in LATENCIES[1:] if (value := latencies.get(name)) is not None]
+
+
 def plot_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
     """Distribution of the latency over all setpoints of a group's runs, from each run's quantiles.
 
     For swept numbers, at the least value of each. None if no latency varies.
     """
-    names = LATENCIES[1:]
-    kept = [r for r in rows if r["latency_max_ms"] is not None and r["latency_max_ms"] - r["latency_p0_ms"] > SPREAD_MS]
+    kept = [row for row in rows if (q := _latencies(row)) and q[-1] - q[0] > SPREAD_MS]
     if not kept:
         return None
     title = []
     for name in numeric(rows, swept):
-        if len({row[name] for row in rows}) <= MAX_DISTINCT:
-            minimum = min(row[name] for row in kept)
-            kept = [row for row in kept if row[name] == minimum]
+        if len({row.columns[name] for row in rows}) <= MAX_DISTINCT:
+            minimum = min(row.columns[name] for row in kept)
+            kept = [row for row in kept if row.columns[name] == minimum]
             title.append(value_label(name, minimum))
     figure = Figure(figsize=(7.5, 3.8), layout="constrained")
     axes = figure.subplots()
     apart = groups(kept, swept, ())
     apart = apart if len(apart) <= MAX_TOGETHER else groups(kept, swept, numeric(kept, swept))
     for (name, some), style in zip(apart.items(), styles(), strict=False):
-        quantiles = np.array([[row[name] for name in names] for row in some], float)
+        quantiles = np.array([_latencies(row) for row in some], float)
         at = np.unique(quantiles)
         at = np.concatenate([[at[0] - 1e-9], at]) if len(at) < 2000 else np.linspace(at[0] - 1e-9, at[-1], 2000)
         # Fraction of a run's setpoints with at most a latency, by linear interpolation between its quantiles.

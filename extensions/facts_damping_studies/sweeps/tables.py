@@ -21,48 +21,51 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.parameters.study import Tables
+    from facts_damping_studies.sweeps.sweep_rows import SweepRow
 
     RowId = tuple[str, ...]  # identifies a row
 
+FAILED = "error"  # in place of a failed run's verdict
 MARKERS = ("o", "s", "^", "v", "D", "P")
 
 
-def figure_tables(rows: Sequence[dict[str, Any]], asked: Tables) -> list[str]:
+def figure_tables(rows: Sequence[SweepRow], asked: Tables) -> list[str]:
     """One table per place with all figures; or, with `across`, one per figure and place."""
     lines: list[str] = []
-    for place in dict.fromkeys((row["system"], row["scenario"]) for row in rows):
-        own = [row for row in rows if (row["system"], row["scenario"]) == place]
+    for place in dict.fromkeys(row.place for row in rows):
+        own = [row for row in rows if row.place == place]
         lines += [f"### {', '.join(place)}", ""]
         if asked.across is None:
             found = {(_row_id(row, asked), figure): _alone(row, figure) for row in own for figure in asked.figures}
             lines += _table(asked, asked.figures, found)
             continue
-        columns = list(dict.fromkeys(cell(row[asked.across]) for row in own))
+        columns = list(dict.fromkeys(cell(row.columns[asked.across]) for row in own))
         for figure in asked.figures:
-            grouped: dict[tuple[RowId, str], list[dict[str, Any]]] = {}
+            grouped: dict[tuple[RowId, str], list[SweepRow]] = {}
             for row in own:
-                grouped.setdefault((_row_id(row, asked), cell(row[asked.across])), []).append(row)
+                grouped.setdefault((_row_id(row, asked), cell(row.columns[asked.across])), []).append(row)
             found = {place: _among(runs, figure) for place, runs in grouped.items()}
             lines += [f"{figure}:", "", *_table(asked, columns, found)]
     return lines
 
 
-def plot(rows: Sequence[dict[str, Any]], asked: Tables, folder: Path) -> list[Path]:
+def plot(rows: Sequence[SweepRow], asked: Tables, folder: Path) -> list[Path]:
     """Draw figures.png: the first numeric figure, a panel per place, a mark per value of `across`."""
-    sound = [row for row in rows if row.get("stable") and row.get("converged") is not False]
-    numbers = (name for name in asked.figures if any(type(row[name]) is float for row in sound))
+    sound = [row for row in rows if row.stable and not row.unsure]
+    numbers = (name for name in asked.figures if any(type(row.cells.get(name)) is float for row in sound))
     figure = next(numbers, None)
     if figure is None:
         return []
-    places = list(dict.fromkeys((row["system"], row["scenario"]) for row in rows))
+    places = list(dict.fromkeys(row.place for row in rows))
     whos = list(dict.fromkeys(_row_id(row, asked) for row in rows))
     columns = list(dict.fromkeys(_column(row, asked) for row in rows))
     picture = Figure(figsize=(2.0 + 4.0 * len(places), 2.5 + 0.24 * len(whos)), layout="constrained")
     axes: Any = picture.subplots(1, len(places), sharey=True, squeeze=False)
     for axis, place in zip(axes[0], places, strict=True):
         for i, column in enumerate(columns):
-            own = [r for r in sound if (r["system"], r["scenario"], _column(r, asked)) == (*place, column)]
-            known = [(r[figure], whos.index(_row_id(r, asked))) for r in own if r[figure] is not None]
+            own = [row for row in sound if (*row.place, _column(row, asked)) == (*place, column)]
+            values = [(row.cells.get(figure), whos.index(_row_id(row, asked))) for row in own]
+            known = [pair for pair in values if pair[0] is not None]
             style = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "ls": "", "alpha": 0.85}
             axis.plot(*np.array(known).reshape(-1, 2).T, ms=5, label=column, **style)
         axis.set(xscale="log", xlabel=figure, title=", ".join(place))
@@ -74,12 +77,12 @@ def plot(rows: Sequence[dict[str, Any]], asked: Tables, folder: Path) -> list[Pa
     return [save(picture, folder / "figures.png")]
 
 
-def _column(row: dict[str, Any], asked: Tables) -> str:
-    return "" if asked.across is None else cell(row[asked.across])
+def _column(row: SweepRow, asked: Tables) -> str:
+    return "" if asked.across is None else cell(row.columns[asked.across])
 
 
-def _row_id(row: dict[str, Any], asked: Tables) -> RowId:
-    return tuple("" if row.get(name) is None else cell(row[name]) for name in asked.rows)
+def _row_id(row: SweepRow, asked: Tables) -> RowId:
+    return tuple("" if row.columns.get(name) is None else cell(row.columns[name]) for name in asked.rows)
 
 
 def _table(asked: Tables, columns: Sequence[str], texts: Mapping[tuple[RowId, str], str]) -> list[str]:
@@ -88,42 +91,46 @@ def _table(asked: Tables, columns: Sequence[str], texts: Mapping[tuple[RowId, st
     return [*tables.table([*titles, *columns], cells, len(titles), markdown=True), ""]
 
 
-def _alone(row: dict[str, Any], figure: str) -> str:
+def _alone(row: SweepRow, figure: str) -> str:
     """A figure beside others of its run; if synchronism is lost, the reason replaces a yes or no."""
-    value = row.get(figure)
+    value, instability = row.cells.get(figure), None if row.figures is None else row.figures.instability
     if figure == "verdict":
-        return str(row["instability"] or value)
+        return instability or str(value or FAILED)
     if isinstance(value, bool):
-        return "yes" if value else str(row["instability"] or "no")
-    return _figure([row], figure) if row.get("stable") else "-"
+        return "yes" if value else instability or "no"
+    return _figure([row], figure) if row.stable else "-"
 
 
-def _figure(runs: Sequence[dict[str, Any]], figure: str) -> str:
+def _figure(runs: Sequence[SweepRow], figure: str) -> str:
     """A figure, the median of several runs; with a halved step, only the digits that hold in all, or marked.
 
     A run that loses synchronism counts as worse than all others.
     """
-    values = [row[figure] for row in runs if row.get(figure) is not None]
+    values = [value for row in runs if (value := row.cells.get(figure)) is not None]
     if not values or not isinstance(values[0], float):
         return cell(values[0] if values else None)
-    middle = float(np.median([*values, *(worst(figure) for row in runs if not row.get("stable"))]))
+    middle = float(np.median([*values, *(worst(figure) for row in runs if not row.stable)]))
     if np.isinf(middle):
         return "-"
-    unsure = any(row.get("converged") is False for row in runs)
-    changes = [row["step_change"] for row in runs if row.get("step_change") is not None]
+    unsure = any(row.unsure for row in runs)
+    halves = [row.half_step for row in runs if row.half_step is not None]
+    changes = [half.step_change for half in halves if half.step_change is not None]
     if not changes or not (unsure or figure in INDICES):
         return cell(middle)
     return (MARK if unsure else "") + text(middle, max(changes)).lstrip(MARK)
 
 
-def _among(runs: Sequence[dict[str, Any]], figure: str) -> str:
+def _among(runs: Sequence[SweepRow], figure: str) -> str:
     """A figure beside those of others, marked if it does not count; for several runs (seeds) the median.
 
     For several runs the number of undamped ones is added.
     """
-    words = [str(row["verdict"] if row.get("stable") else row.get("instability") or "error") for row in runs]
+    words = [
+        FAILED if row.figures is None else row.figures.verdict if row.stable else row.figures.instability or FAILED
+        for row in runs
+    ]
     odd = Counter(word for word in words if word != DAMPED)
-    sound = [row for row in runs if row.get("stable")]
+    sound = [row for row in runs if row.stable]
     if not sound:
         return max(odd, key=lambda word: odd[word])
     if len(runs) == 1:

@@ -90,7 +90,9 @@ def outcome(sets: dict[str, Any]) -> dict[str, Any]:
         "ITAE": summary.indices and summary.indices["ITAE"],
         "damping_ratio": mode and mode.damping_ratio,
         "frequency_hz": mode and mode.frequency_hz,
-        **{name: did[name] for name in ("armed_s", "tripped_s", "cause")},
+        "armed_s": did.armed_s,
+        "tripped_s": did.tripped_s,
+        "cause": did.cause,
     }
 
 
