@@ -26,6 +26,7 @@ from facts_damping.compiling import compiled, entry_point, keys, store
 from facts_damping.compiling.functions import ENTRY_POINTS
 from facts_damping.compiling.kernels import EntryPoint, Kernel
 from facts_damping.compiling.structs import Float1, Struct, Table
+from facts_damping.link.transfer import merge
 from facts_damping.signals import SETPOINT
 from facts_damping.simulation import loop
 from facts_damping.simulation.tick import Loop, run_half_ticks
@@ -246,7 +247,6 @@ def test_kernels_use_no_negative_index() -> None:
 def test_setpoints_go_as_they_are() -> None:
     """An array of the wrong type is refused by the name of the argument."""
     made = loop.build_loop(load_case(None, SHORT))
-    merge = ENTRY_POINTS["facts_damping.link.transfer.merge"]
     with pytest.raises(TypeError, match="merge: setpoints: float64, 1 axes given"):
         merge(made.applied, 0, np.zeros(3), 0)
     assert merge(made.applied, 0, np.zeros(0, SETPOINT), 0) == 0

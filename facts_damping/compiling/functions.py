@@ -21,7 +21,7 @@ class PartFunction:
     """A part: a Python function that is compiled into the compiled functions that call it."""
 
     def __init__(self, function: Callable[..., Any], *, inline: bool = False) -> None:
-        functools.update_wrapper(self, function)
+        functools.update_wrapper(self, function)  # type: ignore[arg-type] # `kernels` has its `__call__`
         self.py_func, self.inline = function, inline
 
 
@@ -29,7 +29,7 @@ class PrimitiveFunction:
     """A function with special compiled instructions, defined for Numba; in Python an ordinary function."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        functools.update_wrapper(self, function)
+        functools.update_wrapper(self, function)  # type: ignore[arg-type] # `kernels` has its `__call__`
         self.name = function.__name__
 
 
@@ -37,7 +37,7 @@ class EntryFunction:
     """A compiled function with a C signature."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        functools.update_wrapper(self, function)
+        functools.update_wrapper(self, function)  # type: ignore[arg-type] # `kernels` has its `__call__`
         self.py_func, self.__name__ = function, function.__name__
         self.symbol = f"{function.__module__}.{function.__qualname__}"
         ENTRY_POINTS[self.symbol] = self

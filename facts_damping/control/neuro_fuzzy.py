@@ -92,13 +92,8 @@ def step(c: Adaptive, signals: Float1, unlimited: Float1, dt: float, frames: int
         _follow(c, unlimited, dt)
     if frames > 0 and not stale and _errors(c, signals, unlimited):
         g = s[0]
-        learn(
-            net,
-            learner,
-            Rule(g.rate, g.eta, g.momentum, g.leakage, g.clip, g.projection),
-            memory.error,
-            memory.curvature,
-        )
+        rule = Rule(g.rate, g.eta, g.momentum, g.leakage, g.clip, g.projection)
+        learn(net, learner, rule, memory.error, memory.curvature)
         _fall(c, signals)
         memory.taught[0] = 1.0
     for i in range(net.inputs // 2):

@@ -14,17 +14,7 @@ from numpy.typing import NDArray
 
 from facts_damping import random_numbers
 from facts_damping.compiling import compiled
-from facts_damping.compiling.structs import (
-    Array,
-    Bool1,
-    Bool2,
-    Float2,
-    Float4,
-    Int1,
-    Int2,
-    Int4,
-    Struct,
-)
+from facts_damping.compiling.structs import Array, Bool1, Bool2, Float2, Float4, Int1, Int2, Int4, Struct
 from facts_damping.link import stages as kinds
 from facts_damping.signals import CHANNELS, NEVER, to_ns
 

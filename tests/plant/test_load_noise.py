@@ -143,9 +143,9 @@ def test_plant_of_a_node_has_the_same_bits() -> None:
 def test_event_that_is_asked_for_leaves_the_noise_as_it_was() -> None:
     asked = load_case(None, ["scenario=training", "devices=[]", "controllers=[]", "load_noise.std=0.02"])
     plant = LivePlant(asked)
-    before = plant._plant.load_noise
+    before = plant._measured.plant.load_noise
     plant.ask_event("{kind: load_step, load: load_1, change: 0.1}")(0)
-    assert np.array_equal(plant._plant.load_noise, before)
+    assert np.array_equal(plant._measured.plant.load_noise, before)
 
 
 @pytest.mark.parametrize("sets", [[], ["load_noise=off"], ["load_noise.std=0"]])

@@ -12,11 +12,20 @@ from typing import Any, Protocol
 from facts_damping.signals import NEVER
 
 
+class Process(Protocol):
+    """What the middleware knows of a process (`processes.Process`)."""
+
+    stopped_ns: int  # when it was suspended or killed; NEVER: it may run
+
+
 class Node(Protocol):
     """What the middleware knows of a node (`domain.Node`)."""
 
     since_ns: int
-    process: Any  # `processes.Process`
+
+    @property
+    def process(self) -> Process:
+        """The process that it runs in."""
 
     def get_node_name(self) -> str:
         """Its name without the namespace."""
